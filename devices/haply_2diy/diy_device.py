@@ -61,7 +61,7 @@ class Haply2Diy:
 
     @property
     def features(self) -> Features:
-        """Features; peak force and resolution are those at home, and `largest_force` depends on the handle."""
+        """Features; peak force and resolution refer to home, while `largest_force` depends on the handle's position."""
         levers = self._levers(self.linkage.handle(*self._angles_at_home)[1])
         return Features(
             fingers=1,

@@ -1,1 +1,1 @@
-"""How stiff a display may be: sampled-data stability and passivity from matrices and numbers."""
+"""Limits of displayed stiffness: sampled-data stability and passivity, from matrices and numbers."""

@@ -20,9 +20,10 @@ BRINGS_BLAS = ("numpy.linalg", "scipy.linalg")  # modules that may load a BLAS l
 def one_blas_thread() -> Iterator[None]:
     """Limit numpy's and scipy's BLAS to one thread within the context or decorated function; then restore it.
 
-    It may be nested, and restores the setting after exceptions too. A library has one number of threads per process:
-    if several threads use this at once, the first one limits and restores, and the others change nothing. Eigenvalues
-    of a 192 x 192 matrix take 16 ms on one thread; on two threads of a busy machine, six times as long.
+    Contexts may be nested, and the setting is also restored after exceptions. A library has one number of threads per
+    process: if several threads use this function at once, the first thread limits and restores the number, and the
+    other threads change nothing. Eigenvalues of a 192 x 192 matrix take 16 ms on one thread; on two threads of a busy
+    machine, six times as long.
     """
     if not _limiting.acquire(blocking=False):
         yield

@@ -12,7 +12,7 @@ from graspfx.numeric import SMALLEST, finite
 
 FloatArray = NDArray[np.float64]
 
-LONGEST = 1000  # largest delay [samples], with which polynomials and matrices grow
+LONGEST = 1000  # largest delay [samples]; sizes of polynomials and matrices grow with the delay
 
 
 def number(name: str, argument: float, unit: str, *, zero: bool = True, negative: bool = False) -> float:
@@ -24,7 +24,7 @@ def number(name: str, argument: float, unit: str, *, zero: bool = True, negative
 
 
 def numbers(name: str, argument: ArrayLike, unit: str, *, zero: bool = True, negative: bool = False) -> FloatArray:
-    """Check an array of finite numbers, each as by `number`."""
+    """Check an array of finite numbers by the rules of `number`."""
     expected = (
         "finite numbers" if negative else "finite numbers, zero or above" if zero else "finite numbers above zero"
     )
@@ -44,7 +44,7 @@ def count(name: str, argument: float, least: int = 0) -> int:
 
 
 def one_of(kind: str, name: str, names: Iterable[str]) -> str:
-    """Check that a name is one of the known ones."""
+    """Check that a name is known."""
     if str(name) not in names:
         raise UnknownNameError(kind, str(name), names)
     return name

@@ -19,7 +19,7 @@ How = Literal["pair", "-1", "+1"]
 TRIM = 1e-12  # relative to the largest: smaller leading coefficients are rounding
 REAL = 1e-4  # |Im y|/|y| up to which a root counts as real; an extra gain does no harm, a missing one would
 LEAST = 1e-13  # relative to m/T^2: smaller gains are zero
-WIDTH = 1e-9  # relative to their upper end: narrower intervals are rounding
+WIDTH = 1e-9  # relative to an interval's upper end: narrower intervals are rounding
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Limits:
 
     Attributes:
         intervals: Open intervals (low, high) [N/m] in ascending order; high is inf if no gain is too large.
-        losses: Losses of stability at their finite non-zero ends, in ascending order.
+        losses: Losses of stability at the finite non-zero ends of the intervals, in ascending order.
         period: Period T [s].
     """
 
@@ -55,17 +55,17 @@ class Limits:
 
     @property
     def limit(self) -> float:
-        """Smallest gain at which stability is lost [N/m]: 0 if at once, inf if never."""
+        """Smallest gain at which stability is lost [N/m]: 0 if no small gain is stable, inf if every gain is."""
         return self.intervals[0][1] if self.intervals and self.intervals[0][0] == 0.0 else 0.0
 
     @property
     def loss(self) -> Loss | None:
-        """Loss of stability at `limit`; None if that is 0 or inf."""
+        """Loss of stability at `limit`; None if the limit is 0 or inf."""
         return next((loss for loss in self.losses if loss.gain == self.limit), None)
 
     @property
     def frequency(self) -> float:
-        """Frequency at which stability is lost at `limit` [Hz]; nan if that is 0 or inf."""
+        """Frequency at which stability is lost at `limit` [Hz]; nan if the limit is 0 or inf."""
         return math.nan if self.loss is None else self.loss.frequency
 
     def is_stable(self, gain: float) -> bool:
@@ -73,9 +73,9 @@ class Limits:
         return any(low < gain < high for low, high in self.intervals)
 
     def margin(self, gain: float) -> tuple[float, float]:
-        """Return the factors by which a gain may shrink and grow before stability is lost; (1, 1) for an unstable one.
+        """Return the factors by which a gain may shrink and grow before stability is lost; (1, 1) for an unstable gain.
 
-        The first is 0 if it may shrink to zero, the second inf if it may grow without limit.
+        The first factor is 0 if the gain may shrink to zero, the second is inf if the gain may grow without limit.
         """
         for low, high in self.intervals:
             if low < gain < high:

@@ -93,7 +93,7 @@ def samples_and_part(seconds: float, period: float) -> tuple[int, float]:
 def late_device(
     mass: Numbers, friction: Numbers, spring: Numbers, period: Numbers, latency: float
 ) -> tuple[int, FloatArray, FloatArray]:
-    """Return `discrete.device` for a held force that begins `latency` seconds late.
+    """Return the polynomials of `discrete.device` for a held force that begins `latency` seconds late.
 
     With the delay (n + phi) T, the old force acts over the first phi T of a sample and the new one over the rest:
 
@@ -103,7 +103,7 @@ def late_device(
 
     Returns:
         Number of whole samples, numerator and denominator: z^-samples num/den, in ascending powers of s. For whole
-        samples they have the bits of `discrete.device`.
+            samples, both polynomials are bit-identical to those of `discrete.device`.
 
     Raises:
         InputError: The delay is not the same number of whole samples for all periods.
@@ -152,7 +152,7 @@ def object_response(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return an object's position and velocity per force and their common denominator, in ascending powers of s.
 
-    With "implicit" both are those at the end of the sample, from which its force is computed.
+    With "implicit", position and velocity refer to the end of the sample, from which the sample's force is computed.
     """
     M = np.asarray(mass, float)
     p, q, decay, s = object_step(integrator, viscosity / M, period)
@@ -163,7 +163,7 @@ def object_response(
 
 
 def stack(*coefficients: FloatArray | float) -> FloatArray:
-    """Stack coefficients on a first axis; the other axes are those of the points."""
+    """Stack coefficients on a first axis; the other axes number the points."""
     return np.stack(np.broadcast_arrays(*coefficients)).astype(float, copy=False)
 
 

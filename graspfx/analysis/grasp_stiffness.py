@@ -18,8 +18,8 @@ FloatArray = NDArray[np.float64]
 
 ROWS = {1: [0], 2: [0, 1, 5], 3: [0, 1, 2, 3, 4, 5]}  # rows of force and moment in space, by dimension
 DEFINITE = 1e-4  # relative to the largest pivot of Cholesky's factor: smallest pivot of a well-conditioned matrix
-MOST_FINGERS = 5  # largest number of fingers of which all exchanges are tested
-SAME = 1e-10  # relative change of a symmetric grasp's matrices that counts as none
+MOST_FINGERS = 5  # largest number of fingers for which all exchanges are tested
+SAME = 1e-10  # smaller relative changes of the matrices are ignored: the grasp is symmetric
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,8 +114,8 @@ def pushing(
     """Yield every set of fingers that may touch without the others, and its closed loop with the whole object.
 
     Fingers that do not touch carry no force: K becomes K_aa - K_ab K_bb^+ K_ba on the touching coordinates a, and D
-    likewise. For two fingers on a line that is 2 kep kip/(kep + kip) (Kawai and Yoshikawa, eq. 26). The released
-    devices, which only their hands move, are left out, and so is the preload.
+    likewise. For two fingers on a line, the remaining stiffness is 2 kep kip/(kep + kip) (Kawai and Yoshikawa, eq. 26).
+    Released devices, which only hands move, and the preload are left out.
 
     Args:
         subject: Grasp with every finger touching: a `Linearisation`, a scene, or the name or path of one.
@@ -229,9 +229,10 @@ def released(K: FloatArray, T: FloatArray, V: FloatArray) -> FloatArray | None:
 def symmetries(linear: Linearisation, contacts: ArrayLike, free: ArrayLike) -> list[tuple[int, ...]]:
     """List the exchanges of fingers that leave a loop without its preload unchanged, the identity first.
 
-    Finger i moves to the position of finger p[i]. Let Q be the orthogonal matrix that maps the contacts, V the blocks
-    of Q, and W = diag(Q, det(Q) Q) its action on the object. A symmetry has V A V' = A for devices, hands and gains,
-    W G V' = G, and W M W' = M for the object. Sets of fingers that an exchange maps to one another have equal limits.
+    In an exchange p, finger i moves to the position of finger p[i]. Let Q be the orthogonal matrix that maps the
+    contacts, V the blocks of Q, and W = diag(Q, det(Q) Q) its action on the object. A symmetry has V A V' = A for
+    devices, hands and gains, W G V' = G, and W M W' = M for the object. Sets of fingers that an exchange maps to one
+    another have equal limits.
 
     Args:
         linear: Loop, whose coordinates are those of the fingers in order, in world axes.

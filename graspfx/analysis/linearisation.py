@@ -34,7 +34,7 @@ class OperatorMatrices:
         limb: Matrix S (m, l), whose orthonormal columns are the coordinates with a limb.
         limb_mass, limb_stiffness, limb_damping: Matrices M, K, B (l, l) [kg, N/m, N s/m].
         pull, pull_damping, counter: Matrices P, Q, C (m, m) [N/m, N s/m, 1].
-        delay: Delays n (m,) [samples]; they matter if P, Q or C is not zero.
+        delay: Delays n (m,) [samples]; without effect if P, Q and C are zero.
         grip: Matrix A (m, m), hand force in newtons per newton of displayed force.
         grip_share: Factors a (m,).
         friction: Friction R (m, m) of the devices in addition to b [N s/m]; that of hands acts between tips and limbs.
@@ -78,14 +78,14 @@ class OperatorMatrices:
 
     @property
     def alike(self) -> bool:
-        """True if all coordinates have a limb or none has, with equal delays and lags."""
+        """True if either all coordinates or none have a limb, and delays and lags are equal."""
         m, limbs = self.limb.shape
         whole = not limbs or (limbs == m and np.array_equal(self.limb, np.eye(m)))
         return whole and bool((self.delay == self.delay[0]).all() and (self.grip_share == self.grip_share[0]).all())
 
     @property
     def springs(self) -> list[FloatArray]:
-        """Matrices (m, m) from displacements to forces, if all coordinates have a limb or none has."""
+        """Matrices (m, m) from displacements to forces, if either all coordinates or none have a limb."""
         return [self.limb_mass, self.limb_stiffness, self.limb_damping, self.pull, self.pull_damping, self.friction]
 
     @property
@@ -148,7 +148,7 @@ class Linearisation(Carded):
 
         -(K_g q_1 + B_g q_1'),    q_1 = q_0 + T q_1', q_1' at the end of the sample, solved with the motion
 
-    as stiff floors do; with "implicit" the coupling's prediction holds the ground's last wrench.
+    as for stiff floors; with "implicit" the coupling's prediction assumes the ground's last wrench.
 
     Args:
         period: Period T [s].
@@ -164,7 +164,7 @@ class Linearisation(Carded):
         delay: Delay of the force [samples], one per coordinate or a number.
         lateness: Additional delay of the force on the device [s], one per coordinate or a number. With a delay of (n +
             phi) T the held force changes within a sample, after phi T.
-        age: Age of the position and velocity that the coupling takes [s], one per coordinate or a number.
+        age: Age of the position and velocity that the coupling uses [s], one per coordinate or a number.
         object_delay: Delay of the force on the object [samples].
         integrator: One of `INTEGRATORS`.
         preload: Stiffness N (m + r, m + r) from the forces at rest (`preloaded`); zero if None.
@@ -308,7 +308,7 @@ class Linearisation(Carded):
 
         Raises:
             MissingPackageError: python-control is missing; `pip install 'graspfx[control]'` installs it.
-            UnknownNameError: The loop is another one.
+            UnknownNameError: No loop has that name.
         """
         from graspfx.show.conversions import to_control
 

@@ -1,1 +1,1 @@
-"""A scene made to run: devices connected, bodies and hands made, the servo built and run."""
+"""From a scene to a run: connects devices, makes bodies and hands, builds the servo and runs it."""

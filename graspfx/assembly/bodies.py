@@ -72,7 +72,7 @@ def make_solid(table: Object | Obstacle, folder: Path | None) -> Solid:
 
 
 def _primitive(table: Object | Obstacle) -> Shape | None:
-    """Make a shape in closed form, whose parameters are its table's keys."""
+    """Make a shape in closed form; the keys of its table are the parameters."""
     if table.shape is None or table.shape.kind not in SHAPES:
         return None
     from graspfx.surfaces.closed_form import shape
@@ -122,22 +122,22 @@ def place(table: Object | Obstacle, solid: Solid) -> tuple[tuple[float, ...] | N
 
 
 def _integrator(table: Object) -> str:
-    """Name the body's integrator; third-party dynamics have their own and do not predict free motion."""
+    """Name the body's integrator; third-party dynamics have their own integrator and do not predict free motion."""
     return table.integrator if table.dynamics == "native" else "semi-implicit"
 
 
 def fill(scene: SceneTable, table: Object, solid: Solid, state: FloatArray, *, predicts: bool = True) -> None:
     """Write parameters and initial state into a body's block.
 
-    A table's pose is that of the shape's frame. The frame of a mesh's body has its origin at the centre of mass and its
-    axes along the principal axes.
+    The pose in a table is the pose of the shape's frame. The frame of a mesh's body has its origin at the centre of
+    mass and its axes along the principal axes.
 
     Args:
-        predicts: whether the implicit integrator is used as such; otherwise the block has the semi-implicit one, whose
+        predicts: whether to keep the implicit integrator; if False, the semi-implicit integrator replaces it, so that
             forces are functions of the pose.
 
     Raises:
-        InputError: naming the key that cannot be.
+        InputError: a value is invalid; the error names its key.
     """
     integrator = _integrator(table)
     position, orientation = place(table, solid)
@@ -164,8 +164,8 @@ Location = tuple[str | int, ...]
 class Stock:
     """Connected devices, shapes and recorded paths, by the locations of their tables in the scene.
 
-    The checks of a scene fill it, and the scene keeps it. A copy of a scene starts with an empty one, because neither
-    pickling nor `copy.deepcopy` copies devices.
+    The checks of a scene fill the stock, and the scene keeps it. A copy of a scene starts with an empty stock, because
+    neither pickling nor `copy.deepcopy` copies devices.
 
     Args:
         folder: folder of the scene's relative paths; None for the current folder.
@@ -175,9 +175,9 @@ class Stock:
         self.folder = folder
         self.devices: dict[Location, Device] = {}
         self.starts: dict[int, tuple[float, ...] | None] = {}  # starts of fingers placed along a direction
-        self.memory = Memory()  # memory of its devices' blocks
+        self.memory = Memory()  # memory for the blocks of these devices
         self.parts: Any = None  # parts by `graspfx.assembly.resolve`, made on demand
-        self.built: Any = None  # by `graspfx.assembly.build`: a servo that has run, and its initial state
+        self.built: Any = None  # a servo that has run, and its initial state, by `graspfx.assembly.build`
         self._solids: dict[Location, Solid] = {}
         self._paths: dict[str, motion.Path] = {}
         self._lock = Lock()

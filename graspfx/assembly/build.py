@@ -60,10 +60,10 @@ FloatArray = NDArray[np.float64]
 
 
 def make_movers(parts: Parts, states: Sequence[FloatArray], stack: ExitStack) -> Iterator[BodyGroup]:
-    """Make the movers of the objects with these blocks; they are closed with the stack.
+    """Make the movers of the objects with these blocks; closing the stack closes the movers.
 
     Raises:
-        PluginError: third-party code raises an error in making a body.
+        PluginError: third-party code raises an error when it makes a body.
     """
     scene, world = parts.scene, parts.scene.world
     meeting = Meeting(world.friction, world.restitution, world.stiffness, collide(scene))
@@ -101,7 +101,7 @@ def make_plants(
         live: keys that may change during the run; a live squeeze is a motion even if it is zero.
 
     Raises:
-        SceneError: a finger that starts out of its device's reach.
+        SceneError: a finger starts out of its device's reach.
         DeviceError: A plant cannot be placed where its fingers start.
     """
     scene, start = parts.scene, parts.start
@@ -138,12 +138,12 @@ def make_plants(
 
 
 def _components(wired: Sequence[Wire], hands: Sequence[HandPart]) -> Iterator[list[int]]:
-    """Find the sets of simulated devices that share a hand, directly or through others."""
+    """Find the sets of simulated devices that share a hand, directly or through other devices."""
     of_finger = {int(f): i for i, wire in enumerate(wired) for f in wire.used}
     left = {i for i, wire in enumerate(wired) if isinstance(wire.device, SimulatedDevice)}
     while left:
         members = [min(left)]
-        for member in members:  # grows while it is walked
+        for member in members:  # this list grows during the loop
             left.discard(member)
             for hand in hands:
                 near = {of_finger[f] for f in hand.fingers}
@@ -173,7 +173,7 @@ def build(
     Args:
         scene: scene to build.
         engine: engine that replaces the scene's.
-        record: whether its ticks are recorded.
+        record: whether the servo's ticks are recorded.
         selected: whether ticks write only the columns and rows that the scene's `record` selects; otherwise all.
         live: keys that may change during the run (`graspfx.assembly.live`); programs do not fold their values.
         real_time: whether ticks follow the wall clock and record its data.
@@ -231,8 +231,8 @@ def build(
 def build_again(scene: Scene, **how: Any) -> Iterator[Servo]:
     """Build as `build` does, or return the previous run's servo with its memory reset to the start.
 
-    A servo is reused only if a run changes nothing but its memory, that is, if all parts are kernels. Each run opens
-    and closes the devices.
+    A servo is reused only if all its parts are kernels, because then a run changes nothing but the memory. Each run
+    opens and closes the devices.
     """
     stock = resolve(scene).stock
     kept = stock.take_built()
@@ -283,7 +283,7 @@ def make_layout(parts: Parts, *, real_time: bool = False) -> Layout:
     """Lay out the columns of a recording; simulated devices add their true positions.
 
     Args:
-        parts: of the scene.
+        parts: parts of the scene.
         real_time: whether the run follows the wall clock.
     """
     scene = parts.scene

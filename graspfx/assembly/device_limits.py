@@ -101,7 +101,7 @@ DEFAULT = 3.0  # limit of a finger whose device reports none [N]
 
 
 def chain_table(scene: Scene, wired: Sequence[Wire]) -> Safety | None:
-    """Return the table of a scene's safety chain; with hardware, default values if the scene has none.
+    """Return the table of a scene's safety chain; a scene with hardware but without the table gets default values.
 
     None for a simulation without the table.
     """
@@ -120,7 +120,7 @@ def safety_limits(scene: Scene, wired: Sequence[Wire]) -> SafetyLimits | None:
     n, d = len(scene.finger), scene.dimensions
     lower, upper = np.full((n, d), -np.inf), np.full((n, d), np.inf)
     force, scale = np.full(n, DEFAULT), np.ones(n)
-    vouched = np.inf if scene.host is None else float(scene.host.speed)  # by the tanks of a host
+    vouched = np.inf if scene.host is None else float(scene.host.speed)  # speed that the energy tanks of a host allow
     for wire in wired:
         scale[wire.used] = wire.fitting.scale
         for f in wire.used.tolist():

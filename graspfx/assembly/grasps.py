@@ -28,7 +28,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class StillHand:
-    """A hand without motion and turns: its fingers, and the time at which it is closed most [s]."""
+    """A hand without motion and turns: its fingers, and the time of its largest squeeze [s]."""
 
     hand: Hand
     fingers: list[int]
@@ -50,7 +50,7 @@ def still_hands(parts: Parts, inward: FloatArray, *, guided: bool = True) -> Ite
     Args:
         parts: parts of the scene.
         inward: unit normals of the fingers' contacts (n, d).
-        guided: whether their guides have reached their goals; otherwise hands have no guides.
+        guided: if True, guides are at their goals; if False, guides are ignored.
     """
     for hand in parts.hands:
         yield StillHand(hand.still(guided=guided).hold(parts.start, inward), hand.fingers, _closing_time(hand))
@@ -60,7 +60,7 @@ def most_forces(parts: Parts, inward: FloatArray, contacts: FloatArray) -> Float
     """Compute the largest squeezing forces of the hands, K (r - p), (n,) [N].
 
     r is the closed position of the hand without its guide. p is the finger's start, or its contact if it starts inside
-    the object, because a finger that is squeezed in is closer to r.
+    the object, because a finger that starts inside would be closer to r.
 
     Args:
         parts: parts of the scene.
@@ -80,14 +80,14 @@ def most_forces(parts: Parts, inward: FloatArray, contacts: FloatArray) -> Float
 
 
 def _closing_time(hand: HandPart) -> float:
-    """Return the time at which a hand is closed most [s]."""
+    """Return the time of a hand's largest squeeze [s]."""
     table = hand.holding.table
     if table is None or table.form == "made":
         return 0.0
     if isinstance(table.squeeze, int | float):
         return table.squeeze_ramp
     most = max(listed(table.squeeze), key=lambda step: step.to)
-    return float(most.begin + most.duration) if most.to > 0.0 else 0.0  # hands begin with none
+    return float(most.begin + most.duration) if most.to > 0.0 else 0.0  # a hand starts without squeeze
 
 
 def set_fade(parts: Parts, objects: Sequence[GraspedPart], inward: FloatArray, start: FloatArray) -> None:
@@ -127,7 +127,7 @@ def grasps(parts: Parts) -> list[GraspedPart]:
             continue
         grasped, fingers = part.grasped(), part.fingers
         if grasped.implicit:
-            NativeBody(grasped.body_state).free_motion(parts.scene.period)  # its samples use the next pose
+            NativeBody(grasped.body_state).free_motion(parts.scene.period)  # samples of this body use the next pose
         grasped.meet(start[fingers])
         inward[fingers] = grasped.inward()
         grasped.finger_position[:] = start[fingers]
@@ -139,8 +139,8 @@ def grasps(parts: Parts) -> list[GraspedPart]:
 def axes_notes(parts: Parts) -> list[str]:
     """Report the energy that each object's gains generate in a closed rotation, in axes that allow it.
 
-    These are world axes, and any axes if the reaction acts at the contact. The value is the line integral of
-    `worst_turn` about the grasp at the start, without cones.
+    Only gains in world axes, or gains in any axes with the reaction at the contact, generate such energy. The value is
+    the line integral of `worst_turn` about the grasp at the start, without cones.
     """
     return list(_notes(parts)) if _has_axes(parts.scene) else []
 

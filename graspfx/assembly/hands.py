@@ -104,7 +104,7 @@ def axis_of(axis: AxisTable, dimensions: int) -> FloatArray:
 
 
 def descriptions(scene: SceneTable) -> Iterator[str]:
-    """Describe every hand: its name, its fingers and its motion."""
+    """Describe each hand by its name, fingers and motion."""
     own: dict[str, list[str]] = {}
     for holding in holdings(scene):
         names = [scene.finger_names[i] for i in holding.fingers]
@@ -119,7 +119,7 @@ def descriptions(scene: SceneTable) -> Iterator[str]:
 def doing(table: OwnHand | SharedHand | MadeHand) -> str:
     """Describe the motion of a hand."""
     if table.form == "made":
-        return f"as {table.kind} has it"
+        return f"motion by {table.kind}"
     texts = [f"motion: {' + '.join(each.kind for each in listed(table.motion)) or 'rest'}"]
     if table.turn is not None:
         texts.append(f"turn: {', then '.join(each.kind for each in listed(table.turn))}")
@@ -142,11 +142,11 @@ class HandPart:
 
     Attributes:
         holding: table and fingers of the hand.
-        driver: module of a plug-in's hand, which has its own motion.
-        motion: translation of all its fingers.
+        driver: module of a plug-in's hand, which computes its own motion.
+        motion: translation of all fingers of the hand.
         squeeze: closing distance over time [m].
         turns: turns in order.
-        guided: whether it has the guide of its table.
+        guided: whether the hand follows the guide of its table.
         settled: whether the followers of its guide start at their goals.
     """
 
@@ -167,12 +167,12 @@ class HandPart:
         """Return the hand without motion and turns; a plug-in's hand is unchanged.
 
         Args:
-            guided: whether its guide has reached the goals; otherwise it has no guide.
+            guided: if True, the guide is at its goals; if False, the guide is ignored.
         """
         return self if self.driver is not None else replace(self, motion=None, turns=(), guided=guided, settled=True)
 
     def with_course(self) -> HandPart:
-        """Return the hand with a squeeze that is a motion, even if it is zero."""
+        """Return the hand with its squeeze represented as a motion, even if the squeeze is zero."""
         table = self.holding.table
         if (
             self.driver is not None

@@ -60,7 +60,7 @@ class Hardware:
         return replace(header, settled=settled, round_trip=self._rest.round_trip)
 
     def run(self, ticks: int, recorder: RowTaker, stop: Callable[[], bool] | None) -> None:
-        """Arm and run; whatever happens, the next force is zero.
+        """Arm and run; however the run ends, the next force is zero.
 
         A signal ends the run like `stop`.
         """
@@ -68,7 +68,7 @@ class Hardware:
             self._arm()
             self._servo.run(ticks, recorder, self._stops(stop), self.pacer)
         except Interruption:
-            pass  # interruption of a driver's call by a signal
+            pass  # a signal interrupted a driver's call
         finally:
             self._servo.rest(recorder)
 
@@ -135,10 +135,10 @@ class Stops:
 
 
 def meet_hardware(servo: Servo, parts: Parts, positions: Mapping[int, FloatArray]) -> FloatArray:
-    """Let fingers on hardware at these positions meet their objects there, or at a depth above, (n, d) [m].
+    """Let fingers on hardware meet their objects at these positions; a finger inside meets its object at the surface.
 
     Returns:
-        Depth of each below the point where it meets its object, as a vector, (n, d) [m].
+        Depth of each finger below the point at which it meets its object, as a vector, (n, d) [m].
     """
     start = parts.start.copy()
     for f, position in positions.items():

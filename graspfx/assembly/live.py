@@ -28,7 +28,7 @@ HAND = (*(f"{table}.{name}" for table in ("finger.*.hand", "hand.*") for name in
 
 REASONS = {
     ("period", "duration"): "time is counted in periods, and a session runs until it is closed",
-    ("dimensions", "engine", "title", "preset"): "it holds for the whole run",
+    ("dimensions", "engine", "title", "preset"): "it is fixed for the whole run",
     ("object.*.position", "object.*.orientation", "object.*.velocity", "object.*.angular_velocity", "finger.*.start"): (
         "it defines the start of the run; moving parts continue from their present state"
     ),
@@ -173,7 +173,7 @@ def value_of(scene: Scene, key: str) -> Any:
     path, (first, *rest) = _indexed(key), key.split(".")
     tables: tuple[Any, ...] = getattr(scene, first) if rest and first in LISTS else ()
     if len(tables) > 1 and rest[0] not in type(tables[0]).model_fields:
-        path = [first, *rest]  # a number, or a name that none of them has
+        path = [first, *rest]  # a number, or a name that no table has
     values = list(_values(scene, path))
     if not values:
         raise InputError(
@@ -203,7 +203,7 @@ def _values(part: Any, path: list[str], at: str = "") -> Iterator[Any]:
         settings = getattr(part, "settings", {})
         fields = {name: getattr(part, name) for name in type(part).model_fields}
         if path[0] in ("*", "0") and path[1:]:
-            yield from _values(part, path[1:], at)  # a single table counts as a list of one
+            yield from _values(part, path[1:], at)  # a single table is treated as a list of one
         elif hasattr(part, "settings") and path[0] in ("mass", "damping") and path[0] not in settings:
             yield None  # left to the device's driver
         elif hasattr(part, "settings") and path[0] not in fields | settings and not closest(path[0], fields | settings):

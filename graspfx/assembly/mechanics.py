@@ -43,7 +43,7 @@ class Mechanics:
         age: age of the positions when they are read, (n,) [s].
         jitter: smallest and largest lateness, (2, n) [s].
         round_trip: part of the lateness due to reading and writing, (n,) [s].
-        hardware: mask of fingers on real devices, (n,).
+        hardware: mask that is True for fingers on real devices, (n,).
         assumed: unreported values that are assumed to be zero.
     """
 
@@ -97,7 +97,7 @@ def mechanics(parts: Parts, position: FloatArray, hands: Sequence[StillHand]) ->
 
 
 def _assumed(wire: Wire, names: Sequence[str]) -> Iterator[str]:
-    """Yield the unknown values of a device, and those that differ from its simulation."""
+    """Yield sentences about the unknown values of a device, and about values that differ from its simulation."""
     features, who = wire.features, ", ".join(names)
     if features.delay is None and features.lateness is None:
         yield "no output delay of devices that report none"

@@ -28,12 +28,12 @@ SHARES = ("centre", "inertia", "moments", "axes")  # mass properties except the 
 def through_cache(
     content: bytes, settings: object, make: Callable[[], tuple[Mesh, MassProperties]]
 ) -> tuple[Mesh, MassProperties]:
-    """Return the mesh and mass properties by `make`, or from the cache for the same content.
+    """Return the mesh and mass properties from the cache if it has the same content, else from `make`.
 
     Args:
         content: content of the mesh's file, or bytes of its arrays.
         settings: everything else on which the mesh depends, as a value with a complete text form.
-        make: function that makes both, or raises; a refused mesh is not cached.
+        make: function that makes the mesh and its mass properties, or raises; a refused mesh is not cached.
     """
     distributions = installed.distributions()
     if distributions is None:
@@ -108,8 +108,8 @@ def scene_mesh(table: Object | Obstacle, folder: Path | None) -> SceneMesh | Non
     """Load the mesh of an object or obstacle; None if its shape is not a mesh.
 
     Raises:
-        InputError: naming the key of the shape's table that cannot be.
-        MissingPackageError: what reads the file is not installed.
+        InputError: a value of the shape's table is invalid; the error names its key.
+        MissingPackageError: the package that reads the file is not installed.
     """
     shape = table.shape
     if shape is None or shape.kind != "mesh":

@@ -53,7 +53,7 @@ def python_files(path: Path) -> list[Path]:
 def _imports(path: Path) -> Iterator[Path]:
     try:
         tree = ast.parse(path.read_bytes())
-    except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):  # whoever runs it says so
+    except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):  # running the file reports the error
         return
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -120,7 +120,7 @@ def by_name(files: Mapping[str, str]) -> dict[str, str]:
 
 
 def file_changes(there: Mapping[str, str], here: Mapping[str, str]) -> list[str]:
-    """Yield the differences between two sets of digests, both from `by_name`."""
+    """List the differences between two sets of digests, both from `by_name`."""
     lines = []
     for name in sorted({*there, *here}):
         if name not in there:
@@ -164,7 +164,7 @@ def _code_in(scene: Scene, texts: Sequence[str]) -> Iterator[str]:
         table = plugins.names(group)
         for text in texts:
             if text in table:
-                with suppress(GraspFXError):  # an ambiguous name, which its variant resolves
+                with suppress(GraspFXError):  # an ambiguous name: its variant resolves the ambiguity
                     yield from _of_group(scene, group, [text])
 
 
@@ -181,7 +181,7 @@ LONGEST_VALUE = 60  # largest number of letters of a shown value
 
 
 def scene_changes(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
-    """Yield the differences between two tables of a scene, key by key."""
+    """List the differences between two tables of a scene, key by key."""
     return [f"the scene's {key} is {brief(one)} there, {brief(two)} here" for key, one, two in _changes(there, here)]
 
 
@@ -241,15 +241,15 @@ def header_of(parts: Parts, objects: Sequence[GraspedPart] = ()) -> Header:
 
 @cache
 def _versions(*packages: str) -> Mapping[str, str]:
-    """Look up versions once, because a process keeps its imports whatever is installed in the meantime."""
+    """Look up versions once: packages installed later do not change what a process has imported."""
     return versions(*packages)
 
 
 def source_name(source: Source) -> str:
-    """Name a scene like a built-in scene: after its file, or as in messages."""
+    """Name a scene after its file, like a built-in scene; without a file, return the name that messages use."""
     return source.path.stem.replace("_", "-") if source.path is not None else source.name
 
 
 def split_rules(objects: Sequence[GraspedPart]) -> dict[str, dict[str, Any]]:
-    """Write the split rule of each object's grasp, from the running blocks, for a header."""
+    """Return the split rule of each object's grasp for a header, read from the running blocks."""
     return {part.name: part.grasped.split_rule.table() for part in objects}

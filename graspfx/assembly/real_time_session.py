@@ -40,8 +40,8 @@ class RealTimeSession(Session):
     """A run on the wall clock in a separate process; `gx.open(scene, real_time=True)` creates it.
 
     Ticks run until the end of the `with` block, with or without hardware. At the end every force decays to zero, then
-    the recording is closed, and the hardware last. Positions, velocities and forces are those of the last received
-    tick, which is at most some 20 ms old. A signal (Ctrl-C, SIGTERM, SIGHUP) ends the block, and the run, at once.
+    the recording is closed, and the hardware last. Positions, velocities and forces belong to the last received tick,
+    which is at most some 20 ms old. A signal (Ctrl-C, SIGTERM, SIGHUP) ends the block, and the run, at once.
 
     Args:
         scene: what is run.
@@ -76,7 +76,7 @@ class RealTimeSession(Session):
         while not self.tick and not self._remote.await_rest(0.005):
             if self._remote.exits.numbers:
                 raise Interruption(self._remote.exits.cause)
-        if self._remote.error is not None:  # for example of a finger that has moved in the meantime
+        if self._remote.error is not None:  # for example because a finger has moved in the meantime
             raise self._remote.error
         self._remote.exits.inside = True  # a signal interrupts the user's code
 
@@ -91,7 +91,7 @@ class RealTimeSession(Session):
         return Card(repr(self), rows, face)
 
     def step(self, ticks: int = 1) -> None:
-        """Refuse, because ticks follow the wall clock.
+        """Raise an error, because ticks follow the wall clock.
 
         Raises:
             InputError: always.
@@ -103,7 +103,7 @@ class RealTimeSession(Session):
 
         Raises:
             RecordingError: the recording cannot be written; every force is then zero.
-        Exception: whatever ended the run in its process, such as a driver's own.
+        Exception: the error that ended the run in its process, such as an error of a driver.
         """
         end = time.monotonic() + seconds
         with self._undisturbed():
@@ -117,7 +117,7 @@ class RealTimeSession(Session):
         return not self._remote.has_rested
 
     def mark(self, text: str) -> int:
-        """Write a text, such as the beginning of a trial, into the recording; return its tick.
+        """Record a text marker, for example at the beginning of a trial; return the tick of the marker.
 
         Raises:
             InputError: the argument is not a text, or the session has ended.
@@ -134,7 +134,7 @@ class RealTimeSession(Session):
 
     @property
     def fault(self) -> RunFault | None:
-        """First fault, from which on every force is zero; None without a fault."""
+        """First fault, after which every force is zero; None without a fault."""
         return RunFault(*self._relay.faults[0]) if self._relay.faults else None
 
     def _write(self, update: Update) -> None:
@@ -142,7 +142,7 @@ class RealTimeSession(Session):
         with self._undisturbed():
             self._require_going()
             self.servo.write(update)
-            if any(general(key) in GUIDE for key in update.values):  # they are sent like all goals
+            if any(general(key) in GUIDE for key in update.values):  # values of these keys are sent as goals
                 self._goals.send_all(self.servo)
             values = {key: value for key, value in update.values.items() if general(key) not in GUIDE}
             if not values:
@@ -201,12 +201,12 @@ BEGINNING = 0.005  # interval of checks whether a servo runs [s]
 
 
 class LiveSession(RealTimeSession):
-    """A real-time run whose rows are only in the ring buffer unless a folder is given.
+    """A real-time run that keeps rows only in the ring buffer unless a folder is given.
 
     Args:
         scene: what is run.
         live, out, overwrite: as of `open`.
-        paused: whether it pauses before the first tick.
+        paused: whether the session pauses before the first tick.
     """
 
     keeps_rows = False
@@ -237,7 +237,7 @@ class LiveSession(RealTimeSession):
     def _look(self, first: int, count: int) -> None:
         super()._look(first, count)
         if not self._is_recorded:
-            self._recorder.changes.clear()  # they are not needed, and a day has many
+            self._recorder.changes.clear()  # changes are not needed, and a day produces many
             oldest = first + count - SLOTS  # tick of the oldest available row
             while len(self._splits) > 1 and self._splits[1][0] <= oldest:
                 del self._splits[0]
@@ -317,7 +317,7 @@ class LiveSession(RealTimeSession):
         self.ring.words[Word.HALT] = 1
 
     def resume(self) -> None:
-        """Continue, without ticks for the time of the pause.
+        """Continue; the ticks of the paused time are not made up for.
 
         Raises:
             InputError: a scene with hardware.
@@ -326,7 +326,7 @@ class LiveSession(RealTimeSession):
         self.ring.words[Word.HALT] = 0
 
     def advance(self, ticks: int = 1) -> None:
-        """Run a number of ticks during a pause, at their normal rate.
+        """Run a number of ticks at the normal rate during a pause.
 
         Raises:
             InputError: the scene has hardware, or the number is not an integer above zero.
@@ -337,14 +337,14 @@ class LiveSession(RealTimeSession):
         words = self.ring.words
         if not self.is_paused:
             words[Word.HALT] = 1
-            time.sleep(2.0 * self.scene.period)  # for a tick that has begun
+            time.sleep(2.0 * self.scene.period)  # lets a tick that has begun finish
         words[Word.HALT] = max(int(words[Word.HALT]) - 1, int(words[Word.HEAD])) + ticks + 1
 
     def require_no_hardware(self, action: str) -> None:
         """Require that no device of the scene displays forces to a person.
 
         Raises:
-            InputError: one does.
+            InputError: a device does.
         """
         if self.servo.hardware:
             raise InputError(

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from graspfx.assembly.resolve import Parts
     from graspfx.scene.model import Scene
 
-OWN = "engine"  # key of a scene that does not affect results
+OWN = "engine"  # the only key of a scene that does not affect results
 NEEDS = ("finger_position", "finger_velocity")
 
 
@@ -47,8 +47,8 @@ def replay(
     """Replay a recording: fingers follow their recorded motion, and forces and objects are recomputed.
 
     Without overrides, forces and objects are identical to the recording bit by bit, also after held samples,
-    skipped periods, key changes and device faults. With overrides, they are the forces and motions on the same
-    path. This is an open loop, because fingers do not respond to the changed force.
+    skipped periods, key changes and device faults. With overrides, forces and motions of objects on the same path of
+    the fingers are computed. Such a replay is an open loop, because fingers do not respond to the changed force.
 
     Args:
         recording: recording of every tick, or its path.
@@ -59,7 +59,7 @@ def replay(
             scene's folder may be used, as with `graspfx replay --trust`. Read them first.
 
     Returns:
-        Replay, with the columns that follow from the fingers' motion.
+        Recording of the replay, with the columns that follow from the fingers' motion.
 
     Raises:
         InputError, UnknownNameError, SceneError: An override is unknown or not allowed in the scene, or `trust` is
@@ -146,7 +146,7 @@ def _require(recording: Recording) -> None:
             f"a replay needs every tick, and {recording.outcome.lost} rows of this recording were lost"
         )
     if not len(recording):
-        raise RecordingError("a replay needs a tick, and this recording has none")
+        raise RecordingError("a replay needs at least one tick, and this recording has none")
 
 
 def _scene_of(original: Recording, overrides: Mapping[str, Any]) -> Scene:
@@ -195,8 +195,8 @@ def _require_meshes(original: Recording, parts: Parts) -> None:
         now = parts.mesh_frames.get(name)
         if now is not None and any(list(frame[key]) != list(now[key]) for key in frame):
             raise RecordingError(
-                f"the mesh of {name} has changed since it was recorded: its centre of mass or its axes are others; put "
-                "the former file back"
+                f"the mesh of {name} has changed since it was recorded: its centre of mass or its axes differ; put "
+                "the original file back"
             )
 
 

@@ -1,4 +1,4 @@
-"""A scene resolved once for all users: connected devices, loaded shapes, laws and hands."""
+"""The parts of a scene, resolved once for all users: connected devices, loaded shapes, laws and hands."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def start_of(scene: SceneTable, i: int, stock: Stock) -> Point | None:
     """Compute the start position of finger i, (d,) [m]; None for a faulty table.
 
     The table gives a direction from the object's centre of mass, in world axes at the object's initial pose. The
-    fingertip approaches along it from far away and starts at the gap that the table specifies.
+    fingertip approaches from far away along this direction and starts at the gap that the table specifies.
     """
     start = scene.finger[i].start
     if isinstance(start, tuple):
@@ -66,7 +66,7 @@ def placement_faults(scene: SceneTable, i: int, stock: Stock) -> Iterator[Findin
         return
     thing = scene.object[scene.finger_objects[i]]
     if thing.shape is None:
-        yield at, f"expected coordinates: {thing.name!r} has no shape to start from"
+        yield at, f"expected coordinates: {thing.name!r} has no shape from which a gap could be measured"
         return
     with suppress(GraspFXError):  # the shape has a fault
         if start_of(scene, i, stock) is None:
@@ -87,7 +87,7 @@ def _placed(scene: SceneTable, i: int, stock: Stock) -> Point | None:
     d = scene.dimensions
     pose = place_obstacle(table.name, solid.shape, d, *place(table, solid))
     u = np.array(start.toward, dtype=float)
-    u /= np.abs(u).max()  # any length: its square may overflow
+    u /= np.abs(u).max()  # scaled first, because the square of a long vector may overflow
     u /= np.sqrt((u * u).sum())
     t = standoff(solid.shape, np.einsum("ij,i->j", pose.rotation[:d, :d], u), start.gap + finger.radius)
     if t is None:
@@ -129,7 +129,7 @@ class ObjectPart:
 
     @property
     def law(self) -> Coupling:
-        """A new law with the gains, whose memory of warnings belongs to one run."""
+        """New coupling law with these gains. Each run needs its own, because the law remembers its warnings."""
         return replace(self.gains)
 
     def grasped(
@@ -191,7 +191,7 @@ def _make_object(scene: Scene, stock: Stock, index: int, masses: FloatArray | No
 
 
 def make_law(scene: Scene, fingers: Index, solid: Solid) -> Coupling:
-    """Make the gains of eq. (4) for the fingers of one object, in its body's axes if they are in the object's."""
+    """Make the gains of eq. (4) for the fingers of one object; convert gains in object axes to body axes."""
     part = scene.coupling.external
     (K, D), inner = (
         [_own(_given(gains, quantity), fingers) for quantity in ("stiffness", "damping")]
@@ -209,7 +209,7 @@ def make_law(scene: Scene, fingers: Index, solid: Solid) -> Coupling:
 
 
 def _given(part: Any, quantity: str) -> Any:
-    """Return a gain of a table, also of a cached table, which has fields only; an object's gain is a matrix."""
+    """Return a gain of a table, even of a cached table, which has only fields; a gain of an object is a matrix."""
     if not hasattr(part, "object_stiffness"):
         return getattr(part, quantity)
     value = getattr(part, f"object_{quantity}")
@@ -369,7 +369,7 @@ def reach_faults(scene: Scene) -> list[Finding]:
 
 
 def resolve(scene: Scene) -> Parts:
-    """Return the parts of a scene, the same ones as long as the scene exists.
+    """Return the parts of a scene; every call for the same scene returns the same parts.
 
     Devices and shapes that the scene's checks have connected and loaded are reused. A copy of a scene, or one with
     replaced values, has separate parts.
@@ -405,7 +405,7 @@ def require_no_host(scene: Scene, action: str) -> None:
     if host is not None:
         raise InputError(
             "host", host.name, f"a scene that simulates its object, for {action}",
-            "the host has the object, and its forces are nowhere in the scene; gx.Feedback.limits judges a host that "
+            "the host simulates the object, so the scene lacks its forces; gx.Feedback.limits judges a host that "
             "is linear",
         )  # fmt: skip
 
@@ -420,8 +420,8 @@ def require_prompt_simulations(parts: Parts) -> None:
         if isinstance(wire.device, SimulatedDevice):
             names = ", ".join(parts.scene.finger_names[i] for i in wire.used)
             raise InputError(
-                "measures.lateness", late, f"none in a simulation: forces of the simulated device of {names} begin "
-                "with a sample",
+                "measures.lateness", late, f"none in a simulation: forces of the simulated device of {names} start "
+                "at the beginning of a sample",
                 "`check` and `stability` take any delay; leave the measures out to run it, or give the driver whole "
                 f"samples, delay = {round(late / parts.scene.period)}",
             )  # fmt: skip

@@ -69,8 +69,8 @@ def open(
 
     The recording is identical to that of `gx.run`, bit by bit, for any division into steps.
 
-    With `real_time` the session runs on the wall clock in another process until it is closed: a `RealTimeSession`,
-    whose scene may have hardware. Forces start as soon as it is open.
+    With `real_time`, the result is a `RealTimeSession`, which runs on the wall clock in another process until it is
+    closed. Its scene may have hardware. Forces start as soon as the session is open.
 
     Args:
         scene: scene, its name or its path.
@@ -182,7 +182,7 @@ class WholeRun(Session):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if error is not None:
-            self._stack.__exit__(kind, error, trace)  # the recording has it as its cause
+            self._stack.__exit__(kind, error, trace)  # the recording states the error as its cause
 
     @property
     def place(self) -> Path | None:
@@ -191,7 +191,7 @@ class WholeRun(Session):
 
     @property
     def spent(self) -> float:
-        """Computing time of its ticks [s]."""
+        """Computing time of the run's ticks [s]."""
         return self._spent
 
 
@@ -232,7 +232,7 @@ class RealTimeRun(WholeRun):
 
 
 def _loaded(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | None) -> Scene:
-    from graspfx.scene.load import to_scene  # loads what checks a scene, which one from the cache does without
+    from graspfx.scene.load import to_scene  # imports the checks of a scene, which a cached scene does not need
 
     return to_scene(scene, overrides)
 

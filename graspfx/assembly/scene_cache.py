@@ -65,7 +65,7 @@ class KeptScene(Readable, KeptTable):
         return self._written
 
     def error(self, faults: Iterable[tuple[Key, str]]) -> SceneError:
-        """Make the error for faults that its checks did not find."""
+        """Make the error for faults that the scene's checks did not find."""
         return SceneError(self.source.name, [Fault(".".join(map(str, at)), text) for at, text in faults])
 
 

@@ -57,7 +57,7 @@ class ObjectView:
         velocity: velocity of its centre, (d,) [m/s].
         orientation: angle [rad], quaternion x y z w, or None on a line.
         angular_velocity: angular velocity [rad/s], in space (3,) in world axes, or None on a line.
-        wrench: wrench of the fingers on it about its centre, (w,) [N, N m].
+        wrench: wrench of the fingers on the object about its centre, (w,) [N, N m].
     """
 
     position: FloatArray
@@ -81,7 +81,7 @@ class Session(Carded):
     """
 
     is_paced = False  # whether it runs in real time
-    keeps_rows = True  # if there is no folder
+    keeps_rows = True  # whether rows stay in memory without a folder
     is_repeated = False  # whether the servo of the previous run is reused
 
     def __init__(
@@ -98,7 +98,7 @@ class Session(Carded):
             to_path("out", out, "the path of a folder")
         keys = [numbered(scene, key) for key in keys_of(live)]
         parts = resolve(scene)
-        if "playback" not in how:  # otherwise nothing moves, and a warning was given
+        if "playback" not in how:  # a playback moves nothing, and the original run has warned
             if not self.is_paced:
                 require_simulations(parts.hardware)
             require_prompt_simulations(parts)
@@ -201,7 +201,8 @@ class Session(Carded):
 
         Raises:
             InputError: the number is not an integer above zero, the session is closed, memory is exhausted, or a block
-                was written directly instead of by `set`. A failing device raises nothing; it is a recorded fault.
+                was written directly instead of by `set`. A failing device does not raise an error; its failure is
+                recorded as a fault.
         """
         count = ticks if type(ticks) is int else number("ticks", ticks, WHOLE)
         if count < 1.0 or count % 1.0 or isinstance(ticks, bool | np.bool_):
@@ -234,7 +235,7 @@ class Session(Carded):
 
     @property
     def fault(self) -> RunFault | None:
-        """First fault, from which on every force is zero; None without a fault."""
+        """First fault, after which every force is zero; None without a fault."""
         return self.servo.fault
 
     # Looking at it ------------------------------------------------------------------------------------------------
@@ -379,7 +380,7 @@ class Session(Carded):
         self.scene = scene
 
     def _write(self, update: Update) -> None:
-        """Write new numbers, and record the split of forces from the next tick on if it depends on them."""
+        """Write new numbers; if the split of forces depends on them, record the new split from the next tick on."""
         self.servo.write(update, self._recorder)
         split = split_rules(self.servo.objects)
         if split != self._splits[-1][1]:
@@ -416,7 +417,7 @@ def _require_disk(folder: Path, ticks: float, size: float) -> None:
     """Raise InputError if `ticks` rows of `size` bytes do not fit on the disk of a folder, which may not exist."""
     home = next((each for each in (folder, *folder.absolute().parents) if each.is_dir()), None)
     usage = None if home is None else shutil.disk_usage(home)
-    if usage is not None and usage.total > 0:  # a pseudo file system such as /proc has no size
+    if usage is not None and usage.total > 0:  # a pseudo file system such as /proc reports size zero
         _require_room(ticks, size, f"the disk of {folder}", usage.free)
 
 

@@ -1,4 +1,4 @@
-"""Transfer of live values to a running servo: checked by the scene, then written as if it were built with them."""
+"""Transfer of live values to a running servo: the scene checks them, then they are written into the servo's memory."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ NUMBERS = (
 OF_BODY = ("mass", "inertia", "viscosity", "rotational_viscosity", "gravity")
 OF_FINGERS = ("coefficient",)
 ALL_GAINS = (*GAINS, *OBJECT_GAINS)
-CACHES = {"gains_known": ALL_GAINS, "pads_known": ALL_GAINS, "split_known": ("coupling.blend",)}  # known no more
+CACHES = {"gains_known": ALL_GAINS, "pads_known": ALL_GAINS, "split_known": ("coupling.blend",)}  # values to recompute
 
 
 class Steering:
@@ -111,12 +111,12 @@ class Steering:
             values: values by live key, with numbers for names of tables.
 
         Raises:
-            InputError: values would change more than numbers (the form of a gain, a switch, a layout), or a key affects
-                no number of a run.
+            InputError: the values would change the form of a gain, a switch or a layout, and not only numbers, or a key
+                affects no number of a run.
             SceneError, DeviceError: as for `build`.
         """
         for key, value in values.items():
-            if not is_live(general(key)):  # it would be recorded but have no effect
+            if not is_live(general(key)):  # a change of the key would be recorded but have no effect
                 raise InputError(key, value, "a key that affects a number of the run", "write numbers for names")
         keys = [general(key) for key in values]
         with build(scene, engine="interpreted", live=self.keys, playback=self._playback) as other:
@@ -131,7 +131,7 @@ class Steering:
                 bodies = [
                     (mover.body, fresh.body) for mover, fresh in zip(self.servo.movers, other.movers, strict=True)
                 ]
-                parts += [pair for pair in bodies if isinstance(pair[0], Steerable)]  # what meets planes
+                parts += [pair for pair in bodies if isinstance(pair[0], Steerable)]  # bodies that collide with planes
             if self.servo.ticks and all(key in GUIDE for key in keys):  # only goals of guided hands
                 return Update(dict(values), [*entries, *self._goals(other)], parts)
             plants = list(self._plants(other, values))
@@ -143,10 +143,10 @@ class Steering:
         return Update(dict(values), entries, parts, [j for j, _ in plants])
 
     def _plants(self, other: Servo, values: Mapping[str, Any]) -> Iterator[tuple[int, tuple[PlantWiring, PlantWiring]]]:
-        """List the plants whose hands get new numbers, by index, with those of the variant.
+        """List by index the plants whose hands get new numbers, each with the corresponding plant of the variant.
 
-        Before the first tick these are all plants. A hand closes along the normals at its fingers' start, and with the
-        implicit integrator the normals depend on the object's free motion by mass, viscosity and gravity.
+        Before the first tick, all plants are listed. A hand closes along the normals at its fingers' start. With the
+        implicit integrator, these normals depend on the object's free motion, and so on mass, viscosity and gravity.
         """
         if self._playback is not None:
             return
@@ -172,7 +172,7 @@ class Steering:
             yield own.block, np.arange(own.block.size), new.block.copy()
             return
         places = _places(own)
-        if self.servo.safety is not None:  # whose tank pays for gains
+        if self.servo.safety is not None:  # the energy tank pays for increases of gains
             places = np.setdiff1d(places, steered_entries(own))
         yield own.block, places, new.block[places]
         yield from _caches(own, new, keys)
@@ -215,14 +215,14 @@ def _normals(servo: Servo) -> FloatArray:
 
 
 def _require_structure(own: GraspedObject, new: GraspedObject, values: Mapping[str, Any]) -> None:
-    """Require a block of the same layout and the same switches, except switches that are not folded."""
+    """Require a block of the same layout and the same switches; only switches that are not folded may differ."""
     key, value = next(iter(values.items()))
     keys = key if len(values) == 1 else ", ".join(values)
     slips, stays = (each.array(FingerState.coefficient) > 0.0 for each in (new, own))
     if not np.array_equal(slips, stays):
         raise InputError(
             keys, value, "coefficients of friction that are above zero for the same fingers as before",
-            "a contact with friction has a state that one without lacks; start the run with such a value",
+            "only a contact with friction has a state of friction; start the run with such a value",
         )  # fmt: skip
     if new.block.size != own.block.size:
         raise InputError(
@@ -262,7 +262,7 @@ def _caches(
 
 
 def _require_hand(own: Any, new: Any, values: Mapping[str, Any]) -> None:
-    """Require a hand of the same structure, with an operator model if it had one, because plants differ."""
+    """Require a hand of the same structure; both hands, or neither, have an operator model, because plants differ."""
     if (getattr(own, "operator", None) is None) != (getattr(new, "operator", None) is None):
         raise InputError(
             ", ".join(values), list(values.values()), f"a part of {', '.join(PARTS)} either always or never",

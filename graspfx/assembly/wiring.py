@@ -112,7 +112,7 @@ class Wire:
         at: location of its table.
         device: device, not opened.
         fingers: finger of each of its channels, -1 for none.
-        features: features that the device reports, in the axes and units of the scene.
+        features: features that the device reports, converted to axes and units of the scene.
         fitting: relation of the device to the scene.
     """
 
@@ -138,7 +138,7 @@ def connect(driver: ModuleType, table: DeviceTable, dimensions: int) -> Device:
 
 
 def table_at(scene: SceneTable, i: int) -> tuple[Location, DeviceTable]:
-    """Find the table of finger i's device, and its location."""
+    """Return the location and the table of the device of finger i."""
     device = scene.finger[i].device
     if not isinstance(device, str):
         return ("finger", i, "device"), device
@@ -192,7 +192,7 @@ def wiring_faults(scene: SceneTable, connected: Connected) -> Iterator[Finding]:
             at, table = table_at(scene, i)
             if at in connected:
                 device, k = connected[at], connected[at].features.fingers
-                channels[at].append(k)  # no channel of the device, until the finger's is known
+                channels[at].append(k)  # stands for an unknown channel, until the finger's channel is known
                 channels[at][-1] = finger.channel
                 if finger.channel >= k:
                     has = "1 finger" if k == 1 else f"{k} fingers"
@@ -205,7 +205,7 @@ def wiring_faults(scene: SceneTable, connected: Connected) -> Iterator[Finding]:
             actual = device.features.dimensions
             yield (*at, "name"), f"expected a device of {scene.dimensions} dimensions; this one has {actual}"
         free = sorted(set(range(k)) - set(used))
-        sound = used and max(used) < k and len(set(used)) == len(used)  # else that is the fault
+        sound = used and max(used) < k and len(set(used)) == len(used)  # otherwise the channels are the fault
         yield from fitting_faults(scene, at, _table(scene, at), device)
         if free and sound and isinstance(device, SimulatedDevice):
             yield at, f"no finger uses its channel {free[0]}: a simulated device needs a finger for each channel"

@@ -43,14 +43,14 @@ MEASURED = ("finger_position", "object_position", "finger_force")
 
 @dataclass(frozen=True, repr=False)
 class Batch(Carded):
-    """Results of many runs. Each array begins with the axes of the grid: one per key, or a single one with `zip`.
+    """Results of many runs. Each array begins with the axes of the grid: one axis per key, or a single axis with `zip`.
 
     Attributes:
         values: Values of each variant by key, as arrays of the grid's shape; numbers are floats.
         fault_tick: Tick of the first fault of each variant, -1 without a fault.
         measures: Statistics by quantity and name, (*grid, *quantity), in the unit of the quantity; growth has no unit.
         recordings: Recordings as an array of the grid's shape; None unless they were kept.
-        summaries: `Recording.summary()` of each run, likewise.
+        summaries: `Recording.summary()` of each run, as an array of the grid's shape; None unless summaries were kept.
         notes: Reasons why parts of the batch took longer than usual.
         build_time, run_time: Times to build the variants and to run them [s].
         scene: Name of the scene.
@@ -124,7 +124,7 @@ class Batch(Carded):
         raise UnknownNameError("measure", name, self.measures)
 
     def growth(self, quantity: str = "finger_position") -> FloatArray:
-        """Return the largest growth over the entries of a quantity for each variant; above 1 it grows.
+        """Return the largest growth over the entries of a quantity for each variant; above 1, the quantity grows.
 
         After a fault (`fault_tick`) all forces are zero, so that a small growth does not show that the run was stable.
         """
@@ -207,13 +207,14 @@ def run_batch(
 ) -> Batch:
     """Simulate many variants of a scene; each is the scene with some values replaced.
 
-    Each run gives the bits of `gx.run`, except for the sign of a zero. Every value is validated as in a scene file.
+    The results of each run are bit-identical to `gx.run`, except for the sign of a zero. Every value is validated as in
+    a scene file.
 
     Variants are not built one by one. Gains, coefficients of friction, mass and viscosities are written into the
-    memory of all variants as columns; one variant of each kind is built, and two others verify the columns. Numbers of
-    devices and hands take 1 to 2 ms per combination. For any other key one variant is built for each value, and
-    combinations are assembled from these; all combinations of extreme values and some others are built to verify
-    them, and keys that interact are built in full.
+    memory of all variants as columns; one variant of each kind is built, and two other built variants verify the
+    columns. Numbers of devices and hands take 1 to 2 ms per combination. For any other key one variant is built for
+    each value, and combinations are assembled from these variants. To verify the assembly, all combinations of extreme
+    values and some other combinations are built. For keys that interact, every combination is built.
 
     Variants run one by one on all processors, by the program of all scenes: nothing is compiled for a batch.
 
@@ -224,7 +225,7 @@ def run_batch(
         scene: Scene, name or path. Every device, hand and body must be a kernel.
         values: Lists of values by dotted key, as for `scene.replace`. All combinations are run; the last key changes
             fastest.
-        duration: Duration [s], rounded to whole periods; the scene's if not given.
+        duration: Duration [s], rounded to whole periods; by default the duration in the scene.
         zip: Whether to combine the first values of all keys, then the second values, and so on.
         keep: Results to keep: "measures" of the quantities in `measure`, "recordings", or "summary" for
             `Recording.summary()`, which takes a millisecond per run.
@@ -233,10 +234,10 @@ def run_batch(
             `object_velocity`, `object_orientation` and `wrench` of the first object.
         statistics: Statistics of each number: first, last, mean, rms, min, max, peak (largest magnitude) and growth
             (peak of the second half of the run over the peak of the first half).
-        threads: Number of threads, by default that of the processors. The results do not depend on it.
+        threads: Number of threads; by default the number of processors. The results do not depend on this number.
 
     Raises:
-        SceneError: A variant is not a valid scene; the error has its values.
+        SceneError: A variant is not a valid scene; the error names the variant's values.
         InputError: Lists have different lengths with `zip`, there are no values, or a part of the scene is not a
             kernel.
         UnknownNameError: A quantity or statistic does not exist.

@@ -87,7 +87,7 @@ class Runs:
             layout, record = group.program.servo.layout, self.scene.record
             selection = Selection(layout, chosen_layout(layout, record.columns), record.every)
             job = self._job(group, [])
-            ticks = job.ticks if record.every > 1 else 0  # which the rows do not tell
+            ticks = job.ticks if record.every > 1 else 0  # number of ticks, which the number of rows does not determine
             require_memory(job.ticks * (job.variants if whole else 1), 8 * job.width)
             for member, ended in zip(group.members.tolist(), job.recorded(self.threads), strict=True):
                 self.faults[member] = ended.fault
@@ -125,7 +125,7 @@ def _outcome(group: Group, ended: Ended) -> Outcome:
     program, servo = group.program, group.program.servo
     for part in servo.objects:
         block, first = part.grasped.block, program.arena.place(part.grasped.block)
-        block[: at.ROW] = ended.arena[first : first + at.ROW]  # the rest of a mesh is long
+        block[: at.ROW] = ended.arena[first : first + at.ROW]  # the rest, such as a mesh, is large and unchanged
     coupling = servo.coupling
     if ended.fault < 0:
         return Outcome(engine="compiled", **coupling)

@@ -22,7 +22,7 @@ Index = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Program:
-    """The shared program of variants: a servo that was built for one of them, and its arena."""
+    """The shared program of variants: a servo that was built for one variant, and its arena."""
 
     servo: Servo
     arena: Arena
@@ -62,7 +62,7 @@ class Group:
 
     Attributes:
         program: shared program.
-        base: buffer contents of one of them, (arena,).
+        base: buffer contents of one variant, (arena,).
         members: indices of the variants, (V,).
         factors: differences: entries of the arena, a row of values for each choice, and the choice of each member.
     """
@@ -86,7 +86,7 @@ class Group:
         return copies
 
     def add(self, columns: Iterable[Column]) -> None:
-        """Add the members' values of entries of the program's buffers, as far as they differ."""
+        """Add the members' values of those entries of the program's buffers that differ."""
         numbers: dict[int, FloatArray] = {}
         for block, entry, values in columns:
             place = self.program.arena.place(block) + entry

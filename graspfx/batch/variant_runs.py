@@ -33,7 +33,7 @@ class Job:
     """Variants of one group to run.
 
     Args:
-        arena: Arena of one of them.
+        arena: Arena of one variant.
         size: Entries of an arena.
         begin: Initial contents of the arenas.
         variants: Number of variants.
@@ -79,7 +79,7 @@ class Job:
         single = self._single
         began = perf_counter()
         with ThreadPoolExecutor(threads) as pool:
-            for k in range(0, self.variants, threads):  # no more rows at a time than are consumed
+            for k in range(0, self.variants, threads):  # at most one group of rows in advance of the consumer
                 yield from pool.map(single.record, range(k, min(k + threads, self.variants)))
         self.spent += perf_counter() - began
 
@@ -92,7 +92,7 @@ class Job:
 class Ended:
     """End of one recorded variant: rows, the tick of its fault or -1, and its buffers, (arena,).
 
-    `told` holds the buffers after the tick of its fault, whose values the fault's message quotes.
+    `told` contains the buffers after the tick of the fault; the fault's message quotes values from these buffers.
     """
 
     rows: FloatArray
@@ -174,7 +174,7 @@ class SingleRuns:
 
 
 def _shared(run: Callable[[Index], None], jobs: Iterable[Index], threads: int) -> None:
-    """Distribute jobs over threads, each of which takes the next one."""
+    """Distribute jobs over threads; each free thread takes the next job."""
     left = iter(jobs)
     lock = Lock()
 

@@ -1,4 +1,4 @@
-"""Variants of a scene as entries of its buffers: few are built, the others are assembled from each key's changes."""
+"""Variants of a scene as entries of its buffers: a few are built, all others are assembled from each key's changes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 Numbers = tuple[int, ...]  # index of each key's value
 
-CHECKED = 8  # number of combinations to build in addition to the extremes
+CHECKED = 8  # number of combinations to build in addition to those of extreme values
 FULL = 16  # number of variants up to which all are built
 
 
@@ -71,7 +71,7 @@ class Variants:
         """Build the variant with these values.
 
         Raises:
-            SceneError: the scene is invalid; the error has the values.
+            SceneError: the scene is invalid; the error names the values.
             InputError: a part of the scene is not a kernel.
         """
         key = tuple(numbers.tolist())
@@ -177,7 +177,7 @@ class Variants:
         return groups_
 
     def _is_as_built(self, group: Group, values: Mapping[str, FloatArray]) -> bool:
-        """Check assembled variants against built ones: the most extreme one in all keys, and another."""
+        """Compare assembled variants with built ones: the most extreme variant of each key, and a random one."""
         random = np.random.default_rng(len(group.members))
         some = [int(np.argmax(np.abs(each - each[len(each) // 2]))) for each in values.values()]
         some.append(int(random.integers(len(group.members))))
@@ -284,7 +284,7 @@ class Variants:
         )
 
     def _holds(self, group: Group, layout: str) -> bool:
-        """Check assembled variants against built ones: all combinations of extremes, and some others."""
+        """Compare assembled variants with built ones: all combinations of extreme values, and some other ones."""
         numbers = self.numbers[group.members]
         ends = [np.isin(numbers[:, i], _extremes(self.values[key], numbers[:, i])) for i, key in enumerate(self.keys)]
         corners = np.flatnonzero(np.all(ends, axis=0))
@@ -320,7 +320,7 @@ class Variants:
 
 
 def _layout(arena: Arena) -> str:
-    """Digest what a copy of the memory does not bring along: the places of blocks and columns, and the period."""
+    """Digest the properties that a copy of the memory lacks: the locations of blocks and columns, and the period."""
     places = [(arena.place(array), array.size) for array in arena.arrays]
     columns, period = list(arena.parts.layout.columns), arena.servo.period
     return sha256(repr((places, columns, period)).encode() + bytes(arena.world.buffer)).hexdigest()

@@ -3,7 +3,7 @@
 A key is plain if its values are written to entries directly or by a short formula, and if a scene's checks of them can
 be vectorised. Other keys require building. Special values, such as equal gains or a zero coefficient, define kinds of
 variants, and one variant of each kind is built. Blocks of devices and hands are made for each choice of values by the
-functions for single scenes, so that they are identical bit by bit.
+functions for single scenes, so that these blocks are bit-identical to those of single scenes.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ Location = tuple[str | int, ...]
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 Index = NDArray[np.intp]
-Column = tuple[FloatArray, int, FloatArray]  # a block, an entry of it, and the entry's value in each variant
+Column = tuple[FloatArray, int, FloatArray]  # a block, the index of an entry, and the entry's value in each variant
 SAME = ("fingers", "dimensions", "continuous_force", "stiffness", "delay")  # features on which other parts depend
 
 
@@ -301,7 +301,7 @@ GAINS = {
     for share in ("external", "internal") for quantity in ("stiffness", "damping")
 }  # fmt: skip
 BODY = ("mass", "viscosity", "rotational_viscosity")
-BESIDE = re.compile(r"(finger\.[^.]+\.(device|hand|start|radius)|device|hand)\b")  # keys that do not affect plain ones
+BESIDE = re.compile(r"(finger\.[^.]+\.(device|hand|start|radius)|device|hand)\b")  # keys that do not affect plain keys
 NEAR = 1e-6  # relative difference of gains below which variants are built one by one
 ROUGH = 1e6  # coefficient of friction above which variants are built one by one
 
@@ -320,7 +320,7 @@ class Columns:
 
     @cached_property
     def by_field(self) -> dict[str, FloatArray]:
-        """Values by key in its general form, or with its number if only one of a list is replaced."""
+        """Values by key: in general form, or with a number if only one table of a list is replaced."""
         numbers = {_own(self.scene, key): each for key, each in self.values.items()}
         return {key: each for key, each in numbers.items() if not is_of_a_part(self.scene, key)}
 
@@ -356,7 +356,7 @@ class Columns:
     # Kinds and checks ---------------------------------------------------------------------------------------------
 
     def kinds(self) -> NDArray[np.int_]:
-        """Number the kinds of variants; as far as these values matter, a kind has one computation."""
+        """Number the kinds of variants; all variants of a kind select the same computation with these values."""
         tests = [self.gain(key) == 0.0 for key in GAINS] if self.has_gains else []
         if self.has_gains:
             tests += [self.gain(one) == self.gain(other) for one, other in PAIRS]
@@ -496,15 +496,15 @@ def plain_keys(scene: Scene, parts: Parts, values: Mapping[str, Sequence[Any]]) 
     except GraspFXError:
         return []
     if len(set(own.values())) < len(own):
-        return []  # two keys for one value: the later one applies
+        return []  # two keys for one value: the later key applies
     if any(".*." in one and one != two and general(two) == one for one in own.values() for two in own.values()):
         return []  # a key for all tables, and one for a single table
     numbers = {key for key, items in values.items() if all(type(each) in (int, float) for each in items)}
     others = [key for key in values if key not in numbers or not _is_plain(scene, parts, own[key])]
-    if fades(scene) and others:  # they may change the hands' squeeze
+    if fades(scene) and others:  # the other keys may change the hands' squeeze
         others += [key for key in values if own[key] in GAINS]
     if not all(BESIDE.match(key) for key in others):
-        return []  # its checks, or its entries, may depend on the plain keys
+        return []  # checks or entries of the other key may depend on the plain keys
     return [key for key in values if key not in others]
 
 
@@ -515,7 +515,7 @@ def _is_plain(scene: Scene, parts: Parts, own: str) -> bool:
         for part in (coupling.external, coupling.internal)
         for name in ("stiffness", "damping")
     ]
-    meshes = any(part.solid.mesh is not None for part in parts.objects)  # their searches depend on the fade
+    meshes = any(part.solid.mesh is not None for part in parts.objects)  # searches on meshes depend on the fade
     steady = all(isinstance(gain, int | float) for gain in gains) and not (meshes and fades(scene))
     if own in GAINS:
         return steady
@@ -535,7 +535,7 @@ def _is_plain(scene: Scene, parts: Parts, own: str) -> bool:
 
 
 def _own(scene: Scene, key: str) -> str:
-    """Write a key with the numbers of its tables; a key of a single table gets 0."""
+    """Write a key with the numbers of its tables; the number of a single table is 0."""
     key = numbered(scene, key)
     first, *rest = key.split(".")
     if first in ("object", "finger", "device", "hand") and rest and not (rest[0].isdecimal() or rest[0] == "*"):

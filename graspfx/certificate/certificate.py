@@ -38,7 +38,7 @@ UNITS = {  # units of keys of plain data
 
 
 def is_stable(radius: float) -> bool:
-    """True if a spectral radius is that of a stable loop; margins use the same tolerance for rounding."""
+    """True if a loop with this spectral radius is stable; margins use the same tolerance for rounding."""
     return radius <= 1.0 + ROUNDING
 
 
@@ -47,16 +47,16 @@ class Limit:
     """Stability limit of one mode of a grasp.
 
     Attributes:
-        mode: "internal", "external" (k_ep of the scene), "external translation" and "external rotation" (as if
-            translations and rotations each had their own k_ep), "standing on ..." or "pushing with ...".
+        mode: "internal", "external" (k_ep of the scene), "external translation" and "external rotation" (computed with
+            separate k_ep for translations and for rotations), "standing on ..." or "pushing with ...".
         gain: Gain of the scene: kip or kep; for standing and pushing the largest remaining stiffness [N/m]; nan for
             matrices.
-        limit: Stability limit of that gain [N/m]; inf if no gain is too large.
+        limit: Stability limit of the gain [N/m]; inf if no gain is too large.
         margin: Limit over gain.
         frequency: Frequency at which stability is lost [Hz]; nan without a limit.
-        exact: True if the limit is that of a mode in closed form, which the whole loop confirms to `difference`; False
-            if it is that of the whole loop.
-        difference: Relative difference of the two; nan if there is only one.
+        exact: True if the limit is computed for one mode in closed form, and the whole loop confirms it to
+            `difference`; False if the limit is computed for the whole loop.
+        difference: Relative difference of the limits of mode and whole loop; nan if only one is computed.
     """
 
     mode: str
@@ -93,11 +93,11 @@ class Certificate(Carded):
         why_not_passive: Short reason if `passive` is None.
         grip: Ratio f_t/(mu f_n) at rest by finger name, 1 on the cone's edge, for fingers with a coefficient of
             friction.
-        edge: Names of the fingers on their cones' edges, which count as sticking.
-        notes: Possible consequences if those fingers slide, and the geometric stiffness of the squeeze.
+        edge: Names of the fingers whose forces lie on the edges of their cones; they are treated as sticking.
+        notes: Possible consequences if the fingers of `edge` slide, and the geometric stiffness of the squeeze.
         fade: Gap at which free fingers begin to fade out of the split, and gap that the forces at rest require [m]; or
             None.
-        gap: Distance from the object to the nearest finger if no finger touches it [m]; else nan.
+        gap: Distance from the object to the nearest finger [m]; nan if a finger touches the object.
     """
 
     object: str
@@ -127,7 +127,7 @@ class Certificate(Carded):
 
     @property
     def stable(self) -> bool:
-        """True if the loop is stable with the present gains, also with the object on its support at the start."""
+        """True if the loop is stable with the present gains, both in the air and on the support at the start."""
         return is_stable(self.spectral_radius) and all(
             row.margin >= 1.0 for row in self.limits if row.mode.startswith(STANDING)
         )
@@ -147,7 +147,7 @@ class Certificate(Carded):
 
     @property
     def radius_text(self) -> str:
-        """Spectral radius as text; if only the object on its support is unstable, it is said to be that in the air."""
+        """Spectral radius as text, marked as "in the air" if only the object on its support is unstable."""
         air = " in the air" if not self.stable and is_stable(self.spectral_radius) else ""
         return f"spectral radius {self.spectral_radius:.6f}{air}"
 
@@ -177,7 +177,7 @@ def plain(value: Any) -> Any:
 
 
 def lines(certificate: Certificate) -> Iterator[str]:
-    """Yield a certificate as lines: one per mode; equal single fingers share one; of larger sets the weakest."""
+    """Yield a certificate as lines, one per mode; equal single fingers share a line, larger sets show the weakest."""
     place = f", {PLACES[certificate.at]}" if certificate.grasps else ""
     yield f"stability of {certificate.object}{place}: {certificate.verdict}"
     if not certificate.grasps:
@@ -228,7 +228,7 @@ def _said_of_grip(grip: Mapping[str, float], edge: Sequence[str]) -> str:
 
 
 def limit_lines(limits: Sequence[Limit]) -> Iterator[str]:
-    """Yield one line per mode; modes with equal numbers share one; of sets of pushing fingers only the weakest."""
+    """Yield one line per mode; modes with equal numbers share a line, sets of pushing fingers show the weakest."""
     alike: dict[str, list[Limit]] = {}
     for row in _worth_saying(limits):
         alike.setdefault(row.text, []).append(row)

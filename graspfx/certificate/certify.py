@@ -34,7 +34,7 @@ class Certificates(Carded, Sequence[Certificate]):
     Attributes:
         scene: Name of the scene.
         each: `Certificate` of each object.
-        provisional: True if no rest was computed, and the squeeze is that of one step from the start.
+        provisional: True if no rest was computed; the squeeze then results from one step from the start.
     """
 
     scene: str
@@ -85,20 +85,20 @@ def certify(
 ) -> Certificates:
     """Certify a scene: how large each gain can be before the sampled loop of devices, hands and objects is unstable.
 
-    The grasp is taken at rest, to which hands that neither move nor rotate bring it when they close slowly. Contacts
-    that slide on the way stick where they stop. In a run, hands close at their own speed and leave such contacts a few
-    per cent elsewhere; with `recording` the rest at its end is used instead. Each limit is that of one gain at the
-    present values of the others, with the squeeze held.
+    The grasp is judged at rest, after hands that neither move nor rotate have closed slowly. Contacts that slide on the
+    way stick where they stop. In a run, hands close at their own speed, so that such contacts stop at places that
+    differ by a few per cent; with `recording`, the rest at the end of the recording is used instead. Each limit is
+    computed for one gain, with the squeeze held and the other gains at their present values.
 
     Args:
         scene: Scene, name of a built-in scene, or path.
         quick: Hold the squeeze of one linear step from the start instead of computing the rest. The result is
             provisional.
-        recording: Recording of the scene, or its path; the grasp is that of its last row.
+        recording: Recording of the scene, or its path; the grasp of the last row is judged.
 
     Returns:
-        A `Certificate` for each object that has fingers; as text they read as in `graspfx check`. An object that no
-        finger touches even with the hands closed is not stable; its `gap` is the distance to the nearest finger.
+        A `Certificate` for each object that has fingers; `graspfx check` prints the same text. An object that no finger
+        touches even with the hands closed is not stable; its `gap` is the distance to the nearest finger.
 
     Raises:
         InputError: `quick` is neither True nor False, or True with a recording; the recording is of another scene, or a
@@ -126,8 +126,8 @@ def certify(
 def certificates(scene: Scene, at: str = "squeezed", recording: Recording | None = None) -> list[Certificate]:
     """Certify every object that fingers touch.
 
-    A limit is that of one gain at the scene's values of the others (at half the common limit if no gain is stable at
-    those), with the squeeze held.
+    Each limit is computed for one gain, with the squeeze held and the other gains at the scene's values. If no gain is
+    stable at those values, the other gains are at half the common limit.
 
     Raises:
         InputError: A device does not state its mass or damping.

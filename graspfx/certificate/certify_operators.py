@@ -49,7 +49,7 @@ class Share:
     """Share of a population that has a property, estimated from a random sample.
 
     Attributes:
-        count: Number of those that have it.
+        count: Number of members of the sample that have the property.
         total: Size of the sample.
         low, high: Interval of Clopper and Pearson (1934) with a confidence of at least 95 %.
     """
@@ -89,12 +89,13 @@ class OperatorCertificate(Carded):
         operators: Set of operators.
         own: Judgement with the scene's own operator.
         worst: Judgement in full of the worst operator that was found, including `pushing`.
-        population: Judgements of random operators, drawn by the laws of the ranges, in order.
+        population: Judgements of random operators, drawn from the distributions of the ranges, in order.
         share: Share of the population that is stable, with its interval.
-        box: All judgements of the search for the worst operator, by their point in the unit box.
+        box: All judgements of the search for the worst operator, by the operator's point in the unit box.
         passive: Largest gains that are passive for every operator, or None.
-        is_passive: True if passivity guarantees stability for the whole set: the gains do not exceed `passive`, ranges
-            only concern springs, dampers and masses of hands, and no hand reacts with a delay or stiffens.
+        is_passive: True if passivity guarantees stability for the whole set. This requires that gains do not exceed
+            `passive`, that only springs, dampers and masses of hands vary, and that no hand reacts with a delay or
+            stiffens.
         seed: Seed of the population.
     """
 
@@ -136,7 +137,7 @@ class OperatorCertificate(Carded):
         return f"stable in {drawn}, NOT in all; {worst}"
 
     def margins(self, mode: str | None = None) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """Return the margin of each operator of the population; of one mode, with inf for no limit."""
+        """Return the margin of each operator of the population, or its margin of one mode; inf if there is no limit."""
         each = self.population
         return np.array([one.margin if mode is None else one.margin_of(mode) for one in each])
 
@@ -146,7 +147,7 @@ class OperatorCertificate(Carded):
         return tuple(dict.fromkeys(row.limit.mode for one in self.population for row in one.limits))
 
     def region(self, keys: tuple[str, ...] | None = None, points: int = 24) -> OperatorRegion:
-        """Judge a grid over one or two ranges, with the scene's own values for the others: the stable region.
+        """Compute the stable region over one or two ranges, with the scene's own values for all other keys.
 
         Args:
             keys: One or two of the operators' keys; the first two if None.
@@ -234,13 +235,15 @@ def certify_operators(
 ) -> OperatorCertificate:
     """Certify a scene over a set of operators: the worst operator, and the stable share of a population.
 
-    Every operator is a scene with other values at its own rest, judged as by `certify`. The search for the worst one
-    covers the whole box of the ranges, not only its corners, because margins are not monotonic in a hand's stiffness.
+    For each operator, the scene gets the operator's values, is brought to rest, and is judged as by `certify`. The
+    search for the worst operator covers the whole box of the ranges, not only its corners, because margins are not
+    monotonic in a hand's stiffness.
 
     Args:
         scene: Scene, name of a built-in scene, or path.
-        operators: Ranges by key, {"finger.*.hand.stiffness": (50.0, 1000.0)}, with an optional law as third item; or
-            texts "KEY=FROM:TO:LAW". If None, the scene's table [operators], or else the usual ranges of its hands.
+        operators: Ranges by key, {"finger.*.hand.stiffness": (50.0, 1000.0)}, with an optional distribution ("law") as
+            third item; or texts "KEY=FROM:TO:LAW". If None, the scene's table [operators], or else the usual ranges of
+            its hands.
         samples: Size of the random population.
         seed: Seed of the population; the same seed gives the same result.
 
@@ -315,10 +318,10 @@ class OperatorRegion:
     """Margins over one or two keys of a set of operators, with the scene's values for the others.
 
     Attributes:
-        ranges: One or two ranges, divided evenly in the scale of their laws.
+        ranges: One or two ranges, divided evenly, on a logarithmic scale if their law is logarithmic.
         values: Values of each range, (n,).
         margin: Smallest margin of all modes at each point, (n,) or (n1, n2); below 1 if the loop is unstable.
-        stable: Mask of the points with a stable loop, of the same shape.
+        stable: Mask of the points with a stable loop, with the shape of `margin`.
     """
 
     ranges: tuple[OperatorRange, ...]
@@ -399,9 +402,9 @@ class GainRegion:
 def gain_region(scene: Scene, hands: Sequence[Mapping[str, float]], points: int = 40, span: float = 4.0) -> GainRegion:
     """Compute on a grid of gains the share of hands in which the whole loop is stable.
 
-    Each hand is brought to rest once, with the scene's gains. For other gains its contacts are kept, and its squeeze
-    becomes that of hand and k_ip in series (`judgement.altered`). This takes one linearisation per hand, not per pair
-    of gains.
+    Each hand is brought to rest once, with the scene's gains. For other gains, contacts are kept, and the squeeze is
+    computed from hand and k_ip in series (`judgement.altered`). Therefore each hand is linearised once, not once per
+    pair of gains.
 
     Args:
         scene: Scene with its gains, to which the span refers.

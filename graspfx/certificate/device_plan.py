@@ -78,7 +78,7 @@ def _workspace(limits: SafetyLimits) -> Row:
 
 
 def loop_rows(parts: Parts) -> Iterator[Row]:
-    """Yield what runs between ticks, where the servo runs, and what happens to forces if its process dies."""
+    """Yield what runs between ticks, where the servo runs, and what happens to forces if the servo's process dies."""
     if not parts.hardware:
         return
     yield "loop", True, _loop(parts)
@@ -125,7 +125,7 @@ def lateness_rows(parts: Parts) -> Iterator[Row]:
 
 
 def moment_rows(scene: Scene) -> Iterator[Row]:
-    """Report the torsion of soft fingers that operators do not feel, because devices display forces only."""
+    """Report the torsion of soft fingers; operators do not feel torsion, because devices display forces only."""
     soft = [finger for finger in scene.finger if finger.model == "soft"]
     if not soft:
         return

@@ -2,8 +2,8 @@
 
 The loop is divided into independent parts. If its matrix is linear in the gain's factor, A_0 + s A_1, the largest
 eigenvalues on a grid of factors bracket the loss of stability, and Newton's method on the eigenvalue that leaves the
-unit circle finds it. For other loops the spectral radius is bracketed, and for loops with a late reaction the number of
-eigenvalues outside the circle.
+unit circle finds it. For other loops, the search brackets the factor at which the spectral radius exceeds 1. For loops
+with a late reaction, it counts the eigenvalues outside the circle instead.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ FloatArray = NDArray[np.float64]
 Stiffness = Callable[[float], FloatArray]
 
 LEAST, MOST = 0.01, 100.0  # range of factors of a gain in which its limit is searched
-GRID = 64  # factors between them, 16 % apart; a narrower gap in the stable range can be missed
+GRID = 64  # number of factors in that range, 16 % apart; a narrower gap in the stable range can be missed
 ABOVE = tuple(np.geomspace(1.0, MOST, GRID // 2).tolist())
 BELOW = tuple(np.geomspace(LEAST, 1.0, GRID // 2).tolist())
-BATCH = 2  # factors that are evaluated together, in ascending order until one is unstable
+BATCH = 2  # factors that are evaluated together, in ascending order, until a factor is unstable
 BEYOND = 1e-9  # relative to the limit: distance above it at which the crossed root is examined
-ANOTHER = 1e-7  # excess of |z| over 1 there that reveals a root that crossed earlier
+ANOTHER = 1e-7  # excess of |z| over 1 at that distance that reveals a root that crossed earlier
 ROUNDS = 8  # largest number of searches for an earlier root
 STEPS = 12  # largest number of Newton steps
 SAME = 1e-13  # relative: smaller steps are rounding
 NEAREST = 1e-12  # relative width at which a bracket is narrow enough
 MOST_HALVINGS = 200
 NARROW = 1e-3  # relative width of a bracket in which an eigenvalue of a late loop is followed
-FARTHEST = 0.05  # largest displacement of that eigenvalue
+FARTHEST = 0.05  # largest displacement of the followed eigenvalue
 
 
 # Loops over the factor of a gain -------------------------------------------------------------------------------------
@@ -57,7 +57,7 @@ class Line:
 
 
 class PartLoop:
-    """A(K) of a part, without motions that change no force: A(0) + W K C, except for the implicit integrator."""
+    """A(K) of a part, without motions that change no force; A(0) + W K C for all integrators but the implicit one."""
 
     def __init__(self, part: Part) -> None:
         linear, self._part = part.linear, part
@@ -88,7 +88,7 @@ class PartLoop:
         return np.stack([self._without_drift(loop_matrix(each, self._motions)) for each in loops])
 
     def late_loop(self, stiffness: FloatArray) -> LateLoop:
-        """Return the loop for a stiffness, opened where its late reaction enters."""
+        """Return the loop for a stiffness, opened at the input of the late reaction."""
         part = self._part
         return late_loop(part.linear.with_arrays(stiffness=part.stiffness(stiffness)), self._motions)
 
@@ -103,7 +103,7 @@ class WholeLoop:
 
     Args:
         linear: Loop with its present gains.
-        gains: Matrices (m, m) of which every stiffness is a linear combination; None if they are unknown.
+        gains: Matrices (m, m) whose linear combinations are all possible stiffnesses; None if unknown.
     """
 
     def __init__(self, linear: Linearisation, gains: Sequence[FloatArray] | None = None) -> None:
@@ -126,7 +126,7 @@ class Family:
 
     @property
     def late(self) -> bool:
-        """True if the delay of a part's reaction is too long to give each of its samples a state."""
+        """True if the delay of a part's reaction has too many samples to represent each by a state."""
         return any(part.late for part in self.loop.parts)
 
     @cached_property
@@ -190,9 +190,9 @@ class Reach:
 
 @dataclass
 class _Search:
-    """Search for one family: remaining factors, the last stable one, the first unstable one, the edge between them.
+    """Search for one family: remaining factors, last stable factor, first unstable factor, the edge between.
 
-    `roots` are the largest eigenvalues by factor; `beyond` is the one at a factor just above the edge.
+    `roots` are the largest eigenvalues by factor; `beyond` is the largest eigenvalue at a factor just above the edge.
     """
 
     family: Family
@@ -236,7 +236,7 @@ class _Search:
 
 
 def reach(linear: Linearisation | WholeLoop, stiffness: Stiffness) -> Reach:
-    """Find the first loss of stability above the present gain, or above the first stable gain if that is unstable.
+    """Find the first loss of stability above the present gain; if that is unstable, above the first stable gain.
 
     Args:
         linear: Loop for s = 1.
@@ -253,8 +253,8 @@ def reaches(families: Sequence[Family]) -> list[Reach]:
 def least_reaches(groups: Sequence[Sequence[Family]]) -> list[list[Reach]]:
     """Find each group's smallest stability limit.
 
-    If a family is stable up to a factor at which another of its group is not, its own limit is larger. Its search ends
-    there with the result inf.
+    If a family is stable up to a factor at which another family of the group is unstable, the limit of the first family
+    is larger. Its search ends there with the result inf.
     """
     searches = [[_Search(family) for family in group] for group in groups]
     each = [search for group in searches for search in group]
@@ -272,7 +272,7 @@ def least_reaches(groups: Sequence[Sequence[Family]]) -> list[list[Reach]]:
 
 
 def _drop_larger(group: Sequence[_Search]) -> None:
-    """End the searches of families that are stable where another one of the group is not."""
+    """End the searches of families that are stable at a factor at which another family of the group is unstable."""
     least = min((search.lost for search in group if search.lost is not None), default=math.inf)
     for search in group:
         if search.before is not None and not search.from_below and search.before >= least:
@@ -282,7 +282,7 @@ def _drop_larger(group: Sequence[_Search]) -> None:
 def farthest(families: Sequence[tuple[Family, Sequence[float]]]) -> list[list[complex]]:
     """Find the largest eigenvalue of each family for each of its factors, solving matrices of equal size together.
 
-    For late families only the side of the unit circle is found: 0 or 2.
+    Late families get 0 or 2 instead, which tells on which side of the unit circle the eigenvalue lies.
     """
     stacks: defaultdict[int, list[FloatArray]] = defaultdict(list)
     places: defaultdict[int, list[tuple[int, int]]] = defaultdict(list)
@@ -312,7 +312,7 @@ def _find_edges(searches: Sequence[_Search]) -> None:
     """Find for each search where its family loses stability between the last stable and the first unstable factor."""
     for search in searches:
         if abs(search.roots[search.bracket[0]]) >= 1.0:
-            search.edge = search.before  # on the circle, within rounding
+            search.edge = search.before  # the eigenvalue is on the circle, within rounding
     upper = {id(search): (search.bracket[1], search.roots[search.bracket[1]]) for search in searches}
     pending = [search for search in searches if search.edge is None]
     for _ in range(ROUNDS):
@@ -355,7 +355,7 @@ def crossings(starts: Sequence[tuple[Family, float, complex]]) -> list[float | N
     groups: defaultdict[int, list[tuple[int, Line, float, complex]]] = defaultdict(list)
     for k, (family, s, z) in enumerate(starts):
         lines = family.lines or []
-        if len(lines) > 1:  # select the part that has the eigenvalue z
+        if len(lines) > 1:  # select the part with the eigenvalue z
             distances = [np.abs(np.linalg.eigvals(line(s)) - z).min(initial=np.inf) for line in lines]
             lines = [lines[int(np.argmin(distances))]]
         for line in lines:
@@ -431,7 +431,8 @@ def _late_edge(family: Family, before: float, lost: float) -> tuple[float, compl
     """Find where a late family loses stability, and the eigenvalue there.
 
     The bracket is bisected by counting eigenvalues. Once it is narrow, the eigenvalue next to the circle is followed
-    onto it, and counts just below and just above tell whether it was the first. If not, bisection continues.
+    onto the circle, and counts of eigenvalues just below and just above this factor tell whether it crosses first. If
+    not, bisection continues.
     """
     low, high = _halved(family, before, lost, NARROW)
     crossing = _followed(family, low, high)

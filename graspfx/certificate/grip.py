@@ -37,9 +37,9 @@ ROUGH = 1e3  # factor on the coefficient of friction of a frozen contact
 RATE = 1e-5  # step of a difference quotient of angular velocity [rad/s]
 SHIFT = 2e-6  # step of a difference quotient [m]: error 1e-9 for a radius of 25 mm, squared, and rounding of 1e-10
 EDGE = 1e-3  # relative: a contact this close to the largest friction is on the cone's edge
-ALL_SETS = 5  # up to this many contacts on the edge all sets are examined; beyond, single contacts and all together
+ALL_SETS = 5  # with more contacts on the edge, only single contacts and all together are examined, not all sets
 GROWTH = 1e-9  # excess of a spectral radius over 1 that is not rounding
-LOW = 2e-5  # largest gap of an object that stands [m]; scenes start it up to 10 um inside or above its floor
+LOW = 2e-5  # largest gap of an object that stands [m]; scenes start objects up to 10 um inside or above the floor
 
 
 @dataclass
@@ -61,10 +61,10 @@ class Grip:
         self.rows_of_wrench = np.flatnonzero(self.free)
         mesh = int(g.block[start_of(GraspState, "mesh")])
         self._sample = compiled_sample(g)
-        self.changing = g.block[: mesh or None]  # everything that a sample changes; the mesh at the end is only read
+        self.changing = g.block[: mesh or None]  # entries that a sample may change; the mesh at the end is only read
 
     def forces(self) -> FloatArray | None:
-        """Compute (forces on the object, wrench on its free freedoms) of a sample, (m + r,); None if it faults."""
+        """Compute (forces on the object, wrench on its free freedoms) of a sample, (m + r,); None after a fault."""
         if self._sample():
             return None
         return np.concatenate([self.grasped.force.ravel(), self.grasped.wrench[self.rows_of_wrench]])
@@ -92,7 +92,7 @@ class Grip:
 
     @contextmanager
     def frozen(self) -> Iterator[None]:
-        """Make touching contacts stick, also those on their cones' edges; contacts without friction still slip."""
+        """Make touching contacts stick, even on the edges of their cones; contacts without friction still slip."""
         mu = self.grasped.rows[:, at.COEFFICIENT]
         coefficients = mu.copy()
         mu *= ROUGH
@@ -160,7 +160,8 @@ class Grip:
 def compiled_sample(grasped: GraspedObject) -> Callable[[], int]:
     """Return a function that computes a sample like `GraspedObject.sample`, some hundred times faster.
 
-    It is machine code with the bits of the interpreted kernel; without LLVM it is that method itself.
+    The function is machine code and returns the same bits as the interpreted kernel; without LLVM it is that method
+    itself.
     """
     if not is_machine_code():
         return grasped.sample

@@ -26,15 +26,15 @@ from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
 
-TINY = 1e-15  # energy of a squeeze that is rounding [J]
-UNFELT = 1e-12  # force that counts as zero [N]
+TINY = 1e-15  # smaller energies of a squeeze are rounding [J]
+UNFELT = 1e-12  # smaller forces are treated as zero [N]
 INSTANTS = 400  # number of instants of a motion that are examined
 FRICTION = ("coupling.friction", "finger.*.friction")
 FIELDS = dict(zip(GAINS, ("external", "external_damping", "internal", "internal_damping"), strict=True))
 OF_OBJECT = {
     "object.*.mass": "mass", "object.*.viscosity": "viscosity", "object.*.rotational_viscosity": "rotational_viscosity",
 }  # fmt: skip
-MOVING = ("motion", "duration", "start", "position")  # parts of keys that change the course of a hand
+MOVING = ("motion", "duration", "start", "position")  # keys with such parts change the course of a hand
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Judgement:
             object.
         limits: Limits of the modes of all objects, and of the grasps on their supports.
         pushing: Limits of fingers that push alone; empty unless requested.
-        grip: Squeeze over the smallest squeeze that holds the load (`grip_of`), the smallest of all objects.
+        grip: Ratio of the squeeze to the smallest squeeze that holds the load (`grip_of`); minimum over the objects.
         depth: Penetration depth of the deepest fingertip at rest [m]; nan without a rest.
         squeeze: Largest internal force of a finger at rest [N]; nan without a rest.
         force: Largest total force of a finger at rest [N]; nan without a rest.
@@ -89,7 +89,7 @@ class Judgement:
 
     @property
     def worst(self) -> ObjectLimit | None:
-        """Limit with the smallest margin, of equal ones the most specific; None without gains."""
+        """Limit with the smallest margin; of equal limits, the most specific; None without gains."""
         return min(self.limits, key=lambda row: (round(row.limit.margin, 9), -len(row.limit.mode)), default=None)
 
     @property
@@ -185,7 +185,7 @@ class Judge:
         }  # fmt: skip
 
     def _course(self, scene: Scene, index: int, values: Mapping[str, Any]) -> HandCourse:
-        """Return the course of an object's hands; recompute it only if a key changes it."""
+        """Return the course of an object's hands; recompute the course only if a key changes it."""
         if any(part in key for key in values for part in MOVING):
             return hand_course(scene, index)
         if index not in self._courses:
@@ -244,7 +244,7 @@ def loads(scene: Scene, index: int, loop: Linearised, course: HandCourse) -> Flo
 
 
 def grip_of(scene: Scene, index: int, loop: Linearised, course: HandCourse) -> float:
-    """Compute the ratio of the squeeze at rest to the smallest one at which no finger slides or lets go.
+    """Compute the ratio of the squeeze at rest to the smallest squeeze at which no finger slides or lets go.
 
     Let f_i be the internal part of the forces at rest, and f_e the P-weighted smallest forces for a load. s is the
     smallest share of the squeeze with f_e + s f_i in every finger's cone, f_t <= mu f_n, f_n >= 0; grip = 1/s at the
@@ -323,9 +323,10 @@ class Change:
 
 
 def change_of(scene: Scene, name: str, values: Mapping[str, Any]) -> Change | None:
-    """Return the change of an object's loop from a scene to one with these values by live key.
+    """Return the change of an object's loop if these values, by live key, are set in the scene.
 
-    None if the loop changes in another way: matrices, gains from zero, other keys of objects, hands, devices.
+    The result is None if `Change` cannot describe the change: matrices, gains from zero, other keys of objects, hands
+    or devices.
 
     Raises:
         InputError, UnknownNameError: The scene does not have a key.
@@ -354,7 +355,7 @@ def _is_number(value: object) -> TypeGuard[float]:
 
 
 def _is_of(scene: Scene, key: str, name: str) -> bool:
-    """True if a key of objects refers to the one with this name."""
+    """True if a key of objects refers to the object with this name."""
     number = numbered(scene, key).split(".")[1]
     index = int(number) if number.isdecimal() else 0
     return number == "*" or scene.object[index].name == name

@@ -122,8 +122,8 @@ class SweptLimits:
 def swept_limits(scene: Scene, sweeps: Sequence[Sweep], at: str = "squeezed") -> SweptLimits:
     """Compute the limits of a scene with one grasped object, over its keys.
 
-    If the modes separate and the keys are parameters of their closed forms, these are evaluated for all points at once.
-    Otherwise a scene is created and linearised for each point.
+    If the modes separate and the keys are parameters of their closed forms, the closed forms are evaluated for all
+    points at once. Otherwise a scene is created and linearised for each point.
 
     Raises:
         InputError: There are more than two sweeps, a key twice, too many points, gains that are matrices, or several
@@ -202,7 +202,7 @@ def _is_modal(scene: Scene, sweeps: Sequence[Sweep], loop: Linearised) -> bool:
     point = all(not isinstance(f.device, str) and f.device.name == "simulated" for f in scene.finger)
     devices = any(key.startswith("finger.*.device") for key in keys)
     if "period" in keys and loop.linear.latency.any():
-        return False  # the same time is a different share of each sample
+        return False  # a fixed lateness is another fraction of each period
     return all(key in MODAL for key in keys) and (point or not devices) and bool(reduced(loop))
 
 

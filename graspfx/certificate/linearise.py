@@ -46,7 +46,7 @@ FloatArray = NDArray[np.float64]
 
 WHERE = ("squeezed", "start", "provisional", "recorded")
 TOLD = ("explicit", "semi-implicit", "exact", "bullet")  # integrators of plug-ins; implicit ones need their forces
-STIFFEST = 1e-6  # relative to the stiffest: a smaller effect of a preload is rounding of its difference quotients
+STIFFEST = 1e-6  # relative to the largest stiffness: smaller effects of a preload are rounding of difference quotients
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +54,10 @@ class Linearised:
     """A scene, or one of its objects, linearised about its grasp at rest.
 
     Attributes:
-        linear: Matrices. Coordinates of a finger are along the principal axes of its device's mass, which are the
-            world's unless the mass depends on direction.
+        linear: Matrices. Coordinates of a finger are along the principal axes of its device's mass. These are the world
+            axes unless the mass depends on direction.
         objects: Names of the objects that fingers touch, in the order of their coordinates.
-        fingers: Indices of their fingers in the scene.
+        fingers: Indices in the scene of the fingers on these objects.
         finger_of_column: Index of the finger of each column of the grasp matrix, (m,).
         contacts: Contact points in world axes, (n, d) [m].
         tips: Fingertips in world axes, (n, d) [m].
@@ -70,18 +70,19 @@ class Linearised:
         margins: Friction in use f_t/(mu f_n) of each finger at rest, (n,); nan without friction.
         edge: Indices of the fingers on their cones' edges.
         slip: T and V (m, edge) of those fingers, from `edge_directions`.
-        standing: Ground of each object at the start, which `linear` leaves out; None for an object in the air.
+        standing: Ground of each object at the start, not included in `linear`; None for an object in the air.
         fade: For each object, gap at which the fade begins, and gap that the forces at rest require [m]; None for no
             fade.
         stiffness: Function of (a, b, c) that returns K (m, m): external gains times a, of rotations times b, internal
             times c.
         damping: Function of (a, b) that returns D (m, m): external damping times a, internal damping times b.
-        gains: K of shifts, rotations and internal (m, m), whose sum `stiffness` scales; None if it is not such a sum.
+        gains: K of shifts, of rotations and of internal displacements (m, m). `stiffness` scales and adds these; None
+            if it is not such a sum.
         conventional: Function of k that returns K (m, m) if every finger has the stiffness k.
         compliance: Compliance of the dampers in series (m,) [m/(N s)], if damping grows with depth; zero at full depth.
         pads: Normals (m, p) of compliant fingertips, and their stiffness at rest (p,) [N/m]; None if there are none.
-        geometric: For each object with a stiffness of its own, what the contact forces at rest add to it, (r, r) on its
-            free freedoms, from moments about its centre; None for others and at the start.
+        geometric: Stiffness (r, r) that the contact forces at rest add to each object with a stiffness of its own, on
+            its free freedoms, from moments about its centre; None for other objects and at the start.
     """
 
     linear: Linearisation
@@ -116,12 +117,12 @@ def linearise(
 ) -> Linearised:
     """Linearise a scene's small motions about its grasp at rest.
 
-    "squeezed" is the rest to which hands that neither move nor rotate, closed to their largest squeeze, bring the
-    object against the coupling. It is found with the contacts, split and cones of a run, and with gravity. "start" is
-    where the fingers first meet the object, without force; it replaces the rest if a finger on hardware, which may be
-    moved anywhere, does not touch there, as `assumed` reports.
-    "provisional" is one linear step of squeezing from the start, and "recorded" is the last row of a recording. A
-    touching contact counts as sticking where it is, even if it has slid there or lies on the edge of its friction cone.
+    "squeezed" is the rest with hands that neither move nor rotate, closed to their largest squeeze. It is computed with
+    the contacts, split and cones of a run, and with gravity. "start" is the state in which the fingers first meet the
+    object, without force. A finger on hardware may be moved anywhere; if such a finger does not touch at rest, "start"
+    replaces the rest, and `assumed` reports this. "provisional" is one linear step of squeezing from the start, and
+    "recorded" is the last row of a recording. A touching contact is treated as sticking, even if it has slid before or
+    its force lies on the edge of the friction cone.
 
     Args:
         at: "squeezed", "start", "provisional" or "recorded".
@@ -152,7 +153,7 @@ def linearise(
 
 
 def recorded_loop(scene: Scene, recording: Recording | str | PathLike[str]) -> Linearisation:
-    """Linearise a scene at the end of a recording of it, with the lateness that its forces had there.
+    """Linearise a scene at the end of its recording, with the recorded lateness of the forces.
 
     Raises:
         InputError: The recording is of another scene or has no rows, or a device does not state its mass or friction.
@@ -285,7 +286,7 @@ def _matrices(
     geometric = None
     if of_object is not None and J is not None:
         geometric = G @ K @ G_e.T + N[m:, m:] - _unsqueezed(grip, K, contacts, R)
-    if not N.any():  # without a preload the arms are those of the contacts
+    if not N.any():  # without a preload, moment arms end at the contacts
         G = G_e = grip.wrenches(contacts)
     if ground is not None:
         assumed.append(

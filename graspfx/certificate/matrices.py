@@ -31,7 +31,7 @@ class ScaledGains:
     law: Coupling
     split: Split
     fingers: int
-    normals: FloatArray | None  # (m, p), orthonormal directions of forces, if some tangents carry none
+    normals: FloatArray | None  # (m, p), orthonormal directions of forces; None if all tangents carry force
     pads: tuple[FloatArray, FloatArray] | None = None  # normals (m, p) and stiffness of compliant fingertips [N/m]
     compliance: FloatArray | float = 0.0  # compliance of dampers in series, (m,) [m/(N s)]
     of_object: tuple[FloatArray, ...] | None = None  # `GraspedObject.object_gains` in world axes, for an object's gains
@@ -79,7 +79,7 @@ class ScaledGains:
         return self.release_tangents(in_series(law.damping(self.split), self.compliance))
 
     def alone(self, k: float) -> FloatArray:
-        """Return K if every finger has the stiffness k, in the metric."""
+        """Return K if every finger has the stiffness k, weighted by the metric."""
         law = Coupling(external=Impedance(k), internal=Impedance(k), form=self.law.form)
         return self.soften(self.release_tangents(law.stiffness(self.split)))
 
@@ -128,7 +128,7 @@ def block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
 
 
 def pads_of(g: GraspedObject, *, at_rest: bool) -> tuple[FloatArray, FloatArray] | None:
-    """Return the normals (m, p) of compliant fingertips and their stiffness at rest (p,) [N/m]; none without force."""
+    """Return the normals (m, p) of compliant fingertips and their stiffness at rest (p,) [N/m]; omit unloaded ones."""
     stiffness, n, d = g.pad_stiffness(), g.fingers, g.dimensions
     padded = np.flatnonzero(np.isfinite(stiffness))
     if not len(padded):
@@ -248,7 +248,7 @@ def turned_operator(
 
 
 def assumptions(parts: Parts, fingers: Sequence[int], force: FloatArray) -> Iterator[str]:
-    """Yield the rest at which operators are linearised, and what of them is left out.
+    """Yield sentences on the rest at which operators are linearised, and on omitted parts of their models.
 
     Args:
         parts: Parts of the scene.

@@ -21,9 +21,9 @@ from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
 
-ALL_SETS = 5  # up to this many fingers every set may push; beyond, only single fingers
-TIE = 1e-9  # relative difference of equal margins, of which the one with nearby fingers is listed
-ROOM = 0.5  # relative to the common limit: value of the other gains if nothing is stable at their present values
+ALL_SETS = 5  # with more fingers, only single fingers are examined, not every set of pushing fingers
+TIE = 1e-9  # relative difference of margins that count as equal: the limit with nearby fingers is listed
+ROOM = 0.5  # relative to the common limit: value of the other gains if no gain is stable at their present values
 
 
 def spectral_radius(linear: Linearisation) -> float:
@@ -63,7 +63,7 @@ def mode_limits(scene: Scene, loop: Linearised, *, halves: bool = True, compare:
 def reduced(loop: Linearised) -> dict[str, tuple[float, float]]:
     """Return limit [N/m] and frequency [Hz] of each separate mode, the weakest of its name; empty if there is none."""
     if loop.pads is not None:
-        return {}  # something in series with a gain: its mode is not proportional to it
+        return {}  # a compliance in series with a gain: the stiffness of the mode is not proportional to the gain
     try:
         parts = modes(loop.linear)
     except InputError:
@@ -112,7 +112,7 @@ def _name(mode: Mode, loop: Linearised) -> str:
 
 
 def _others(loop: Linearised, whole: WholeLoop) -> float:
-    """Find the factor at which the other gains are held: 1 if that is stable."""
+    """Find the factor at which the other gains are held: 1 if the loop is stable with it."""
     common = _scaled(loop, (True, True, True), 1.0)
     if is_stable(Family(whole, common).radius(1.0)):
         return 1.0
@@ -181,7 +181,7 @@ def _pushes(scene: Scene, loop: Linearised, pushers: tuple[int, ...]) -> Iterato
 
 
 def gone_without(scene: Scene, loop: Linearised, near: Linearisation, pushers: tuple[int, ...]) -> Linearisation | None:
-    """Build the loop of fingers that alone are in the split; None for gains per finger, or slipping contacts."""
+    """Build the loop with only the pushing fingers in the split; None for gains per finger, or slipping contacts."""
     coupling = scene.coupling
     kep, kip = number_of(coupling.external.stiffness), number_of(coupling.internal.stiffness)
     outer = loop.laws[0].external

@@ -78,12 +78,13 @@ def depth_notes(scene: Scene) -> list[str]:
 
 
 def unsettled(parts: Parts) -> list[str]:
-    """Return a sentence for each motion that grows from sample to sample, with the finger where it grows fastest.
+    """Return a sentence for each motion that grows from sample to sample, naming the finger that moves fastest.
 
-    Each finger is treated as one of n equal fingers. For squeezing, it oscillates against a fixed object: kip and the
-    grip. For moving, all n oscillate together with the object: kep and the arm. Velocities are assumed known, forces
-    without delay, and rotations are ignored, so that the absence of a note proves nothing. No note is given if a
-    device does not state its mass, for hands and dynamics of plug-ins, or for gains that are not single numbers.
+    Each finger is treated as one of n equal fingers. Squeezing: the finger oscillates against a fixed object, on kip
+    and the grip. Moving: all n fingers oscillate together with the object, on kep and the arm. Velocities are assumed
+    known, forces without delay, and rotations are ignored, so that the absence of a note proves nothing. No note is
+    given if a device does not state its mass, for hands and dynamics of plug-ins, or for gains that are not single
+    numbers.
     """
     scene = parts.scene
     external, internal = scene.coupling.external, scene.coupling.internal
@@ -136,7 +137,7 @@ def _devices(parts: Parts) -> dict[int, Spring]:
 
 
 def _springs(scene: Scene) -> tuple[dict[int, Spring], dict[int, Spring]]:
-    """Find for each finger the softest arm and grip along an axis; a hand with one finger is both."""
+    """Find for each finger the softest arm and grip along an axis; the spring of a hand with one finger is both."""
     arms: dict[int, Spring] = {}
     grips: dict[int, Spring] = {}
     for holding in holdings(scene):

@@ -27,14 +27,14 @@ FloatArray = NDArray[np.float64]
 STEPS = 24  # steps in which the hands close; then gravity is applied
 EARLY = 2  # number of those steps in which contacts may begin on the quick path
 QUICK = np.array([1.0 / STEPS, 2.0 / STEPS, 0.25, 0.5, 0.75, 1.0])  # shares of the way on the quick path
-COMPARED_AT = np.array([0.2, 0.45, 0.7, 1.0])  # shares of the way at which it is compared with a straight line
+COMPARED_AT = np.array([0.2, 0.45, 0.7, 1.0])  # shares of the way at which the path is compared with a straight line
 SETTLING = 40  # further steps, of increasing length
 SLIDING = 1500  # further steps if contacts slid
 SETTLED = 1e-9  # relative to the largest force: remaining imbalance at rest
-REFRESH = 16  # number of those steps that share one stiffness
+REFRESH = 16  # number of successive further steps that share one stiffness
 MEETING = 8  # steps with strong resistance after a finger begins or ceases to touch
 DISTRUST = 8  # steps with frozen contacts after a step with sliding contacts that did not help
-STRAIGHT = 1e-6  # relative to its length: largest deviation of a straight path
+STRAIGHT = 1e-6  # largest deviation of a straight path, relative to its length
 PRESSED = 5.0 * SHIFT  # depth at which all difference quotients find a finger touching [m]
 ON_SURFACE = 1e-9  # rounding of a finger that starts on the surface [m]
 MOST_GRIPS = 60  # largest number of iterations for the grip force and the stiffness that depends on it
@@ -46,7 +46,7 @@ SLID = (
 
 
 class NotGraspingError(InputError):
-    """A grasp that no finger touches, so that it has no rest at which to judge it.
+    """An object that no finger touches, so that no grasp can be judged.
 
     Args:
         object: Name of the object.
@@ -67,7 +67,7 @@ class OperatingPoint:
 
     Attributes:
         where: "squeezed", "provisional", "recorded" or "start".
-        stiffness: J (m + r, m + r) there, with sticking contacts; None at the start, without forces.
+        stiffness: J (m + r, m + r) in this state, with sticking contacts; None at the start, without forces.
         margins: Friction in use f_t/(mu f_n) of each finger, (n,); nan if there is none.
         assumed: Assumptions, as sentences.
     """
@@ -110,7 +110,7 @@ def load_of(
 
     Args:
         parts, index, grip, fingers: Parts of the scene, and the object with its fingers.
-        point: State whose assumptions are extended by what is left out.
+        point: State whose list of assumptions gets an entry for each omitted effect.
         force: Forces of the fingers, (n, d) [N], for hands that stiffen with the grip; zero if None.
     """
     scene, start = parts.scene, parts.start
@@ -149,12 +149,12 @@ def load_of(
 
 
 def squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> OperatingPoint:
-    """Bring the grip to rest; if a finger on hardware does not touch there, the result has no stiffness and states why.
+    """Bring the grip to rest; the result has no stiffness, and says so, if a finger on hardware does not touch.
 
-    For hands that stiffen with the grip, the stiffness that belongs to the forces at rest is found by iteration.
+    For hands that stiffen with the grip, iteration finds the stiffness that matches the forces at rest.
 
     Raises:
-        NoRestError: No rest is found, or one without all fingers.
+        NoRestError: No rest is found, or a finger does not touch at rest.
     """
     first, force = grip.changing.copy(), np.zeros((grip.n, grip.d))
     point = _squeezed(parts, index, grip, fingers, force)
@@ -187,7 +187,7 @@ def _squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], f
     some = load.closing(COMPARED_AT)
     is_bent, way = bent(some, start.ravel()), some[-1] - start.ravel()
     result = None
-    if not is_bent:  # the path is irrelevant if contacts begin at once or not at all, and none slides
+    if not is_bent:  # the path is irrelevant if every contact begins at once or never, and no contact slides
         result = settle(grip, start.ravel() + QUICK[:, None] * way, load.hands, load.weight, early=EARLY)
         if result is None or not result.rest:
             grip.changing[:] = initial
@@ -258,7 +258,7 @@ def provisional(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp])
 def require_contact(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> None:
     """Require that still hands bring at least one finger to the object while they close.
 
-    Fingers on hardware may be moved anywhere, so that nothing is required of them.
+    Fingers on hardware are exempt, because they may be moved anywhere.
 
     Raises:
         NotGraspingError: No finger touches on the way.
@@ -298,7 +298,7 @@ def no_rest_error(
 
 
 def incomplete(scene: Scene, index: int, apart: NDArray[np.intp], when: str) -> NoRestError:
-    """Return the error of a grasp that rests without some of its fingers."""
+    """Return the error of a grasp at rest that some of its fingers do not touch."""
     names = ", ".join(scene.finger_names[i] for i in apart)
     does = "does" if len(apart) == 1 else "do"
     why = f"{when} {names} {does} not touch the object"
@@ -326,7 +326,7 @@ class Settlement:
     """Result of a search for a rest.
 
     Attributes:
-        rest: True if it was reached.
+        rest: True if a rest was reached.
         slid: Mask of the contacts that slid on the way, (n,).
         sliding: Mask of the contacts that still slide, (n,).
         steps: Number of steps.
@@ -344,13 +344,13 @@ def settle(
     """Bring fingers and object to rest: K_h (r - p) = f, wrench + weight = 0. None if a sample's forces fault.
 
     The hands close along `course`, and then gravity is applied. The steps are implicit steps of a motion that only
-    friction resists, with a growing time step, until they are Newton steps. A step does not know of contacts that do
-    not exist yet. After a contact begins or ends, the next steps are therefore resisted by the largest contact
-    stiffness; otherwise the object would be thrown from finger to finger.
+    friction resists. As the time step grows, they become Newton steps. A step cannot foresee new contacts. After a
+    contact begins or ends, the next steps are therefore resisted by the largest contact stiffness; otherwise the object
+    would be thrown from finger to finger.
 
-    Contacts keep what a run would keep: faces, anchors and slip. Each step treats contacts as frozen, but the remaining
-    imbalance is the true one. If contacts slide, it shrinks only by about k/(k + k_h) a step. After a while steps
-    therefore treat sliding contacts as sliding, as long as that helps.
+    Contacts keep the state that a run would keep: faces, anchors and slip. Each step treats contacts as frozen, but the
+    remaining imbalance is computed with the true contacts. If contacts slide, the imbalance shrinks only by about k/(k
+    + k_h) per step. Later steps therefore treat sliding contacts as sliding, as long as this reduces the imbalance.
 
     Args:
         course: Intended positions r (steps, m) [m]; the last ones are held.

@@ -22,10 +22,10 @@ FloatArray = NDArray[np.float64]
 Law = Literal["log", "uniform", "normal", "lognormal"]
 
 FORM = "KEY=FROM:TO or KEY=FROM:TO:LAW, as in finger.*.hand.stiffness=50:1000"
-INSIDE = 0.95  # probability of a normal law within its range, at whose ends it is truncated
+INSIDE = 0.95  # probability, within the range, of a normal distribution that is truncated at the ends
 STIFFNESS = 50.0, 1000.0  # usual range of an operator's fingers [N/m]
 DAMPING = 0.5, 2.0  # usual range, relative to the scene's value
-MASS = 1.0, 1.5  # usual range, relative to the device's mass, since a fingertip moves with it
+MASS = 1.0, 1.5  # usual range, relative to the device's mass, since a fingertip moves with the device
 MOST_CORNERS = 6  # largest number of ranges for which all corners of the box are judged
 PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
 POINTS = 16  # points per range that fill the box
@@ -98,7 +98,7 @@ class OperatorRange:
 
     @property
     def is_logarithmic(self) -> bool:
-        """True if its values are spaced and drawn by their logarithm."""
+        """True if values are spaced and drawn by their logarithm."""
         return self.law in ("log", "lognormal")
 
     @property
@@ -174,7 +174,7 @@ class OperatorSet:
         return [tuple(radical_inverse(k, PRIMES[i]) for i in range(len(self.ranges))) for k in numbers]
 
     def population(self, count: int, seed: int) -> list[dict[str, float]]:
-        """Draw independent random operators by the laws of their ranges."""
+        """Draw independent random operators from the distributions of their ranges."""
         uniform = np.random.Generator(np.random.PCG64(seed)).random((count, len(self.ranges)))
         columns = [each.quantile(uniform[:, i]).tolist() for i, each in enumerate(self.ranges)]
         return [dict(zip(self.keys, row, strict=True)) for row in zip(*columns, strict=True)]
@@ -282,10 +282,10 @@ def _alike(scene: Scene, keys: list[str], factors: tuple[float, float] | None) -
 
 
 def are_passive(scene: Scene, operators: OperatorSet) -> bool:
-    """True if every operator of a set is passive beside the scene's own devices, and nothing else varies.
+    """True if every operator of a set is passive, given the scene's own devices, and nothing else varies.
 
-    Springs, dampers and masses are passive, and device mass beyond the scene's counts as the hand's. A reaction
-    generates energy, and a hand that stiffens with the grip may.
+    Springs, dampers and masses are passive. Device mass beyond the scene's value is treated as mass of the hand. A
+    reaction generates energy, and a hand that stiffens with the grip may generate energy.
     """
     hands = [*scene.hand, *(finger.hand for finger in scene.finger)]
     if any(getattr(hand, name, None) is not None for hand in hands for name in ("reaction", "stiffening")):
@@ -314,7 +314,7 @@ class Search:
 
     Attributes:
         worst: Judgement with the smallest figure of merit.
-        point: Its point in the unit box.
+        point: Point of that judgement in the unit box.
         every: All judgements, with their points.
     """
 
@@ -328,9 +328,10 @@ def worst_operator(
 ) -> Search:
     """Search the box of a set of operators for the smallest figure of merit.
 
-    It judges all corners of up to six ranges, the centre, 16 points per range that fill the box, and from the two worst
-    of these the steps of a descent by Nelder and Mead (1965) within the box. Each operator is judged in full. Between
-    them nothing is known, so that a worse operator may hide in a dip that is narrower than the distance of the points.
+    The search judges all corners of up to six ranges, the centre, and 16 points per range that fill the box. From the
+    two worst of these points it descends by the method of Nelder and Mead (1965) within the box. Each operator is
+    judged in full. Nothing is known about operators between the points: a worse operator may lie in a dip that is
+    narrower than the distance of the points.
 
     Args:
         operators: Set of operators.
@@ -367,7 +368,7 @@ def worst_operator(
 
 
 def apart(ranked: Sequence[Point]) -> list[Point]:
-    """Select points, the worst first, that are not neighbours of a worse one."""
+    """Select points, the worst first, that are not neighbours of a worse point."""
     selection: list[Point] = []
     for place in ranked:
         if all(np.abs(np.subtract(place, other)).max() > 2.0 * BOX_STEP for other in selection):

@@ -88,7 +88,7 @@ def _rows(parts: Parts) -> Iterator[Row]:
 
 
 def _host_rows(scene: Scene) -> Iterator[Row]:
-    """Yield what a tick does with the forces of another program."""
+    """Yield the steps of a tick that concern the forces of another program."""
     host = scene.host
     assert host is not None
     yield "host", True, f"forces of {host.name!r}, another program; they fade after {host.silence:g} s without a sample"
@@ -98,7 +98,7 @@ def _host_rows(scene: Scene) -> Iterator[Row]:
 
 
 def _law_rows(parts: Parts) -> Iterator[Row]:
-    """Yield what a tick does from the fingers' motion to the forces of the law."""
+    """Yield the steps of a tick from the fingers' motion to the forces of the law."""
     scene = parts.scene
     for thing in scene.object:
         yield _of_object(scene, thing, "predict"), *_prediction(thing)

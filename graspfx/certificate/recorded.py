@@ -28,8 +28,8 @@ from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
 
-LAST = 0.1  # time in which a rest does not change [s]
-CALM = 1e-3  # relative to the largest force: its largest change in that time
+LAST = 0.1  # time during which forces at rest must not change [s]
+CALM = 1e-3  # largest change of a force in that time, relative to the largest force
 SAME = 1e-3  # relative to the largest force: largest difference of recorded forces from those of the scene's gains
 BORNE = 1e-2  # relative to the forces on the object: smallest wrench that something else balances
 ENDS = (1.0, 99.0)  # percentiles of the samples
@@ -63,11 +63,11 @@ def recorded(
 ) -> OperatingPoint:  # fmt: skip
     """Set the grip to the recording's last row.
 
-    Contacts, fingers and the object's pose are those of the row. Forces follow from them by the scene's own gains;
-    `assumed` reports if they differ from the recorded ones, or if the recording is not at rest.
+    Contacts, fingers and the object's pose are taken from the row. Forces are computed from these with the scene's own
+    gains; `assumed` reports if the computed forces differ from the recorded ones, or if the recording is not at rest.
 
     Raises:
-        NoRestError: A finger does not touch there.
+        NoRestError: A finger does not touch in the last row.
     """
     g, name = grip.grasped, scene.object[index].name
     place = OperatingPoint("recorded", None, np.full(grip.n, np.nan))
@@ -173,7 +173,7 @@ def differences(
 
 
 def exchange_times(recording: Recording) -> tuple[float, float] | None:
-    """Return how late ticks had written to their devices after the deadline, as 1st and 99th percentile [s].
+    """Return the time from a tick's deadline to the end of its writing to devices, as 1st and 99th percentile [s].
 
     This includes the tick's own lateness, its reading and its writing, but not the computation between them, which no
     column records. Without these columns, both values are the round trip of the header; None for a run without
@@ -190,7 +190,7 @@ def exchange_times(recording: Recording) -> tuple[float, float] | None:
 def lateness_ends(mechanics: Mechanics, recording: Recording | None) -> FloatArray:
     """Return the smallest and the largest lateness of each finger, (2, n) [s].
 
-    With a recording, its times of reading and writing replace the round trip in the measures of hardware.
+    With a recording, the recorded times of reading and writing replace the round trip in the measures of hardware.
     """
     times = None if recording is None else exchange_times(recording)
     if times is None:

@@ -33,7 +33,7 @@ class Report(Carded):
         why: Reason why there are no certificates.
         doubts: Values that are probably not in SI units, with their probable meaning; printed above the result.
         notes: Other warnings about likely mistakes.
-        plan: Steps of a tick, and those that are skipped, with the reason.
+        plan: Steps of a tick, and skipped steps with the reason.
         presets: Presets of the scene, each with its reason.
         preset: Name of the active preset; empty for none.
     """
@@ -55,7 +55,7 @@ class Report(Carded):
 
     @property
     def verdict(self) -> str:
-        """Result in one line: "stable", "NOT STABLE", "not grasping: ..." or "not judged: why"; the worst object's."""
+        """Result in one line: "stable", "NOT STABLE", "not grasping: ..." or "not judged: why", of the worst object."""
         if self.faults:
             count = len(self.faults)
             return f"{NOT_JUDGED}: {count} fault{'s' if count > 1 else ''}, the first {self.faults[0].text(self.scene)}"
@@ -181,7 +181,7 @@ def _room(certificate: Certificate) -> tuple[bool, bool, float]:
 
 
 def _least(certificate: Certificate) -> Limit | None:
-    """Find the mode of the whole grasp with the smallest margin; of equal ones the most specific."""
+    """Find the mode of the whole grasp with the smallest margin; of equal margins, the most specific mode."""
     rows = [row for row in certificate.limits if not row.mode.startswith(PUSHING)]
     return min(rows, key=lambda row: (round(row.margin, 6), -len(row.mode)), default=None)
 
@@ -240,7 +240,7 @@ def _certificates(scene: Readable) -> dict[str, Certificate] | str:
 
 
 def whole_scene(scene: Any) -> Scene:
-    """Return the scene itself; build a scene from the cache anew from its tables."""
+    """Return a scene itself, but rebuild a cached scene from its tables."""
     from graspfx.scene.model import Scene
 
     return scene if isinstance(scene, Scene) else Scene(scene.source, **scene.to_dict())

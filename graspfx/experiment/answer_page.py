@@ -23,7 +23,7 @@ SHAPES = ("object", "obstacle", "finger")  # tables that determine the picture
 class AnswerPage(RunLook):
     """Page with buttons on 127.0.0.1. A context manager; watches runs.
 
-    The page shows the first run from its first row on, and each later one. It is loaded anew if the shapes are others.
+    The page shows the first run from its first row on, and each later run. The page is reloaded if the shapes differ.
 
     Args:
         title: Title of the experiment.
@@ -47,7 +47,7 @@ class AnswerPage(RunLook):
         self._press, self._draws = press, scene is not None
         self._keys = {**answers, "\n": READY}
         self._story, self._question = bare_story(title), ""
-        self._shapes = self._drawn = ""  # of the run, and on the page
+        self._shapes = self._drawn = ""  # shapes of the run, and shapes on the page
         self._title, self._again, self._runs = title, 0, 0
         self._feed: FrameFeed | None = None
         self.server = PageServer(self, port).__enter__()
@@ -93,7 +93,7 @@ class AnswerPage(RunLook):
         self._shapes = repr([table.get(name) for name in SHAPES])
 
     def _look(self, run: LiveRun) -> None:
-        """Send the newest frames while a browser looks on; change the page first if the shapes are others."""
+        """Send the newest frames while a browser is connected; if the shapes differ, change the page first."""
         if self._feed is None or run.tick < 0:
             return
         if self._shapes != self._drawn:

@@ -41,8 +41,8 @@ class Certifier:
     def provisional(self, values: Mapping[str, Any]) -> Verdict | None:
         """Judge from the last linearisation, with changed gains and object parameters but the same rest and squeeze.
 
-        Returns None before the first linearisation, for values that change the loop in another way, and for values
-        that give no loop.
+        Returns None before the first linearisation, for values that `Change` cannot describe, and for values without a
+        loop.
         """
         base = self._base
         if base is None:
@@ -91,7 +91,7 @@ class Certifier:
         yield replace(answer, is_provisional=False, rows=tuple(rows), stage=2)
 
     def _pushing_before(self, scene: Scene, values: Mapping[str, Any]) -> list[MarginRow]:
-        """Return the last limits of pushing fingers, scaled, until there are new ones."""
+        """Return the last limits of pushing fingers, scaled to the present gains, until new limits are computed."""
         if self._base is None:
             return []
         change = change_of(self._base.scene, scene.object[scene.finger_objects[0]].name, values)
@@ -112,12 +112,12 @@ def _rows(loop: Linearised, limits: Sequence[Limit]) -> list[MarginRow]:
 
 
 def _all_stable(radius: float, rows: Sequence[MarginRow]) -> bool:
-    """Judge as `Certificate.stable` does."""
+    """Judge by the criterion of `Certificate.stable`."""
     return is_stable(radius) and all(row.margin >= 1.0 for row in rows if row.mode.startswith("standing on"))
 
 
 def _scaled(row: MarginRow, change: Change) -> MarginRow:
-    """Return a row with its gain changed and its limit kept; for all gains together, the larger factor counts."""
+    """Return a row with changed gain and unchanged limit; for all gains together, use the larger factor."""
     if not row.mode.startswith(("internal", "external")):
         factor = max(change.external, change.internal)
         return row._replace(limit=_over(row.limit, factor), margin=_over(row.margin, factor))

@@ -24,7 +24,8 @@ class _Request(NamedTuple):
 class Conductor:
     """Thread that sets values and runs actions in the order of arrival.
 
-    Consecutive pending values are set together, the newest of each key. If this fails, they are set one by one.
+    Consecutive pending values are set together, with the newest value of each key. If this fails, the values are set
+    one by one.
 
     Args:
         apply: Function that sets values.
@@ -85,7 +86,7 @@ class Conductor:
                 self._set(batch)
             if is_last:
                 return
-            with suppress(Exception):  # such as a warning turned into an error; it was reported
+            with suppress(Exception):  # for example a warning turned into an error, which was reported
                 self._look()
 
     def _next(self) -> list[_Request]:

@@ -26,7 +26,7 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int8]
 T = TypeVar("T")
 
-STATES = tuple(CONTACTS)  # states of a contact; "touch" without friction
+STATES = tuple(CONTACTS)  # states of a contact; a touching contact without friction is in the state "touch"
 
 
 class Pose(NamedTuple):
@@ -123,7 +123,7 @@ class Frames(Sequence[Frame]):
 
     @cached_property
     def fingertips(self) -> FloatArray:
-        """True positions of the fingertips, else those reported by devices (N, n, 3) [m]; NaN without either."""
+        """True positions of the fingertips, or else positions reported by devices (N, n, 3) [m]; NaN without either."""
         for name in ("true_position", "finger_position"):
             tips = self._column(name)
             if tips is not None:
@@ -132,7 +132,7 @@ class Frames(Sequence[Frame]):
 
     @cached_property
     def contacts(self) -> FloatArray:
-        """Contact points of touching fingers (N, n, 3) [m]; NaN for others."""
+        """Contact points of touching fingers (N, n, 3) [m]; NaN for free fingers."""
         contacts = self._column("contact_position")
         if contacts is None:
             return self._nowhere()
@@ -241,7 +241,7 @@ def frame_of(
         row: Row (width,) from a recording or the ring buffer.
         layout: Columns of the row.
         header: Header of the run.
-        changes: Changes of keys in the run so far, including those of the split.
+        changes: Changes of keys in the run so far, including changes of the split.
         tick: Tick of the row.
         apart: Lateral distance between fingers on a line [m], `Scenery.apart`.
     """

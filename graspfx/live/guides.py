@@ -25,12 +25,12 @@ class Guide:
 
     Attributes:
         name: Name of the hand or finger.
-        fingers: Numbers of the fingers that it moves.
+        fingers: Numbers of the fingers that the handle moves.
         position: Initial position, the mean of the fingers (d,) [m].
-        hand: Number of its hand among the guided hands.
-        place: Index of its finger in the hand; None for all fingers.
+        hand: Number of the handle's hand among the guided hands.
+        place: Index of the moved finger in the hand; None for all fingers.
         all_fingers: Numbers of all fingers of the hand.
-        lag: Time constant of its followers [s].
+        lag: Time constant of the hand's followers [s].
     """
 
     name: str

@@ -23,7 +23,7 @@ MODES = {key: key.split(".")[1] for key in GAINS if key.endswith("stiffness")}  
 def shortfall(verdict: Verdict, present: Verdict) -> str:
     """Return the reason why values are not allowed with hardware; empty if they are.
 
-    Each margin must be at least 1/0.9; a margin that is smaller now must not shrink.
+    Each margin must be at least 1/0.9; a margin that is already below this value must not shrink.
 
     Args:
         verdict: Full result for the values.
@@ -39,11 +39,11 @@ def shortfall(verdict: Verdict, present: Verdict) -> str:
 
 
 def lower(values: Mapping[str, Any], verdict: Verdict, present: Verdict) -> dict[str, Any] | None:
-    """Lower stiffnesses to 0.9 of their limits; None if nothing can be lowered without going below the present one.
+    """Lower stiffnesses to 0.9 of their limits; None if none can be lowered without falling below its present value.
 
     Args:
         values: Values by live key, which are not allowed.
-        verdict: Full result for them.
+        verdict: Full result for these values.
         present: Full result for the present values.
     """
     less = dict(values)
@@ -119,13 +119,14 @@ class Outcome:
 class HardwareClamp:
     """Filter between sliders and a run with hardware: only certified values pass.
 
-    With the new values, each gain must stay below a share (`SHARE`) of its limit, or at least have the margin that it
-    has now. A larger stiffness is reduced until it does; other values are refused. Orders that arrive while a
-    certificate is computed are merged into one, with the newest value of each key; all their futures complete with it.
+    With the new values, each gain must stay below a share (`SHARE`) of its limit, or at least keep its present margin.
+    A stiffness that is too large is reduced until it satisfies this condition; other values are refused. Orders that
+    arrive while a certificate is computed are merged into one order, with the newest value of each key; the futures of
+    all merged orders complete together.
 
     Args:
         run: Run whose values change.
-        margins: Certificates of its scene, used by this object only.
+        margins: Certificates of the run's scene, used by this object only.
     """
 
     def __init__(self, run: Steered, margins: Margins) -> None:
@@ -183,7 +184,7 @@ class HardwareClamp:
         for _ in range(ROUNDS):
             verdict = self._certificate(self._present | values)
             if verdict is None or verdict.is_stable is None:
-                return self._refusal(request, f"there is no certificate for it{_why(verdict)}")
+                return self._refusal(request, f"there is no certificate for these values{_why(verdict)}")
             why = shortfall(verdict, present)
             if not why:
                 try:

@@ -65,13 +65,13 @@ class Release:
     """Release by a guide; a thread supervises it until the guide is moved again.
 
     The first step is immediate. If a finger still touches after some lags, because the object has followed it, another
-    step follows. Time is counted in ticks, so pauses do not count.
+    step follows. Time is counted in ticks, so that pauses have no effect.
 
     Args:
         run: Run whose rows are watched.
         session: Session of the run.
         guide: Guide that releases the object.
-        lag: Time constant of its follower [s].
+        lag: Time constant of the guide's follower [s].
     """
 
     def __init__(self, run: Watched, session: LiveSession, guide: Guide, lag: float) -> None:
@@ -106,7 +106,7 @@ class Release:
                     has_touched = True
                     goals.send(guide.hand, np.clip(offsets[place] + step, -FARTHEST, FARTHEST), finger=place)
             if has_touched:
-                self._clearance *= GROWTH  # in case the object follows
+                self._clearance *= GROWTH  # larger, in case the object follows
             return has_touched
 
     def _watch(self) -> None:
@@ -125,8 +125,8 @@ class Release:
 def withdrawal(session: LiveSession, row: FloatArray, finger: int, clearance: float) -> FloatArray | None:
     """Compute the displacement (d,) of a finger's target that frees the finger [m]; None for a free finger.
 
-    It is parallel to the object's force on the finger. Its length is the deflection |f|/k of the hand's spring, plus
-    the penetration depth |p - c|, plus a clearance.
+    The displacement is parallel to the object's force on the finger. Its length is the deflection |f|/k of the hand's
+    spring, plus the penetration depth |p - c|, plus a clearance.
 
     Args:
         session: Running session.

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 State = Literal["running", "paused", "ended"]
 
-MARGIN = 64  # rows that may be overwritten while others are read
+MARGIN = 64  # number of oldest rows that may be overwritten during a copy
 SHORTEST, LONGEST = 0.0005, 0.002  # range of the polling interval for rows [s]
 
 
@@ -98,7 +98,7 @@ class LiveRun(Resource):
 
     @property
     def servo(self) -> Servo:
-        """A copy of the running servo, for its devices' features and reach; its state is not that of the run."""
+        """Copy of the servo that shows features and reach of the devices; its state is not the state of the run."""
         return self._session.servo
 
     @property
@@ -123,7 +123,7 @@ class LiveRun(Resource):
 
     @property
     def ticks(self) -> int:
-        """Count of ticks whose rows are there."""
+        """Number of ticks whose rows are available."""
         return int(self._session.ring.words[Word.HEAD])
 
     @property
@@ -151,12 +151,12 @@ class LiveRun(Resource):
 
     @property
     def splits(self) -> list[KeyChange]:
-        """Changes of the rule that splits forces into internal and external parts, as a recording has them."""
+        """Changes of the rule that splits forces into internal and external parts, in the form of a recording."""
         return [KeyChange(since, SPLIT, split) for since, split in self._session.splits]
 
     @property
     def cause(self) -> str:
-        """Reason why the run ended; empty while it runs, or if it was closed."""
+        """Reason why the run ended; empty while the run continues, or if it was closed."""
         if self.state != "ended":
             return ""
         return str(self._session.outcome["cause"]) or ("" if self.error is None else message(self.error))
@@ -184,7 +184,7 @@ class LiveRun(Resource):
         first = min(max(int(since), head - SLOTS + MARGIN, 0), head)
         at, end = first % SLOTS, first % SLOTS + head - first
         rows: FloatArray = np.concatenate([ring.rows[at : min(end, SLOTS)], ring.rows[: max(end - SLOTS, 0)]])
-        late = max(int(ring.words[Word.HEAD]) - SLOTS + 1 - first, 0)  # rows that may have been overwritten meanwhile
+        late = max(int(ring.words[Word.HEAD]) - SLOTS + 1 - first, 0)  # rows that may have been overwritten since
         return first + late, rows[late:]
 
     def await_row(self, after: int, seconds: float) -> bool:
@@ -214,8 +214,8 @@ class LiveRun(Resource):
 
         Args:
             number: Number of the guide.
-            offset: Operator offset of its fingers (d,) [m]; None keeps the present one.
-            squeeze: Squeeze added to the hand's [m]; None keeps the present one.
+            offset: Operator offset of the guide's fingers (d,) [m]; None keeps the present offset.
+            squeeze: Squeeze added to the squeeze of the hand [m]; None keeps the present value.
             finger: Index of the finger, among those of a hand, to which the offset applies; None for all of them.
 
         Raises:
@@ -245,7 +245,7 @@ class LiveRun(Resource):
         return (offsets if guide.place is None else offsets[[guide.place]]), squeeze
 
     def let_go(self, number: int) -> None:
-        """Withdraw a guide's fingers along their forces until they are free; they stay there until moved again.
+        """Withdraw a guide's fingers along their forces until they are free; afterwards fingers stay until moved again.
 
         Raises:
             InputError: The guide does not exist.
@@ -356,7 +356,7 @@ class LiveRun(Resource):
         raise InputError("run", f"hardware that has ended: {why}", "a run without fault", do)
 
     def rest(self) -> None:
-        """Let all forces decay to zero; wait until they have."""
+        """Let all forces decay to zero; return when all are zero."""
         self._conductor.do(lambda: self._session.rest()).result()
 
     def close(self) -> None:

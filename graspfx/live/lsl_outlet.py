@@ -63,10 +63,10 @@ class MarkerStream:
 
 
 class RowStream(RunLook):
-    """LSL stream of rows: the newest row of a run, at a lower rate than its ticks. Watches runs.
+    """LSL stream of rows: the newest row of an attached run, at a lower rate than its ticks.
 
-    A sample has the time of its tick. A separate thread reads the ring buffer, so the servo is not affected. Other
-    programs see the stream from the first run. A run with another row layout starts a new stream.
+    Each sample carries the time of its tick. A separate thread reads the ring buffer, so the servo is not affected.
+    Other programs see the stream from the first run. A run with another row layout starts a new stream.
 
     Args:
         name: Name of the stream.

@@ -25,9 +25,9 @@ NO_PROCESS = "the process that computes certificates has ended"
 class Margins(Resource):
     """Stability results for a scene with other values, computed in a child process that does not delay the servo.
 
-    `ask` does not block. If requests come faster than results, only the newest counts. Each request first gets a
-    provisional result from the last linearisation, then a full result. A full result is dropped if a newer request
-    exists. The unchanged scene is the first request.
+    `ask` does not block. If requests come faster than results, only the newest request is answered. Each request first
+    gets a provisional result from the last linearisation, then a full result. A full result is dropped if a newer
+    request exists. The unchanged scene is the first request.
 
     Args:
         scene: Running scene.
@@ -73,7 +73,7 @@ class Margins(Resource):
         return self._latest
 
     def await_verdict(self, number: int, seconds: float, full: bool = True) -> Verdict | None:
-        """Wait for the result of a request or of a later one; None after a timeout.
+        """Wait for the result of a request, or of a later request; None after a timeout.
 
         Args:
             number: Number from `ask`; 1 for the unchanged scene.
@@ -90,7 +90,7 @@ class Margins(Resource):
             self._closed = True
             self._changed.notify_all()
             if self._process is not None:
-                self._process.kill()  # it has nothing to clean up
+                self._process.kill()  # the process has nothing to clean up
         self._thread.join()
 
     def _has(self, number: int, full: bool) -> bool:
@@ -100,7 +100,7 @@ class Margins(Resource):
         return verdict.number >= number and not (full and verdict.is_provisional)
 
     def _serve(self) -> None:
-        """Start the process, send it requests, and end it; the system ends it with this thread."""
+        """Start the process, send requests to it, and end it; the system ends the process with this thread."""
         try:
             errand = Errand(self._scene, ticks=0, width=0).text()
             process, line = boot.spawn(CHILD)
@@ -158,7 +158,7 @@ class Margins(Resource):
             self._tell(verdict)
 
     def _fail(self, why: str) -> None:
-        """Report that there will be no more certificates."""
+        """Report that no more certificates will be computed."""
         with self._changed:
             self._failure = self._failure or why
             self._latest = verdict = self._failed()

@@ -47,7 +47,7 @@ class RunLook(Resource):
 
     @abstractmethod
     def _begin(self, run: LiveRun) -> None:
-        """Prepare for a run; the thread does not poll meanwhile."""
+        """Prepare for a run; the thread does not poll during the call."""
 
     @abstractmethod
     def _look(self, run: LiveRun) -> None:

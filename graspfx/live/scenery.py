@@ -54,9 +54,9 @@ class Solid:
         vertices: Vertices (v, 3) [m], in the frame of `Frame.objects` for objects, in the world for obstacles.
         faces: Triangles (f, 3), counter-clockwise seen from outside.
         colour: Colour as "#rrggbb".
-        object: Name of the object with which it moves; None for an obstacle.
-        fixed: Whether it cannot move.
-        endless: Whether it is a part of an infinite plane or half-space, visible from both sides.
+        object: Name of the object with which the triangles move; None for an obstacle.
+        fixed: Whether the body cannot move.
+        endless: Whether the triangles are a part of an infinite plane or half-space, visible from both sides.
     """
 
     name: str

@@ -40,13 +40,13 @@ class Slider:
     """Value of a scene that can change during a run.
 
     Attributes:
-        key: Live key of the scene; of a factor, followed by "translation" or "rotation".
+        key: Live key of the scene; for a factor, followed by "translation" or "rotation".
         label: Description with the paper's symbol.
         unit: Unit of the value; empty for a coefficient.
         least, most: Range, which includes the present value.
         step: Step between values.
         value: Present value.
-        stiffness: Stiffness of the object at factor 1, (w, w), if the value is a factor on it; else None.
+        stiffness: Stiffness of the object at factor 1, (w, w), if the value is a factor of this stiffness; else None.
         freedoms: Freedoms of the object whose stiffness the factor multiplies.
     """
 
@@ -82,7 +82,7 @@ def sliders(scene: Scene) -> list[Slider]:
     """List the sliders of a scene: gains, friction, and the viscosity and mass of objects, if they can change.
 
     Ranges are linear and end at 4 times the value or more; `widened` extends them beyond stability limits. A stiffness
-    of the object has a factor on its translation and one on its rotation.
+    of the object has one factor for translation and one for rotation.
     """
     result = []
     for candidate, reason in _judged(scene):
@@ -136,7 +136,7 @@ def values_of(slider: Slider, others: Sequence[Slider], values: Mapping[str, flo
 
 
 def value_in(slider: Slider, values: Mapping[str, Any]) -> float | None:
-    """Return a slider's value where live keys have these values; None if they do not tell it."""
+    """Return a slider's value for these values of live keys; None if the values do not determine it."""
     if slider.live not in values:
         return None
     if slider.stiffness is None:

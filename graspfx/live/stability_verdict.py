@@ -46,7 +46,7 @@ class Verdict:
         is_stable: Whether the loops of all objects are stable; None if unknown (see `error`).
         spectral_radius: Largest spectral radius of the loops; NaN after an error.
         rows: Limits of all objects.
-        error: Reason why there is no certificate; empty if there is one.
+        error: Reason why there is no certificate; empty with a certificate.
         seconds: Time from the request to the result [s].
         number: Number of the request.
         stage: 0 from the last linearisation, 1 from a new one without pushing fingers, 2 full.

@@ -39,7 +39,7 @@ FloatArray = NDArray[np.float64]
 
 CHUNK, MOST_ROWS = 1 << 22, 1 << 15  # bytes of rows, and number of rows, per set of chunks of all variables
 LIBRARIES = ("v110", "v110")  # HDF5 versions that can read the file: 1.10 and later
-SEALS = 2  # the first format whose files end in a digest
+SEALS = 2  # first format whose files end in a digest
 BLOCKS = 4  # the only format that stores rows in blocks; its variables are virtual data sets over them
 CACHE = 1 << 20  # chunk cache of a data set that is read, in bytes
 MOST_PACKED = 1032  # largest expansion of one byte by deflate, https://zlib.net/zlib_tech.html
@@ -510,7 +510,7 @@ def _forces(file: Any, layout: Layout, number: int) -> list[Column]:
 
 
 def _open(place: Path, stream: FileIO) -> Any:
-    """Open the file, also a file of format 1 that a killed run left marked as open for writing."""
+    """Open the file, even a file of format 1 that a killed run left marked as open for writing."""
     try:
         return h5py.File(stream, "r", driver="fileobj", rdcc_nbytes=CACHE)
     except OSError:
@@ -533,7 +533,7 @@ def _left_open(place: Path) -> bool:
 
 
 def _drop_columns(layout: Layout, file: Any, number: int) -> Layout:
-    """Remove columns from a layout that the file's format does not have yet."""
+    """Remove columns that did not exist in the file's format from a layout."""
     if number >= 3:
         return layout
     absent = [name for name in layout.columns if name not in file and not layout.is_essential(name)]

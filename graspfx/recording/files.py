@@ -31,7 +31,7 @@ def make_folder(path: str | PathLike[str]) -> Path:
     """Make a folder for files of a run unless it exists.
 
     Raises:
-        RecordingError: it cannot be made.
+        RecordingError: the folder cannot be made.
     """
     folder = Path(path)
     try:
@@ -45,7 +45,7 @@ def new_folder(home: Path, name: str) -> Path:
     """Make a new folder within a folder: the first unused name of NAME, NAME-2, ...
 
     Raises:
-        RecordingError: none can be made.
+        RecordingError: no folder can be made.
     """
     make_folder(home)
     for number in count(1):
@@ -171,7 +171,7 @@ def claim(path: Path) -> FileIO:
         try:
             if not lock(file.fileno()):
                 raise RecordingError(f"{path}: another run is writing there; wait for its end, or choose another place")
-            if stands_at(file, path):  # else its owner removed it between the two lines above
+            if stands_at(file, path):  # otherwise the owner of the lock removed the file between the two lines above
                 return file
         except BaseException:
             file.close()
@@ -188,7 +188,7 @@ def stands_at(file: FileIO, path: Path) -> bool:
 
 
 def release(file: FileIO, path: Path) -> None:
-    """Remove a locked file, then release its lock: the other order could remove another run's file."""
+    """Remove a locked file, then release its lock; the reverse order could remove the file of another run."""
     if sys.platform == "win32":  # on systems where an open file cannot be removed
         file.close()
         path.unlink(missing_ok=True)
@@ -210,9 +210,9 @@ class Readable(Protocol):
 def seal(file: Readable, size: int, apart: Sequence[tuple[int, int]] | None = None) -> bytes:
     """Return the trailer of a file: a line with the SHA-256 of its first `size` bytes.
 
-    It stands behind what HDF5 calls the file's end, where HDF5 does not look. Stretches of rows that have checksums of
-    their own can be left out, so that a recording is opened without reading them: before the line stands where they
-    are, which is under the digest too.
+    The trailer follows the end of the HDF5 data, where HDF5 does not read. Ranges of rows that have their own checksums
+    can be left out of the digest, so that a recording is opened without reading these rows. The bounds of the ranges
+    precede the line, and the digest covers the bounds too.
 
     Args:
         file: File to read.
@@ -226,7 +226,7 @@ def seal(file: Readable, size: int, apart: Sequence[tuple[int, int]] | None = No
 
 
 def has_digest(path: Path) -> bool:
-    """Tell whether a file ends in its digest; False if it has no digest.
+    """Tell whether a file ends in its digest.
 
     Raises:
         ValueError: The digest does not match: bytes were changed.
@@ -255,7 +255,7 @@ def has_digest(path: Path) -> bool:
 
 
 def _digest(file: Readable, edges: Sequence[int], where: bytes) -> bytes:
-    """Compute the digest of `where` and of the stretches that begin and end at these places in turn."""
+    """Compute the digest of `where` and of the byte ranges whose begins and ends alternate in `edges`."""
     digest = sha256(where)
     for start, end in zip(edges[::2], edges[1::2], strict=True):
         file.seek(start)

@@ -54,7 +54,7 @@ class Growth:
         rate: growth rate of the log amplitude [1/s]; zero for an oscillation of constant size.
         frequency: frequency [Hz]; zero for a divergence without oscillation.
         begin, end: interval of the observation [s].
-        first, last: largest amplitude of a fingertip relative to the object at its ends [m].
+        first, last: largest amplitude of a fingertip relative to the object at the ends of the interval [m].
         sustained: whether the oscillation continues at a size limited by releasing contacts.
     """
 
@@ -106,7 +106,7 @@ def growths(recording: History) -> list[Growth]:
     """Find the strongest loss of stability of each touched object; none for a run that appears stable.
 
     An interval of a run counts as growth if, in one octave of frequency, the fingers' displacement relative to the
-    object grows exponentially by e^2 over eight cycles, one pole explains it, and the hands do not intend it.
+    object grows exponentially by e^2 over eight cycles, one pole explains this motion, and the hands do not intend it.
     Operators' motions, contact changes, sliding and noise fail at least one of these criteria. Only recorded data are
     used.
     """
@@ -151,7 +151,7 @@ def _grown(grasp: GraspView) -> Growth | None:
     strongest = max(candidates, key=lambda each: math.log(each.last) + each.growth)
     least = MOST_OF_IT * strongest.growth
     alike = [each for each in candidates if each.growth > least and _is_alike(each, strongest)]
-    return max(alike, key=lambda each: each.rate)  # an interval that includes the end of the growth is slower
+    return max(alike, key=lambda each: each.rate)  # growth appears slower in an interval that includes its end
 
 
 def _is_alike(growth: Growth, other: Growth) -> bool:
@@ -344,7 +344,7 @@ class GraspView:
 
 
 def grasps(recording: History) -> Iterator[GraspView]:
-    """List each object with its fingers, up to a fault."""
+    """List each object with its fingers, with rows up to a fault."""
     layout = recording.layout
     rows = min([len(recording), *(recording.header.rows_before(fault.tick) for fault in recording.faults)])
     for number, name in enumerate(layout.objects):
@@ -422,7 +422,7 @@ LEAST_CYCLES = 8.0  # a transient has fewer
 LEAST_SHARE = 0.8  # fraction of an interval, after removal of growth, that one oscillation must explain
 LEAST_SHARE_OF_TWO = 0.97
 INSIDE = 0.4  # fraction of half the sampling rate; an octave begins at 0.5
-AGREEMENT = (0.6, 1.6)  # relative agreement of the pole's rate with the growth of the windows
+AGREEMENT = (0.6, 1.6)  # allowed ratios of the pole's rate to the growth of the windows
 FAR = 20.0  # of log amplitude
 NEW = 1.0  # required excess of log amplitude over all earlier windows
 CERTAIN = 4.5  # log amplitude that noise gives a mode once in 1e4 independent windows, and not along a line
@@ -436,7 +436,8 @@ DRIVE_SAMPLES = 2048
 def coherent_pole(octave: Octave, stretch: Stretch) -> complex | None:
     """Find the pole of an interval; None if it is not a coherent oscillation that grows for long enough.
 
-    If one oscillation does not explain it, two may, of which the larger one at the end must be the growing one.
+    If one oscillation does not explain the interval, two may; then the oscillation that is larger at the end must be
+    the growing one.
     """
     y = octave.windows(stretch.first, stretch.length)
     growth = stretch.growth / len(y)
@@ -475,7 +476,7 @@ def is_steady(octave: Octave, logs: FloatArray, stretch: Stretch, z: complex) ->
 
     The growth of a transient t^k exp(-s t) slows down, and the frequency of a chirp through a resonance changes.
     """
-    if stretch.growth > 2.0 * CERTAIN:  # a resonance is passed faster, and two growing modes may beat
+    if stretch.growth > 2.0 * CERTAIN:  # a chirp passes a resonance faster, and two growing modes may beat
         return True
     part = logs[stretch.first : stretch.first + stretch.length]
     half = len(part) // 2
@@ -490,7 +491,7 @@ def is_steady(octave: Octave, logs: FloatArray, stretch: Stretch, z: complex) ->
 
 
 def is_alias(octave: Octave, above: Octave, stretch: Stretch) -> bool:
-    """Tell whether growth is an alias from above the octave: it is then as large in the octave above.
+    """Tell whether growth is an alias of a motion above the octave; an alias is as large in the octave above.
 
     A motion at half the octave's sampling rate appears twice as large in it as in the octave above.
     """
@@ -512,7 +513,7 @@ def stands_out(logs: FloatArray, stretch: Stretch) -> bool:
 def stops(grasp: GraspView, logs: FloatArray, stretch: Stretch, end_time: float, size: float) -> bool:
     """Tell whether a motion that has grown a little stops without a limit.
 
-    It stops at a small size, like noise, or decays again, like a transient.
+    The motion stops at a small size, like noise, or decays again, like a transient.
 
     Args:
         grasp: Moving grasp.
@@ -550,7 +551,7 @@ def calms(grasp: GraspView, ring: Ringing, size: float) -> bool:
 
 
 def is_driven(octave: Octave, stretch: Stretch, z: complex, hands: Drive) -> bool:
-    """Tell whether the hands' intended motion may explain it."""
+    """Tell whether the hands' intended motion may explain the growth."""
     frequency = abs(float(np.angle(z))) / (2.0 * math.pi * octave.step)
     y = octave.windows(stretch.first, stretch.length)
     if hands.swings(frequency, 1.5 / (len(y) * octave.step)):

@@ -77,7 +77,7 @@ class Header:
         return -(-tick // self.every)
 
 
-SPLIT = "split"  # key of a change: split rule from its tick on, which depends on other keys
+SPLIT = "split"  # key of a change: split rule, which depends on other keys, from the tick of the change on
 MARK = "mark"  # key of a change: a user's text at a tick
 OF_THE_RUN = (SPLIT, REST, MARK)  # keys of changes that are not keys of the scene
 
@@ -106,8 +106,8 @@ class Outcome:
     )
     fade_needed: float = 0.0  # required start of the fade [m]; 0 if it was sufficient
     blended: int = 0  # samples with a rotation in the blend's band, for the object with most
-    ticks: int = 0  # number of ticks, if not each has a row; otherwise the number of rows
-    changes: tuple[KeyChange, ...] = ()  # changes of keys, and OF_THE_RUN; the header has the tables at the start
+    ticks: int = 0  # number of ticks; equal to the number of rows if every tick has a row
+    changes: tuple[KeyChange, ...] = ()  # changes of keys, and OF_THE_RUN; the header contains the tables at the start
     cause: str = ""  # cause of an early end: a signal's name, or an exception; empty if unknown
     skipped: int = 0  # periods that a wall-clock run skipped
     repeats: int = 0  # readings of hardware without a new sample
@@ -213,7 +213,7 @@ def layout_of(attributes: Mapping[str, Any]) -> Layout:
 
 
 def header_of(attributes: Mapping[str, Any]) -> Header:
-    """Read the header; fields that are newer than the recording have their defaults."""
+    """Read the header; fields that did not exist when the recording was made get default values."""
     header = Header(**_fields(Header, attributes))
     if header.every < 1:
         raise ValueError(f"a row every {header.every} ticks")
@@ -223,7 +223,7 @@ def header_of(attributes: Mapping[str, Any]) -> Header:
 
 
 def outcome_of(attributes: Mapping[str, Any], faults: Sequence[RunFault]) -> Outcome:
-    """Read the outcome; fields that are newer than the recording have their defaults."""
+    """Read the outcome; fields that did not exist when the recording was made get default values."""
     values = _fields(Outcome, attributes)
     wall_time = float(attributes["wall_time"])
     values["wall_time"] = None if math.isnan(wall_time) else wall_time

@@ -75,7 +75,7 @@ def by_name(kind: str, parts: Mapping[str, T]) -> Mapping[str, T]:
 
 
 class Stored(Generic[Typed]):
-    """A column as an attribute, in the type of its kind; None in a scene without it."""
+    """A column as an attribute, in the type of its kind; None if the scene has no such column."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         own = [each for each in (*OF_FINGERS, *OF_OBJECTS) if each.name == name]
@@ -180,13 +180,13 @@ class History:
         """Return a column; None if the scene has no such quantity.
 
         Raises:
-            RecordingError: If the scene has it, but its `record` omits the column.
+            RecordingError: If the scene has the quantity, but its `record` omits the column.
         """
         self.require(column)
         return self.array(column) if column in self.layout.columns else None
 
     def typed(self, column: str) -> NDArray[Any] | None:
-        """Return a column like `optional`, as booleans or integers if it has this kind."""
+        """Return a column like `optional`, converted to booleans or integers if the column is of such a kind."""
         values = self.optional(column)
         return None if values is None else self.layout.columns[column].typed(values)
 
@@ -199,8 +199,8 @@ class History:
         missing = [column for column in columns if column in self.layout.omitted]
         if missing:
             raise RecordingError(
-                f"{', '.join(missing)}: not in this recording, because the scene's record.columns omit it; "
-                "add the name there and run the scene again"
+                f"{', '.join(missing)}: not in this recording, because record.columns lists other columns only; "
+                "add what is missing there and run the scene again"
             )
 
     @cached_property
@@ -304,8 +304,9 @@ class History:
     def external_energy(self) -> FloatArray:
         """Work done so far on each fingertip by the external part of `displayed_force` (N, n) [J].
 
-        Its sum with the internal work is `device_energy`. The parts are those of the force on the object, whose
-        negative is displayed; if it is not, as in recordings of early formats, they are those of the displayed force.
+        The sum of external and internal work is `device_energy`. The force on the object, whose negative is displayed,
+        is split into the two parts. If the displayed force differs, as in recordings of early formats, the displayed
+        force is split instead.
         """
         return self._work(lambda part: part._external_display)
 
@@ -333,8 +334,8 @@ class History:
     def grip_margin(self) -> FloatArray:
         """Friction margin of the grip: the smallest mu f_n - |f_t| of touching fingers with friction (N,) [N].
 
-        NaN if none of them touches, if contacts stick or slip freely, and in recordings of earlier formats, which have
-        no normals.
+        NaN if no such finger touches, if contacts stick or slip freely, and in recordings of earlier formats, which
+        have no normals.
         """
         return self.grip_margin_of(range(len(self.layout.fingers)))
 
@@ -380,7 +381,7 @@ class History:
     def described_pose(self, name: str) -> tuple[FloatArray, FloatArray | None]:
         """Return the pose of the frame in which the scene describes an object: position (N, d) [m], orientation.
 
-        For a mesh it is the frame of its file, which is needed to draw it; the recorded frame is at the centre of mass,
+        A mesh is described in the frame of its file, in which it is drawn; the recorded frame is at the centre of mass,
         along the principal axes. For other shapes both frames are equal.
 
         Raises:
@@ -416,7 +417,7 @@ class History:
 
     @property
     def rest(self) -> int | None:
-        """Tick from which forces decay at the end of the run; None if they end at once."""
+        """Tick from which forces decay at the end of the run; None if forces end at once."""
         return next((change.tick for change in self.outcome.changes if change.key == REST), None)
 
     @property

@@ -44,7 +44,7 @@ FloatArray = NDArray[np.float64]
 HEADER, ROWS, FAULTS, CHANGES, OUTCOME = b"GFXJ", b"blck", b"flts", b"chgs", b"done"
 OLD_ROWS = b"rows"  # formats 1 to 3: digest of every byte, and no computed variables
 HEAD = struct.Struct("<4sQ16s")  # kind, size of the content, digest of the previous digest and the content
-CHECK = struct.Struct("<I")  # of the head itself
+CHECK = struct.Struct("<I")  # checksum of the head itself
 HEADS = HEAD.size + CHECK.size
 SYNC = 1.0  # interval of flushes to disk [s]
 SECTOR = 512  # sector size; as many zeros at a file's end were never written
@@ -68,14 +68,14 @@ class PartWriter:
         header: header of the recording.
 
     Raises:
-        RecordingError: another run writes it, or it cannot be written.
+        RecordingError: another run writes the part, or the part cannot be written.
     """
 
     def __init__(self, path: Path, layout: Layout, header: Header) -> None:
         self.path, self.wide, self.rows = path, layout.width, 0
         self._end, self._digest = 0, b""
         self._pieces: list[Piece] = []
-        self.is_synced, self._sync_time = False, time.monotonic()  # flush its name to disk
+        self.is_synced, self._sync_time = False, time.monotonic()  # the file's name is not flushed to disk yet
         text = json.dumps(description(layout, header) | {"wide": self.wide}).encode()
         try:
             self.file = claim(path)
@@ -98,7 +98,7 @@ class PartWriter:
         """Append rows (r, wide), and faults and changes since the last call; they are flushed once a second.
 
         Raises:
-            OSError: they do not fit; as many rows as fit, and all earlier blocks, are kept.
+            OSError: the rows do not fit on the disk; as many rows as fit, and all earlier blocks, are kept.
         """
         if faults:
             self._append(FAULTS, json.dumps(faults).encode())
@@ -115,10 +115,10 @@ class PartWriter:
             self.sync()
 
     def conclude(self, outcome: Outcome) -> None:
-        """Append how the run went.
+        """Append the outcome of the run.
 
         Raises:
-            OSError: it does not fit.
+            OSError: the outcome does not fit on the disk.
         """
         self._append(OUTCOME, json.dumps(conclusion(replace(outcome, changes=()))).encode())  # these stand there
         if self.is_synced:

@@ -99,7 +99,7 @@ class Recording(Carded, History):
 
         def __getattr__(self, name: str) -> Any:
             if name.startswith("_") or hasattr(type(self), name):
-                return super().__getattribute__(name)  # raises what was raised
+                return super().__getattribute__(name)  # raises the original error
             if name in self.layout.columns:
                 return self.typed(name)
             names = [each for each in dir(self) if not each.startswith("_")]
@@ -258,7 +258,7 @@ class Recording(Carded, History):
             overwrite: Whether to replace an existing file.
 
         Raises:
-            InputError: The recording has no ticks, or the path is not that of a page.
+            InputError: The recording has no ticks, or the path does not end in .html.
             RecordingError: The file exists or cannot be written.
         """
         from graspfx.live.page.document import write_page

@@ -1,6 +1,6 @@
 """External and internal parts of recorded forces, moments, displacements and energies.
 
-All follow from the rows and from what the recording says of each grasp's split; nothing of them is computed in a tick.
+All parts follow from the rows and from each grasp's split rule in the recording; ticks do not compute them.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from graspfx.recording.header import SPLIT, Header, KeyChange
 from graspfx.recording.rows import MemoryRows, RowStore
 
 FloatArray = NDArray[np.float64]
-Split = Mapping[str, Mapping[str, Any]]  # of each object, its `SplitRule` as a table
+Split = Mapping[str, Mapping[str, Any]]  # `SplitRule` of each object as a table
 
 
 class GraspRows(NamedTuple):
@@ -186,8 +186,9 @@ def work(
 ) -> FloatArray:
     """Compute the work done so far on each fingertip by a displayed force, (N, n) [J], as a tick does.
 
-    A sample's force times the fingertip's motion up to the next sample. None is booked after a fault, and none in the
-    sample of the fault if it came before the books, which shows where `device_energy` is what it was.
+    The work of a sample is its force times the fingertip's motion up to the next sample. No work is added after a
+    fault. If the fault came before the tick added its work, the sample of the fault adds none either, which shows in an
+    unchanged `device_energy`.
 
     Args:
         force: Displayed forces, (N, n, d) [N].

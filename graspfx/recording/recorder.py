@@ -45,8 +45,8 @@ class Recorder:
         sinks: receivers of blocks.
         block: number of rows per block. By default a run of known length in memory is one block; others have about 1
             MB.
-        keep: whether to keep rows in memory, so that `finish` can return a recording; otherwise only the sinks get
-            them.
+        keep: whether to keep rows in memory, so that `finish` can return a recording; otherwise only the sinks get the
+            rows.
         ticks: number of ticks of the whole run, if known.
         real_time: whether ticks never wait for the sinks; pending blocks stay in memory.
         selection: selection of recorded data from complete rows of every tick. By default ticks write the recorded
@@ -77,12 +77,12 @@ class Recorder:
             rows = max(1, -(-ticks // self._every))
             size = rows if keep and not sinks and self._selection.is_whole else min(rows, size)
         self._size = block or size
-        self._blocks: list[FloatArray] = []  # that are kept
+        self._blocks: list[FloatArray] = []  # blocks kept in memory
         self._spares: list[FloatArray] = []
         self._faults_sent = self._changes_sent = 0
         self._block = np.empty((self._size, layout.width))
         self._first = self._sent = 0  # indices of the block's first row, and of the first unsent row
-        self._time = time.monotonic()  # of the last sending
+        self._time = time.monotonic()  # time of the last sending
         self._outcome: Outcome | None = None
 
     @property
@@ -109,7 +109,7 @@ class Recorder:
     def space(self) -> tuple[FloatArray, int, int]:
         """Return a block of rows (r, width), the index in it of the next tick, and the number of ticks that still fit.
 
-        The tick at index r writes row r. With one row every m ticks it writes row r / m, if m divides r.
+        The tick at index r writes row r. With one row every m ticks, that tick writes row r / m if m divides r.
 
         Raises:
             RecordingError: a sink cannot take rows before.
@@ -256,7 +256,7 @@ class Courier:
         """Wait for all jobs.
 
         Raises:
-            BaseException: error of one of them.
+            BaseException: error of a job.
         """
         if self._thread is not None:
             self._jobs.put(None)

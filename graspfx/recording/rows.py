@@ -41,7 +41,7 @@ class RowStore:
         raise NotImplementedError
 
     def beside(self, name: str, first: int, stop: int) -> FloatArray | None:
-        """Return a variable stored in addition to the rows, such as `internal_force` in a file; None if it is not."""
+        """Return a variable stored in addition to the rows, such as `internal_force` in a file; None if not stored."""
         return None
 
 

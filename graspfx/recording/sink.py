@@ -56,7 +56,7 @@ def hold_signals() -> Iterator[None]:
 class FileSink:
     """Writes blocks of rows immediately, so that they can be read even if the run is killed.
 
-    Until the recording is written and verified, they are in a part next to it, which this process locks.
+    Until the recording is written and verified, the rows are in a part next to it. This process locks the part.
 
     Args:
         path: path of the recording.

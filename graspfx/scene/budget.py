@@ -18,7 +18,7 @@ LONG = 10_000  # letters of a value above which the lines of its parts are not d
 LONGEST_KEY = 2_000  # letters of a whole key, bare or quoted
 
 TOKEN = re.compile(
-    r'''(?P<numbers>(?:[-+0-9.eE_]{1,40}\s*+,\s*+)++)      # what long lists are made of
+    r'''(?P<numbers>(?:[-+0-9.eE_]{1,40}\s*+,\s*+)++)      # parts of long lists
     |(?P<word>[^\s\[\]{}"'#=,]++)
     |(?P<equals>=)|(?P<comma>,)|(?P<line>\n\s*+(?:\#[^\n]*+\n\s*+)*+)
     |(?P<open>[\[{])|(?P<close>[\]}])
@@ -30,9 +30,9 @@ TOKEN = re.compile(
 
 
 def excess(text: str) -> Fault | None:
-    """Find where TOML text exceeds the limits; None if it does not, or if it is not TOML.
+    """Find where TOML text exceeds the limits; None for text within the limits, and for text that is not TOML.
 
-    The time is proportional to the length of any text; that of a parser may not be.
+    The computing time is proportional to the length of the text, unlike the time of a parser for some texts.
     """
     depth = parts = keys = values = start = 0
     in_value = False
@@ -69,7 +69,7 @@ def excess(text: str) -> Fault | None:
         elif kind == "close":
             depth, parts, start = max(depth - 1, 0), 0, token.end()
         elif kind == "broken":
-            break  # the parser reports it, with the line
+            break  # the parser reports the error, with the line
         if keys > MOST_KEYS:
             return fault(f"more than {MOST_KEYS} keys", at)
         if values > MOST_VALUES:
@@ -78,7 +78,7 @@ def excess(text: str) -> Fault | None:
 
 
 def outline(text: str) -> str:
-    """Replace long values in TOML by 0, each key on its line, so that the text is quick to search."""
+    """Replace long values in TOML by 0, so that the text is quick to search; keys keep their lines."""
     pieces, last, depth, value = [], 0, 0, -1
     for token in TOKEN.finditer(text):
         kind, at = token.lastgroup, token.start()

@@ -13,7 +13,7 @@ Key = tuple[str | int, ...]
 
 PART = re.compile(r'"([^"]*)"|([^.]+)')
 
-LISTS = ("object", "finger", "device", "hand", "obstacle")  # tables of which a scene may have several
+LISTS = ("object", "finger", "device", "hand", "obstacle")  # tables that a scene may have several times
 NAMES = ("label", "name")  # keys that name such a table, in order: the `name` of a device is its driver's
 
 
@@ -58,7 +58,7 @@ def as_faults(data: Mapping[str, Any], findings: Iterable[tuple[Key, str]]) -> l
 
 
 def reaches(keys: tuple[str, ...], key: str) -> bool:
-    """Tell whether a key in its general form is one of these, or one below."""
+    """Tell whether a key in its general form is one of these keys, or lies below one."""
     return any(key == each or key.startswith(f"{each}.") or each.startswith(f"{key}.") for each in keys)
 
 

@@ -19,7 +19,7 @@ KEYS = ("bare_key", "quoted_key", "dotted_key")
 class KeyLines:
     """Lines by key: `KeyLines(text)[("finger", 0, "start")]`; a missing key has the line of its table.
 
-    Parts of a very long value have the line of the value.
+    Every part of a very long value has the line of the value.
     """
 
     def __init__(self, text: str) -> None:

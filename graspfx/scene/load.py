@@ -55,7 +55,7 @@ def load(name: str | PathLike[str], overrides: Mapping[str, Any] | None = None, 
 
 
 def to_scene(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | None = None) -> Scene:
-    """Return a scene unchanged, or load the one with a name or path; apply overrides by dotted key.
+    """Return a given scene, or load a scene by name or path; apply overrides by dotted key.
 
     Raises:
         InputError: The argument is not a scene, name or path; and the errors of `load`.
@@ -73,7 +73,7 @@ def file_text(path: Path) -> str:
     """Read a TOML file.
 
     Raises:
-        SceneError: The file is not UTF-8; the error has the line.
+        SceneError: The file is not UTF-8; the error states the line.
     """
     name = plugins.shown_path(path)
     data = read_bytes(path, name)
@@ -89,7 +89,7 @@ def parse(text: str, name: str) -> dict[str, Any]:
     """Parse the text of a file into tables.
 
     Raises:
-        SceneError: The text is not TOML, or exceeds the limits; the error has the line.
+        SceneError: The text is not TOML, or exceeds the limits; the error states the line.
     """
     if fault := excess(text):
         raise SceneError(name, [fault])
@@ -179,7 +179,7 @@ def with_preset(source: Source, table: Mapping[str, Any], name: str | None) -> S
 
 
 def preset_faults(scene: Scene) -> list[Fault]:
-    """Find the faults of a scene under each of its presets; a scene with changes has none."""
+    """Find the faults of a scene with each of its presets; presets of a changed scene are not checked."""
     source = scene.source
     if source.changes:
         return []

@@ -1,4 +1,4 @@
-"""A validated scene: the input of a run, with the text it came from."""
+"""A validated scene: the input of a run, with the text from which it was read."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Scene(Carded, SceneTable):
 
         if source is not None and not isinstance(source, Source):
             raise InputError("Scene", source, "keys and values: Scene(dimensions=1, ...)", "a table goes in as **table")
-        if table.get("host") is not None:  # which has the object
+        if table.get("host") is not None:  # whose program simulates the object
             table = without_object(table)
         origin = source or Source()
         memory = current_memory()
@@ -60,7 +60,7 @@ class Scene(Carded, SceneTable):
         faults, stock = find_faults(table, origin)
         if faults:
             raise SceneError(origin.name, faults)
-        valid = SceneTable(**table)  # reuses the validator of the checks; a scene's own would have to be built first
+        valid = SceneTable(**table)  # reuses the validator of the checks, because building another validator takes time
         self._take(vars(valid), valid.model_fields_set, origin, stock, None)
         if memory is not None:
             memory.keep(table, origin, self)
@@ -68,7 +68,7 @@ class Scene(Carded, SceneTable):
     def _take(
         self, fields: dict[str, Any], names: set[str], source: Source, stock: Any, written: dict[str, Any] | None
     ) -> None:
-        """Set valid fields, and the names of those that were given."""
+        """Set valid fields, and the names of the fields that were given."""
         private = {"_source": source, "_stock": stock, "_written": written}
         self.__setstate__({
             "__dict__": fields, "__pydantic_fields_set__": names, "__pydantic_extra__": None,
@@ -118,7 +118,7 @@ class Scene(Carded, SceneTable):
         return table
 
     def require_reach(self) -> None:
-        """Check what only shows when simulated devices are placed, as at the start of a run.
+        """Find faults that appear only when simulated devices are placed, as at the start of a run.
 
         Raises:
             SceneError: Fingers start where their devices cannot reach; the error lists all of them.
@@ -140,9 +140,10 @@ class Scene(Carded, SceneTable):
         """Linearise small motions about the scene's grasp at rest, for use with `gx.stability`.
 
         Args:
-            at: State about which to linearise: "squeezed", the rest of hands that do not move, closed to their largest
-                squeeze; "start", where the fingers first meet the object, without force; or "provisional", one linear
-                step of squeezing from the start. `certificate.linearise` also returns the assumptions.
+            at: State about which to linearise: "squeezed", the rest with hands that do not move, closed to their
+                largest squeeze; "start", the state in which the fingers first meet the object, without force; or
+                "provisional", one linear step of squeezing from the start. `certificate.linearise` also returns the
+                assumptions.
 
         Raises:
             InputError: A device does not state its mass or friction.
@@ -160,17 +161,17 @@ class Scene(Carded, SceneTable):
     ) -> Path:
         """Write a page that runs the scene in a browser: one file, without an installation, a server or a network.
 
-        The page computes the ticks of the scene in WebAssembly. Fingertips are dragged with the mouse or touched,
-        numbers are changed by sliders, whose stability limits were computed when the page was made, and what it records
-        opens in `gx.Recording.load`.
+        The page computes the ticks of the scene in WebAssembly. Users drag fingertips with the mouse or by touch.
+        Sliders change numbers; their stability limits were computed when the page was made. `gx.Recording.load` opens
+        recordings of the page.
 
         Args:
             path: Path of the file, which ends in .html; the file appears when it is complete.
-            presets: Buttons of the page by their names, each with the values of sliders that it sets, by key.
+            presets: Buttons of the page by name; each button sets sliders to these values by key.
             overwrite: Whether to replace an existing file.
 
         Raises:
-            InputError: The path is not that of a page; a part of the scene is plain Python, PyBullet, MuJoCo or
+            InputError: The path does not end in .html; a part of the scene is plain Python, PyBullet, MuJoCo or
                 hardware; a preset has a key without a slider, or a value beyond its range.
             RecordingError: The file exists or cannot be written.
             MissingPackageError: In a checkout, `ziglang` is not installed.
@@ -187,7 +188,7 @@ class Scene(Carded, SceneTable):
 
 
 def without_object(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the tables of a scene with a host, with an object that never moves in the place of the host's."""
+    """Return the tables of a scene with a host; an object that never moves replaces the host's object."""
     d = table.get("dimensions")
     thing = {**OBJECT, "free": (False,) * WIDTHS.get(d, 1) if isinstance(d, int) else ()}
     return {"object": thing, "coupling": dict(COUPLING), **table}
@@ -212,7 +213,7 @@ def make_scene(
 
 
 def _placed(source: Source, table: Mapping[str, Any], faults: Sequence[Fault], lines_from: str | None) -> SceneError:
-    """Sort faults by line, those without one first; `table` is the scene without its overrides."""
+    """Sort faults by line, faults without a line first; `table` is the scene without its overrides."""
     lines = KeyLines(lines_from) if lines_from is not None else None
     _, replaced, _ = overridden(table, source.overrides)
     placed = [_with_line(fault, source, table, replaced, lines) for fault in faults]
@@ -235,7 +236,7 @@ def _with_line(
 
 
 def schema() -> dict[str, Any]:
-    """Return the JSON schema of a scene file: with an object and its coupling, or a host that stands in for both."""
+    """Return the JSON schema of a scene file: with an object and its coupling, or with a host that replaces both."""
     described = SceneTable.model_json_schema()
     asked = [name for name in described["required"] if name in ("object", "coupling")]
     described["required"] = [name for name in described["required"] if name not in asked]

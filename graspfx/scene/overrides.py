@@ -51,9 +51,9 @@ def overridden(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> tuple[d
 
     Without overrides the copy shares its inner tables with `data`.
 
-    In a list, a number selects an item, a name selects the table of that name, and `*` selects all. A single table
-    counts as a list of one, whose index may be omitted; its keys take precedence over its name. Missing intermediate
-    tables are created; the validation of the scene decides whether a key exists.
+    In a list, a number selects an item, a name selects the table of that name, and `*` selects all. A single table is
+    treated as a list of one table, whose index may be omitted; keys of the table take precedence over its name. Missing
+    intermediate tables are created; the validation of the scene decides whether a key exists.
     """
     changed: dict[str, Any] = deepcopy(dict(data)) if overrides else dict(data)
     replaced: set[Key] = set()
@@ -87,7 +87,7 @@ def _replace(holder: Any, at: Key, path: list[str], value: Any) -> Iterator[Key 
         yield "an override needs a key between its dots"
     elif isinstance(holder, dict):
         if rest and not at and part == "record" and isinstance(holder.get(part), list | str):
-            holder[part] = {"columns": holder[part]}  # a list of columns is short for the table
+            holder[part] = {"columns": holder[part]}  # a list of columns is short for the table with `columns`
         is_item = len(at) == 1 and at[0] in LISTS and number_of(part, [holder]) == 0
         if rest and part not in holder and (part in ("*", "0") or is_item):
             yield from _replace(holder, at, rest, value)  # treat a single table as a list of one
@@ -97,7 +97,7 @@ def _replace(holder: Any, at: Key, path: list[str], value: Any) -> Iterator[Key 
                 yield (*at, part) if is_new and not isinstance(outcome, str) else outcome
         else:
             for name in other_names(holder.get("name"), part):
-                holder.pop(name, None)  # the same setting under its former or current name
+                holder.pop(name, None)  # remove the same setting under its former or current name
             holder[part] = deepcopy(value)
             yield (*at, part)
     elif isinstance(holder, list):

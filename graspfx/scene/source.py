@@ -21,7 +21,7 @@ class Source:
         path: Path of the file.
         overrides: Overrides by dotted key, as given by the user.
         preset: Name of the active preset; empty for none.
-        preset_values: Values of that preset, by dotted key.
+        preset_values: Values of the active preset, by dotted key.
         is_recorded: True for a scene from a recording; no user chose its folder, so its Python files must not run.
     """
 
@@ -35,7 +35,7 @@ class Source:
 
     @property
     def changes(self) -> dict[str, Any]:
-        """Values that replace the file's, by dotted key: those of the preset, then the overrides."""
+        """Values that replace values of the file, by dotted key: first values of the preset, then overrides."""
         first = {key: value for key, value in self.preset_values.items() if key not in self.overrides}
         return first | dict(self.overrides)
 

@@ -11,7 +11,7 @@ from graspfx.scene.source import Source
 
 
 class CheckedTable(NamedTuple):
-    """A scene that passed all checks: its fields, the names of those that were given, and its nested tables."""
+    """A scene that passed all checks: its fields, the names of the given fields, and the nested tables."""
 
     fields: dict[str, Any]
     names: set[str]

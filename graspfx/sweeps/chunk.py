@@ -42,10 +42,10 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 COMPILER = "llvmlite"
-_thread = local()  # order of each thread, and memory of its chunks
+_thread = local()  # current order, and memory for its chunks, of each thread
 ALL = {"columns": [], "every": 1}  # recorded columns of a run that is measured afterwards
 RUN = "run"  # quantity of a whole run
-VERDICT = ("vibration", "unstable")  # its statistics
+VERDICT = ("vibration", "unstable")  # statistics of the quantity RUN
 
 
 class SweepError(GraspFXError):
@@ -154,7 +154,7 @@ class ChunkResult:
     """Results of variants.
 
     Attributes:
-        measures: measures by quantity and statistic, (V, *quantity); NaN for failed variants. Zeros have no sign.
+        measures: measures by quantity and statistic, (V, *quantity); NaN for failed variants. Every zero is positive.
         faults: tick of each variant's first fault, -1 for none, (V,).
         failures: reason why a variant has no measures, otherwise empty, (V,).
         notes: reasons for longer computing times.
@@ -194,7 +194,7 @@ class ChunkResult:
         """Fill in some variants.
 
         Raises:
-            InputError: a quantity has another shape for them.
+            InputError: a quantity has another shape for these variants.
         """
         for quantity, name, whole in self._entries():
             shape = measures[quantity][name].shape[1:]
@@ -376,7 +376,7 @@ def row_measures(rows: FloatArray) -> FloatArray:
             continue
         try:
             program = taking()
-        except MissingPackageError:  # without LLVM the same lines run as Python
+        except MissingPackageError:  # without LLVM, the same statements run as Python
             take(values, columns, buffers["found"], len(part), width, width, low)
         else:
             program.bind(*(buffers[name] for name in program.arrays)).long(len(part), width, width, low)

@@ -1,4 +1,4 @@
-"""Execution of a sweep's chunks by this process, threads, processes, executors or clusters, and loss of workers."""
+"""Execution of a sweep's chunks by this process, threads, processes, executors or clusters; handles lost workers."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ FORM = (
     "none, 'threads:N', 'processes:N', 'local:N' or 'tcp://HOST:PORT' for a cluster of dask, "
     "an executor of concurrent.futures or a client of dask"
 )
-OWN = "127.0.0.1:0"  # address of a local cluster's pages: not on the network, at any port
+OWN = "127.0.0.1:0"  # address of a local cluster's pages: any port, not reachable from the network
 PATIENCE = 10.0  # time for a scheduler to answer [s]
 DEATHS = 3  # worker deaths before dask blames a chunk
 DEPTH = 2  # chunks per worker that are submitted at a time
-TRIES = 2  # attempts of a single chunk before it counts as killing its worker
+TRIES = 2  # attempts of a single chunk before it is taken to kill workers
 KILLS = "the process that ran it was killed or crashed in every attempt"
 BORN_DEAD = (
     "worker processes die before they begin: a script that sweeps in processes must do so below "
@@ -48,13 +48,13 @@ SCHEMES = ("tcp://", "tls://", "ucx://", "inproc://")
 
 
 class Crew:
-    """Workers that accept calls and return a future of each.
+    """Workers that accept calls; each call returns a future.
 
     Args:
         executor: executor of the calls; None for this process, which runs each call at once.
         workers: number of simultaneous calls.
         threads: number of threads per call; None if its process decides.
-        anew: function that makes a new executor after a process has died; None if its owner must do so.
+        anew: function that makes a new executor after a process has died; None if only the executor's owner can do so.
     """
 
     def __init__(
@@ -146,7 +146,7 @@ def _processes(count: int) -> ProcessPoolExecutor:
 
 
 def follow_parent() -> None:
-    """End this process with its parent, even if that is killed; leave Ctrl-C to the parent."""
+    """End this process with its parent, even if the parent is killed; leave Ctrl-C to the parent."""
     with suppress(ValueError):
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
@@ -277,8 +277,8 @@ class ChunkLoop:
         return result
 
     def _bury(self, dead: list[Chunk], flying: dict[Future[Any], Chunk]) -> None:
-        """Repair a crew; one of its running chunks killed a process, so try each of them alone."""
-        tries = 0  # dask has tried
+        """Repair a crew; one of the running chunks killed a process, so run each of these chunks alone."""
+        tries = 0  # dask has already made its attempts
         if self.crew.mends:
             dead += flying.values()
             flying.clear()
@@ -307,7 +307,7 @@ class ChunkLoop:
                 return result
             self.crew.mend()
         if not told:
-            self.note(f"one of {len(chunk)} variants killed a process: they are run in smaller chunks")
+            self.note(f"one of {len(chunk)} variants killed a process: these variants are run in smaller chunks")
         whole = ChunkResult.blank(len(chunk), self.order.shapes, self.order.statistics)
         if len(chunk) == 1:
             whole.failures[0] = KILLS

@@ -67,10 +67,10 @@ def sweep(
 ) -> SweepResult:
     """Simulate many variants of any scene in chunks, which are saved when complete; a killed sweep can be resumed.
 
-    Results are identical to those of `run_batch` bit by bit, except that zeros have no sign. They do not depend on the
-    chunks or the executor. A variant that is not native runs separately and is measured by the same code. A variant
-    with a fault has a `fault_tick`. A variant that is not a valid scene, or that kills its process, has a `failure` and
-    NaN.
+    Results are identical to those of `run_batch` bit by bit, except that every zero is positive. Results do not depend
+    on the chunks or the executor. A variant that is not native runs separately and is measured by the same code. For a
+    variant with a fault, `fault_tick` is the tick of the fault. For a variant that is not a valid scene, or that kills
+    its process, `failure` states the reason, and measures are NaN.
 
     With `out` each chunk becomes a file, written atomically. To resume a killed sweep, call it again with the same
     arguments and any executor. When all chunks are complete, `sweep.nc` is written: netCDF 4 with names, units and
@@ -84,7 +84,7 @@ def sweep(
         executor: None for this process with all processors; "threads:N", "processes:N"; "local:N" for a dask cluster on
             this machine, "tcp://..." for the scheduler of a cluster; an executor of `concurrent.futures`, or a dask
             client. Scripts must start processes below `if __name__ == "__main__":`.
-        resume: whether to resume a sweep in `out`, if it is the same.
+        resume: whether to resume a sweep in `out`, if it is the same sweep.
         overwrite: whether to remove any sweep in `out`; a warning describes it.
         duration: duration that replaces the scene's [s]; rounded to whole periods.
         zip: whether to combine the first values of all keys, then the second values, and so on.
@@ -93,7 +93,8 @@ def sweep(
             require the rows of each variant, which takes some milliseconds per variant.
         sample: "lhs:N" for N variants of a Latin hypercube: ranges are sampled continuously, list values equally often.
         seed: seed of the sample, which is recorded.
-        chunk: number of variants per chunk; by default as many as take a second or two. A resumed sweep keeps its own.
+        chunk: number of variants per chunk; by default as many as take a second or two. A resumed sweep keeps its
+            number.
 
     Raises:
         SweepError: `out` has another sweep, another process is running it, or workers have other files.
@@ -156,10 +157,10 @@ class Prospect(NamedTuple):
 
 
 def look_at(scene: Scene, variants: VariantGrid, duration: float | None, measure: Sequence[str]) -> Prospect:
-    """Examine the first valid variant among some from the whole sweep.
+    """Examine the first valid variant among a few variants that are spread over the whole sweep.
 
     Raises:
-        SceneError: none of them is valid; the error is that of the first, with its values.
+        SceneError: none of these variants is valid; the error describes the first variant and names its values.
         InputError: the scene has hardware, or the duration is invalid.
         UnknownNameError: a quantity does not exist.
         MissingPackageError: a required package is missing.
@@ -254,7 +255,7 @@ class Work:
         """Compute the missing chunks.
 
         Raises:
-            KeyboardInterrupt: with the progress, and how to resume.
+            KeyboardInterrupt: the sweep was interrupted; the message reports the progress, and how to resume.
         """
         left = len(self.variants) - self.resumed
         if not left:

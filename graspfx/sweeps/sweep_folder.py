@@ -1,4 +1,4 @@
-"""The folder of a sweep: its description, a netCDF file per chunk, and one for the whole result."""
+"""The folder of a sweep: its description, a netCDF file per chunk, and a netCDF file of the whole result."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class SweepFolder:
 
     @property
     def size(self) -> int:
-        """Number of variants per chunk; the last one may have fewer."""
+        """Number of variants per chunk; the last chunk may have fewer."""
         return int(self.manifest["chunk"])
 
     @property
@@ -185,7 +185,7 @@ def open_folder(
         overwrite: whether to remove any existing sweep.
 
     Raises:
-        SweepError: the folder has another sweep, or the same one without `resume`, or another process is running it.
+        SweepError: the folder has another sweep, or the same sweep without `resume`, or another process is running it.
         RecordingError: the folder or a file in it cannot be written.
     """
     make_folder(path)
@@ -235,7 +235,7 @@ def manifest_of(path: Path) -> dict[str, Any] | None:
     """Read the description of a folder's sweep; None if it is missing or unreadable.
 
     Raises:
-        SweepError: it has another format.
+        SweepError: the sweep has another format.
     """
     try:
         about: dict[str, Any] = json.loads((path / MANIFEST).read_bytes())
@@ -263,7 +263,7 @@ def _results(path: Path) -> str:
 
 
 def _remove(path: Path) -> str:
-    """Remove the files of a sweep only, its description last; return a text about the removed sweep."""
+    """Remove only the files of a sweep, with its description last; return a text about the removed sweep."""
     try:
         there = manifest_of(path)
         title = f"the sweep of {there['created']}" if there is not None else f"a sweep with an unreadable {MANIFEST}"
@@ -282,7 +282,7 @@ def folder_of(out: object) -> Path:
     """Return the path of a sweep's folder.
 
     Raises:
-        InputError: the argument is not a path, or is that of a file.
+        InputError: the argument is not a path, or is the path of a file.
     """
     path = to_path("out", out, "the path of a folder")
     if path.is_file():
@@ -343,7 +343,7 @@ def sweep_parts(
 
 
 def _differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
-    """Yield the differences between a sweep and that of a folder."""
+    """List the differences between a sweep and the sweep of a folder."""
     lines = [
         *scene_changes(there.get("scene", {}), here["scene"]),
         *file_changes(there.get("files", {}), here["files"]),

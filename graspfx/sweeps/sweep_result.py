@@ -40,7 +40,7 @@ class SweepResult(Batch):
 
     Attributes:
         values, fault_tick, measures, notes, scene, layout: as for a `Batch`; measures of failed variants are NaN, and
-            zeros have no sign.
+            every zero is positive.
         failure: reason why a variant has no measures, otherwise empty, in the grid's shape.
         folder: folder of the chunks and `sweep.nc`; None for a sweep in memory.
         about: description of the sweep in its file: scene, identity, duration, sample, seed, version.
@@ -151,7 +151,7 @@ class SweepResult(Batch):
     def ranking(self, measure: str = "") -> IndexArray:
         """Return the variants' indices in the flattened grid, in ascending order of a measure.
 
-        Variants without the measure and variants with a fault are omitted. The argument is that of `scalar`.
+        Variants without the measure and variants with a fault are omitted. The argument is as for `scalar`.
         """
         _, values = self.scalar(measure)
         flat = np.where(self.fault_tick.ravel() >= 0, np.nan, values.ravel())
@@ -205,10 +205,10 @@ class SweepResult(Batch):
         the drawing.
 
         Args:
-            measures: names of measures, such as `finger_force.peak`; by default one of each of the first three
-                quantities, or for maps the first only. Each map has its own sheet.
+            measures: names of measures, such as `finger_force.peak`; by default one measure of each of the first three
+                quantities, or for maps only of the first quantity. Each map has its own sheet.
             width: "screen", or a journal's width of 7.2 ("page") or 3.5 ("column") inches.
-            slices: number of values of a third key that have their own map; further keys have their middle value.
+            slices: number of values of a third key that have their own map; further keys are set to their middle value.
 
         Raises:
             UnknownNameError: a measure does not exist.
@@ -293,7 +293,7 @@ class SweepResult(Batch):
         return not self.is_together and len(self.values) > 1
 
     def drawn(self) -> list[str]:
-        """List the measures that are drawn by default: one of each of the first three quantities."""
+        """List the measures that are drawn by default: one measure of each of the first three quantities."""
         return [self.first_of(quantity) for quantity in list(self.measures)[:3]]
 
     def first_of(self, quantity: str) -> str:

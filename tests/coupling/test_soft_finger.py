@@ -255,7 +255,7 @@ def test_soft_fingers_hold_what_would_turn_between_hard_ones() -> None:
     ("change", "message"),
     [
         ({"coupling.friction": 0.0}, "needs friction for torsion"),
-        ({"finger.0.model": "hard"}, "only soft fingers have it"),
+        ({"finger.0.model": "hard"}, "only soft fingers have this setting"),
         ({"coupling.internal.stiffness": [500.0, 500.0]}, "each gain as one number"),
     ],
 )

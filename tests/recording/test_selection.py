@@ -46,7 +46,7 @@ def test_columns_have_the_bits_of_the_whole_run_and_others_are_said_to_be_missin
     for name in some.layout.columns:
         assert some.array(name).tobytes() == whole.array(name).tobytes()
     for name in ("finger_position", "gap", "touching"):
-        with pytest.raises(RecordingError, match=rf"{name}: not in this recording, because .*record\.columns omit it"):
+        with pytest.raises(RecordingError, match=rf"{name}: not in this recording, because record\.columns lists"):
             getattr(some, name)
     with pytest.raises(RecordingError, match=r"contact_position, gap: not in this recording"):
         _ = some.internal_force

@@ -190,7 +190,7 @@ WRONG: list[tuple[Any, str, Any, str]] = [
     (line, "coupling.fade", [0.1], "coupling.fade"),
     (line, "finger.0.model", "soft", "finger.0.model: a soft finger in 1 dimension(s) equals a hard one"),
     (line, "finger.0.model", "full", "finger.0.model: expected 'hard' or 'soft': 'full' is a contact for analysis"),
-    (line, "finger.0.patch", 0.005, "finger.0.patch: only soft fingers have it"),
+    (line, "finger.0.patch", 0.005, "finger.0.patch: only soft fingers have this setting"),
     (line, "finger.0.friction", 0.5, "finger.0.friction: attached contacts do not slip"),
     (line, "coupling.metric", "weight", "coupling.metric: expected 'equal' or 'mass'"),
     (line, "finger.0.channel", -1, "finger.0.channel: expected no less than 0"),

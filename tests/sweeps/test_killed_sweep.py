@@ -98,7 +98,7 @@ def test_processes_that_are_killed_are_replaced_and_a_variant_that_kills_is_a_fa
     with pytest.warns(SweepWarning) as notes:
         result = gx.sweep(deadly, values, executor="processes:1", chunk=2, out=deadly.parent / "out")
     assert [str(each.message) for each in notes] == [
-        "one of 2 variants killed a process: they are run in smaller chunks", f"variant 4: {KILLS}",
+        "one of 2 variants killed a process: these variants are run in smaller chunks", f"variant 4: {KILLS}",
     ]  # fmt: skip
     assert result.failure.tolist() == ["", "", "", "", KILLS, ""]
     alive = np.isfinite(result["finger_force"]["peak"]).all(axis=(1, 2))

@@ -1,4 +1,4 @@
-"""Passivity: how stiff a display may be without ever giving energy to whoever holds it."""
+"""Passivity: how stiff a display may be without ever giving energy to the operator."""
 
 from __future__ import annotations
 

@@ -17,9 +17,9 @@ from graspfx.numeric import finite
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-SYMMETRIC = 1e-9  # relative asymmetry, or negative part, of H(1) that counts as none
+SYMMETRIC = 1e-9  # smaller relative asymmetries or negative parts of H(1) are rounding
 AT_REST = 1e-9  # angle [rad] that replaces z = 1 for a function H, which may divide by z - 1
-ROUNDED = 1e-7  # relative error that such a function may have there
+ROUNDED = 1e-7  # relative error that such a function may have near z = 1
 LONGEST = 5000  # largest number of samples times channels, for a matrix of 200 MB
 
 
@@ -134,8 +134,9 @@ def symmetric(name: str, matrix: ArrayLike, n: int) -> FloatArray:
 def never_passive(system: Display, scale: float) -> bool:
     """True if no device damping is sufficient: H is unstable, or H(1) is not symmetric or is negative.
 
-    A skew part of H(1) gives energy to a sufficiently slow circle, and a negative stiffness to a sufficiently long
-    push. Both exceed the dissipation, which vanishes for slow motion. `scale` is the magnitude of H elsewhere [N/m].
+    With a skew part of H(1), a sufficiently slow circular motion gains energy; with a negative stiffness, a
+    sufficiently long push does. Both gains exceed the dissipation, which vanishes for slow motion. `scale` is the
+    magnitude of H elsewhere [N/m].
     """
     if isinstance(system, StateSpace):
         if not system.stable():
@@ -171,8 +172,8 @@ class WorstMotion:
     """Motion from rest that leaves the least energy in device and display.
 
     Attributes:
-        margin: T E / sum |D_k|^2 [N s/m]: damping of the device in excess of what the motion requires; negative if too
-            small.
+        margin: T E / sum |D_k|^2 [N s/m]: damping of the device in excess of what the motion requires; negative if the
+            damping is too small.
         steps: Displacements D_k, (N, n), with sum |D_k|^2 = 1 m^2.
         energy: Lower bound E of the energy absorbed over these steps [J]; negative if they extract energy.
     """

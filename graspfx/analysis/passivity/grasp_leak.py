@@ -1,4 +1,4 @@
-"""Passive gains of eq. (4) at the devices: energy that a held coupling generates against the dampings beside it."""
+"""Passive gains of eq. (4) at the devices: energy created by a held coupling versus dissipation by damping."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ Integrator = Literal["explicit", "semi-implicit", "exact"]
 class CouplingLimits:
     """Limits of kip and kep for passivity at the devices' ports, for all operators and masses of devices and object.
 
-    They are also necessary: `internal` always, `external` for a sufficiently heavy object if ked = 0.
+    The limit `internal` is also necessary. The limit `external` is necessary for a sufficiently heavy object if ked =
+    0.
 
     Attributes:
         internal: 2 (b - kid)/T, for squeezing [N/m]; inf if no force is internal.
@@ -110,8 +111,8 @@ def leak_matrix(K: ArrayLike, G: ArrayLike, period: float, *, damping: ArrayLike
     On increments y = (Dx, Dq) of fingers and object, a held force absorbs f_k'De = V_{k+1} - V_k - 1/2 De'K De, with
     De = Dx - G'Dq and V = 1/2 e'K e. It thus generates 1/2 De'K De = y'L y/T beyond the stored energy. Damping on the
     backward difference, D (e_k - e_{k-1})/T, returns up to De'|D| De/T at half the sampling rate. Frictions dissipate
-    at least y' diag(B_d, B_o) y/T. The whole is therefore passive in every sample if diag(B_d, B_o) - L >= 0; without D
-    this is also necessary for sufficiently heavy objects.
+    at least y' diag(B_d, B_o) y/T. Device, coupling and object together are therefore passive in every sample if
+    diag(B_d, B_o) - L >= 0; without D this condition is also necessary for sufficiently heavy objects.
 
     K must be symmetric positive semidefinite. Without D, frictionless fingers that touch and let go generate no more,
     because their force is the gradient of a convex energy that is at most as stiff as K.
@@ -144,7 +145,7 @@ def leak_margin(
 ) -> float:
     """Compute the smallest eigenvalue of diag(B_d, B_o) - L; if >= 0, friction dissipates all that the hold creates.
 
-    Its sign decides, also if the object can rotate; its magnitude then mixes units.
+    The sign of the eigenvalue is meaningful even if the object can rotate; the magnitude then mixes units.
 
     Args:
         damping: Damping B_d of the devices, a number, (m,) or (m, m) [N s/m].
@@ -172,9 +173,9 @@ def grasp_display(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Compute H(z) at the devices of an object behind eq. (4), as (A, B, C, D), for example for `required_damping`.
 
-    f = K e + D (e - e_{k-1})/T, e = x - G'q, M_o q'' + B_o q' = G f held over a sample, with states q, q', e_{k-1}. It
-    is exact for this object, while `leak_margin` holds for every mass. Contacts are fixed in the object, whose rotation
-    is small.
+    f = K e + D (e - e_{k-1})/T, e = x - G'q, M_o q'' + B_o q' = G f held over a sample, with states q, q', e_{k-1}. The
+    result is exact for this object, while `leak_margin` is valid for every mass. Contacts are fixed in the object,
+    whose rotation is small.
 
     Args:
         K, damping: Stiffness and damping, (m, m) [N/m], [N s/m].

@@ -48,8 +48,8 @@ def required_damping(H: object, period: float) -> float:
 def damping_margin(H: object, damping: ArrayLike, period: float) -> float:
     """Compute the smallest eigenvalue over th of B - T/(2 (1 - cos th)) Herm{(1 - e^{-j th}) H(e^{j th})} [N s/m].
 
-    It is non-negative if and only if a device with damping B displays H passively at all its channels together (the
-    Loewner order), for every operator who may hold all of them; -inf if no damping is sufficient.
+    The margin is non-negative if and only if a device with damping B displays H passively at all its channels together
+    (the Loewner order), for every operator who may hold all channels; -inf if no damping is sufficient.
 
     Args:
         H, period: As for `required_damping`.
@@ -85,8 +85,8 @@ def worst_on_grid(system: Display, B: FloatArray, T: float) -> tuple[float, floa
 
     Intervals are bisected as long as their curvature permits a larger value; then the peak is polished, and slow motion
     is extrapolated. The result is accurate to about 1e-9 of the damping if time constants of H are below 10000 samples,
-    and H has no resonance much narrower than the spacing pi/256 of the first grid. A function with a narrower one can
-    be missed; for matrices the poles are examined.
+    and H has no resonance much narrower than the spacing pi/256 of the first grid. A narrower resonance of a function
+    can be missed; for matrices the poles are examined.
     """
     first, limit = at_rest(system, T)
     angles = np.concatenate([np.geomspace(first, 0.1, 80), np.linspace(0.1, np.pi, 256)[1:]])

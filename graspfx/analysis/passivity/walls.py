@@ -29,7 +29,7 @@ def wall_limit(damping: float, period: float, *, wall_damping: float = 0.0, dela
     |---|---|---|
     | none | any | exact: passive below, not above |
     | whole samples | B <= 0 | exact |
-    | whole samples | B > 0 | conservative: its two terms are worst at different frequencies |
+    | whole samples | B > 0 | conservative: the two terms are largest at different frequencies |
     | part of a sample | any | up to 7.7 % too high; use `guaranteed_wall_limit` |
 
     Args:
@@ -51,11 +51,11 @@ def wall_limit(damping: float, period: float, *, wall_damping: float = 0.0, dela
 def guaranteed_wall_limit(damping: float, period: float, *, wall_damping: float = 0.0, delay: float = 0.0) -> float:
     """Compute K = 2 (b - |B|)/(T [a + sqrt(a^2 + p (1 - p))]) [N/m], a = 1/2 + t_d/T, p the part of a sample in t_d.
 
-    It is passive for every operator, delay and B, and exact for B = 0. An operator may move fast while the old force
-    still acts and slowly afterwards; this costs up to 7.2 % of the stiffness of `wall_limit` (at t_d = T/4). For delays
-    of whole samples the two are equal.
+    A wall with this stiffness is passive for every operator, delay and B; for B = 0 the limit is exact. An operator may
+    move fast while the old force still acts and slowly afterwards; this lowers the limit by up to 7.2 % relative to
+    `wall_limit` (at t_d = T/4). For delays of whole samples, both limits are equal.
 
-    Arguments and errors are those of `wall_limit`.
+    Arguments and errors are as for `wall_limit`.
     """
     b, T, t = _wall(damping, period, wall_damping, delay)
     p = t / T - math.floor(t / T)
@@ -117,13 +117,13 @@ def quantised_wall(
 
     On average, the hold generates at most the power b_n v^2, where b_n is the damping for which K is the limit of
     `guaranteed_wall_limit` (K T/2 without a delay), and rounding at most K Delta/2 |v|. Frictions dissipate b v^2 and
-    f_c |v|. Therefore no motion gains energy whose speed v, averaged over each interval of held force, satisfies
+    f_c |v|. Therefore a motion gains no energy if its speed v, averaged over each interval of held force, satisfies
 
         (b_n - b) v <= f_c - K Delta/2.
 
-    If f_c > K Delta/2 and b is too small, the wall is calm below a speed, and a faster kick may grow. If b is
-    sufficient and f_c too small, it is calm above a speed, with limit cycles below it that feel like buzzing. If
-    neither holds, nothing is guaranteed.
+    If f_c > K Delta/2 and b is too small, the wall is calm below a speed, and a faster motion may grow. If b is
+    sufficient and f_c too small, the wall is calm above a speed, and limit cycles below that speed feel like buzzing.
+    If neither friction is sufficient, nothing is guaranteed.
 
     Args:
         stiffness: Stiffness K [N/m].

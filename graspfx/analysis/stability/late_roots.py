@@ -5,8 +5,9 @@ A loop s_(k+1) = A s_k + B h_k, h_k,i = -(C s_(k - n_i))_i has as eigenvalues th
     T(z) = z I + B diag(z^-n) C - A,
 
 whose number is that of states plus delayed samples. The function det(T(z)/z) tends to 1 for large z and has no poles
-outside. By the argument principle, the number of eigenvalues outside a circle |z| = rho is the number of times that it
-winds clockwise around zero on the circle. It is computed from the Schur form A = U S U^H with diagonal entries l_i:
+outside. By the argument principle, the number of eigenvalues outside a circle |z| = rho is the number of times that the
+function winds clockwise around zero along the circle. The function is computed from the Schur form A = U S U^H with
+diagonal entries l_i:
 
     det(T(z)/z) = prod_i (1 - l_i/z) det(I + diag(z^-n) H(z)),  H(z) = C U (z I - S)^-1 U^H B.
 """
@@ -40,7 +41,7 @@ LONGEST = 0.05  # largest step
 STARTS = 24  # number of starts of each kind, the most promising ones
 ROUNDING = 1e-15
 AT_ONCE = 1_000_000  # entries of (z I - S)^-1 U^H B that are computed together for several points
-OUTSIDE = 1e-9  # relative distance outside the farthest root at which no root may be left
+OUTSIDE = 1e-9  # relative distance from the farthest root outwards, beyond which no root may exist
 
 
 @dataclass(frozen=True, eq=False)

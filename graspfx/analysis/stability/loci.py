@@ -23,7 +23,7 @@ COUNT = 2000  # number of frequencies
 LOWEST = 1e-3  # lowest frequency, relative to the Nyquist frequency
 SILENT = 1e-9  # relative to the largest magnitude: a smaller locus is zero
 REFINED = 60  # number of bisections of a crossing
-NEAR = 1e-2  # relative error of a crossing that was confused with another one
+NEAR = 1e-2  # larger relative errors of a crossing show that crossings were confused
 GROWING = 1e-9  # excess of |z| over 1 that is not rounding of a constant motion
 
 
@@ -34,8 +34,8 @@ class Loci(Carded):
     Attributes:
         frequency: Frequencies up to half the sampling rate, (F,) [Hz].
         response: Loci as columns, (F, k), continuous in frequency; loci without any gain are left out.
-        gain_margin: Smallest factor above 1 on all of the coupling's forces at which a locus meets -1; inf if none
-            does. It is also a factor on all gains together, unless the coupling predicts ("implicit").
+        gain_margin: Smallest factor above 1 on all of the coupling's forces at which a locus passes through -1; inf if
+            none does. The margin is also a factor on all gains together, unless the coupling predicts ("implicit").
         gain_frequency: Frequency of that crossing [Hz]; nan if there is none.
         phase_margin: Smallest angle from -1 at which a locus crosses the unit circle [degrees]; inf if none does.
         phase_frequency: Frequency of that crossing [Hz]; nan if there is none.

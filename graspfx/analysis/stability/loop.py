@@ -21,7 +21,7 @@ Motions = tuple[FloatArray, ...]
 
 MOST_LATE = 80  # largest number of delayed reaction samples, over all coordinates, that are states of a loop
 MOST_WALKED = 100_000  # largest delay [samples] times squared number of coordinates of a part; more takes minutes
-DRIFT = 1e-10  # relative to the stiffest: motions that stretch less are free
+DRIFT = 1e-10  # relative to the largest stiffness: motions that stretch springs less are free
 
 
 @one_blas_thread()
@@ -31,7 +31,7 @@ def spectral_radius(linear: Subject, recording: object = None, *, drift: bool = 
     Args:
         linear: `Linearisation`, scene, or name or path of a scene.
         recording: Recording of the scene, or its path: the loop is linearised about the rest at its end. A recording of
-            hardware also provides the lateness of forces, the worse of its 1st and 99th percentile.
+            hardware also provides the lateness of forces, of whose 1st and 99th percentile the worse is used.
         drift: Include motions of fingers and object together that change no force (without an operator's spring).
     """
     return radius_of(linear_of(linear, recording), drift=drift)
@@ -50,11 +50,11 @@ def radius_of(linear: Linearisation, *, drift: bool = False) -> float:
 def loop_matrix(subject: Subject, motions: Motions | None = None) -> FloatArray:
     """Build A of s_(k+1) = A s_k, s = (x, x', q, q', x_(k-1), readings, ground's wrench, late forces, late wrench).
 
-    For an operator they are followed by limbs and their rates, the force that the grip has added, and pending
-    reactions. Readings are states if the positions that the coupling takes have an age.
+    With an operator, further states follow: limbs and their rates, the force that the grip has added, and pending
+    reactions. Readings are states if the positions that the coupling uses have an age.
 
-    Devices and hands advance by the exponential of their coupled equations, the object by its integrator. The ground's
-    last wrench is a state with "implicit", whose prediction holds it.
+    Devices and hands advance by the exponential of their coupled equations, the object by its integrator. With
+    "implicit", the ground's last wrench is a state, because the prediction uses it.
 
     Args:
         subject: Grasp: a `Linearisation`, a scene, or the name or path of one.
@@ -146,7 +146,7 @@ class LoopRows:
     Attributes:
         size: Number of states.
         at: Rows of the state by name.
-        reading: Rows of the positions that the coupling takes.
+        reading: Rows of the positions that the coupling uses.
     """
 
     def __init__(
@@ -272,7 +272,7 @@ class LoopRows:
         return np.concatenate(rows + own)
 
     def _read(self, fresh: str, name: str) -> FloatArray:
-        """Return the rows that the coupling takes, each device's by its age."""
+        """Return the rows of the positions that the coupling uses, each device's with its age."""
         if not self.readings:
             return self.at[fresh]
         return np.stack([self.at[f"{name}{a}"][i] for i, a in enumerate(self._back)])

@@ -106,7 +106,7 @@ def modes(linear: Subject) -> list[Mode]:
 
 
 def _device(linear: Linearisation) -> tuple[Plant, FloatArray]:
-    """Return the device that all equal, in units of its own mass, and the roots of their masses over the mean."""
+    """Return the device to which all devices are equal in units of mass, and the roots of masses over the mean."""
     if linear.preload is not None and linear.preload.any():
         raise InputError("preload", linear.preload, "none", "a squeezed grasp has no separate modes")
     if not np.allclose(linear.G, linear.G_displacement, rtol=0.0, atol=SAME * np.abs(linear.G).max(initial=0.0)):
@@ -213,11 +213,11 @@ def parts_of(linear: Linearisation, gains: Sequence[FloatArray] = ()) -> list[Pa
     """Divide a loop into parts that are independent for all factors of its gains.
 
     Devices are measured in units of the square root of their masses. The part with the object is the smallest space
-    that contains everything that the object's motion and forces reach, G', G_e', G_c' and the preload, and that is
-    invariant under stiffness, damping, friction and hands. Its orthogonal complement moves as on a wall. If all
-    matrices have common eigenvectors there, each is a loop of one coordinate, and equal ones are listed once. n equal
-    fingers thus leave at most 15 of 3 n coordinates, for any n. Limits and spectral radii are those of the whole loop,
-    to rounding.
+    that contains the ranges of G', G_e', G_c' and the preload, through which the object and the devices act on each
+    other, and that is invariant under stiffness, damping, friction and hands. In its orthogonal complement, devices
+    move as on a wall. If all matrices have common eigenvectors in the complement, each eigenvector is a loop of one
+    coordinate, and equal loops are listed once. n equal fingers thus leave at most 15 of 3 n coordinates, for any n.
+    Limits and spectral radii are those of the whole loop, to rounding.
 
     Args:
         linear: Loop.

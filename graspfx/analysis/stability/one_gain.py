@@ -39,8 +39,8 @@ def wall_limit(mass: float, damping: float, period: float, **options: Unpack[Wal
 
         m x'' + (b + b_s) x' + k_s x = -f,    f = k x_j + B (x_j - x_(j-1))/T,    f held over T, `delay` samples late
 
-    It is the limit of k_ip for every internal motion of a grasp with such devices. Without spring, damping and delay it
-    is min{(1 - E)/b0, 2 (1 + E)/(b1 - b0) if b1 > b0}, with p = b/m, E = exp(-p T), b1 = (T - (1 - E)/p)/b and
+    The result is the limit of k_ip for every internal motion of a grasp with such devices. Without spring, damping and
+    delay it is min{(1 - E)/b0, 2 (1 + E)/(b1 - b0) if b1 > b0}, with p = b/m, E = exp(-p T), b1 = (T - (1 - E)/p)/b and
     b0 = ((1 - E)/p - T E)/b.
 
     Args:
@@ -187,7 +187,7 @@ def stable_intervals(
 ) -> list[tuple[float, float]]:
     """List the intervals of stable k_ep up to `upper` [N/m]; the other arguments are those of `external_limit`.
 
-    There can be several: a larger stiffness may be stable again after a smaller one is not.
+    There may be several intervals: above an unstable stiffness, a larger stiffness may be stable again.
     """
     limits = external_limits(mass, damping, period, object_mass, object_damping, **options)
     top = number("upper", upper, "N/m", zero=False)
@@ -215,7 +215,7 @@ def largest_gains(
     pushing: bool = True,
     **options: Any,
 ) -> Gains:
-    """Compute gains that, with all smaller ones, may grow by `margin` before n fingers along one axis become unstable.
+    """Compute gains that may grow by `margin`, like all smaller gains, before n fingers along one axis become unstable.
 
     k_ip is the wall's limit over the margin, and k_ep that of an object of mass m_v/n. With `pushing`, k_ep is lowered
     until any s of the n fingers may push alone: they see 1/[(1 - s/n)/k_ip + (s/n)/k_ep] and an object of mass m_v/s.
@@ -266,8 +266,8 @@ def least_friction(
 ) -> float:
     """Compute the smallest b of devices that move an object stably with k_ep up to `margin` times a stiffness [N s/m].
 
-    The search is that of `least_wall_friction`. It returns inf if no friction suffices, because the object's own
-    viscosity is too small.
+    The search is as in `least_wall_friction`. The result is inf if no friction suffices because the object's viscosity
+    is too small.
     """
     number("stiffness", stiffness, "N/m", zero=False)
 

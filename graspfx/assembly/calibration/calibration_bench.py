@@ -45,7 +45,7 @@ class Sample:
 
     Attributes:
         due: deadline [s].
-        start: start of its reading; `end`: end of its writing [s].
+        start: start of the reading; `end`: end of the writing [s].
         position: positions of the fingers, (k, d) [m].
         is_fresh: whether the reading brought a new sample.
     """
@@ -139,7 +139,7 @@ class Bench:
         if float(np.abs(self.velocity).max()) > FASTEST:
             raise DeviceError(f"{self.port.name} moves faster than {FASTEST:g} m/s, which was not commanded")
 
-    watched = True  # whether a finger must stay near its start; not while a person moves it
+    watched = True  # whether a finger must stay near its start; False while a person moves it
 
     @property
     def round_trip(self) -> float:
@@ -155,11 +155,11 @@ class Bench:
 
 @contextmanager
 def on_bench(parts: Parts, wire: Wire, clock: Clock) -> Iterator[Bench]:
-    """Open one device of a scene and let it settle; whatever happens, its last force is zero.
+    """Open one device of a scene and let it settle; the last force is zero even after an error.
 
     Raises:
-        DeviceError: it does not open or is not at rest.
-        KeyboardInterrupt: a signal.
+        DeviceError: the device does not open or is not at rest.
+        KeyboardInterrupt: a signal arrived.
     """
     scene = parts.scene
     period = scene.period * wire.fitting.every
@@ -269,7 +269,7 @@ def _placed(bench: Bench, channel: int, frame: Frame | None) -> FloatArray:
     return placed
 
 
-UNTOLD = 1e-5  # assumed resolution of a device that reports none, for the length of a push [m]
+UNTOLD = 1e-5  # resolution, for the length of a push, of a device that reports none [m]
 SEEN = 4.0  # number of encoder steps that count as a motion
 STEPS = 60.0  # length of a pulse in resolution steps
 LONGEST_TRIAL = 0.15  # longest trial push [s]
@@ -278,9 +278,9 @@ MOST_SPEED = 0.1  # largest speed at the end of a pulse [m/s]
 BEFORE = 0.04  # time at rest before a pulse [s]
 SPEED = 0.025  # speed of a coasting finger [m/s]
 COAST, TRAVEL, LEAST = 0.35, 0.008, 20  # largest time and distance of coasting [s, m], and smallest number of readings
-LONGEST_START = 0.3  # time to reach that speed [s]
+LONGEST_START = 0.3  # longest time to reach the speed of coasting [s]
 NEAR, CALM = 2e-3, 0.02  # largest distance and speed of a finger that has returned [m, m/s]
-RETURN = 12.0  # natural frequency of the spring that returns it [rad/s]
+RETURN = 12.0  # natural frequency of the spring that returns a finger [rad/s]
 LONGEST_WAY = 1.0  # longest return of a finger [s]
 EXPLAINED = 0.9  # smallest explained fraction of the motion under pulses
 MOST_DELAY = 0.02  # largest delay to search for [s], or three periods
@@ -291,7 +291,7 @@ class FingerFigures:
     """Measured properties of one finger.
 
     Attributes:
-        delay, mass: delay and mass from its response to pulses.
+        delay, mass: delay and mass, computed from the finger's response to pulses.
         friction: viscous friction [N s/m].
         mobility: mobility W, (d, d) [1/kg].
         resolution: smallest step of a reading [m]; 0 if none was observed.
@@ -369,7 +369,7 @@ def _trial(bench: Bench, channel: int, axis: int, force: float, step: float) -> 
 
 
 def _take_back(bench: Bench, channel: int, push: FloatArray, duration: float) -> None:
-    """Undo a push: push twice as long the other way, then once as before, so that it ends where it started."""
+    """Undo a push: push twice as long the other way, then once as before, so that the finger ends where it started."""
     began = bench.samples[-1].end
     while bench.samples[-1].end - began < 2.0 * duration:
         bench.tick(channel, -push)

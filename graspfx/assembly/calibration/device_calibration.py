@@ -33,7 +33,7 @@ FloatArray = NDArray[np.float64]
 
 SHARE = 0.02  # fraction of a device's largest force that pushes use
 UNTOLD = 3.0  # assumed largest force of a device that reports none [N]
-MOST_SHARE = 0.2  # that may be asked for
+MOST_SHARE = 0.2  # largest allowed share of a device's force
 PULSES = 200
 
 
@@ -42,8 +42,8 @@ class DeviceMeasures:
     """Measured properties of one device.
 
     Attributes:
-        fingers: names of its fingers.
-        key: key of its table in the scene, `finger.0.device` or `device.0`.
+        fingers: names of the device's fingers.
+        key: key of the device's table in the scene, `finger.0.device` or `device.0`.
         each: properties of each finger, by name.
         round_trip: median time of a reading and a writing [s].
         jitter: 1st and 99th percentile of the time from a deadline to the end of its writing [s].
@@ -164,10 +164,10 @@ def calibrate(
     share: float = SHARE,
     prompt: Prompt | None = None,
 ) -> Calibration:
-    """Measure the hardware of a scene: lateness, mass, friction and resolution; with a person also zero and axes.
+    """Measure a scene's hardware: lateness, mass, friction and resolution; with a person's help also zero and axes.
 
     Each device is opened separately and settles at zero force. Small pulses then push its fingers back and forth one by
-    one, while they are not held. The scene's limits apply. However it ends, forces are set to zero first.
+    one, while nobody holds them. The scene's limits apply. However a calibration ends, forces are set to zero first.
 
     Args:
         scene: name, path, or a Scene.

@@ -132,7 +132,7 @@ DEEP = 1e-5  # largest initial depth in an obstacle [m]; more is due neither to 
 
 
 def meeting_faults(scene: SceneTable, stock: Stock, earlier: Sequence[Finding]) -> Iterator[Finding]:
-    """Find contacts that these dynamics do not support; skip objects and obstacles with faults of their own."""
+    """Find contacts that the dynamics of the objects do not support; skip objects and obstacles with other faults."""
     if any(at[:1] in (("object",), ("obstacle",), ("world",), ("gravity",)) for at, _ in earlier):
         return
     yield from _together(scene, stock)
@@ -252,7 +252,7 @@ def _too_stiff(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterat
 
 
 def _inside(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterator[Finding]:
-    """Find shapes that start below a half-space or across a plane; other pairs would need a search."""
+    """Find shapes that start below a half-space or across a plane; testing other pairs would need a search."""
     from graspfx.objects.floor.floor import clearance
 
     state = np.zeros(SIZE)

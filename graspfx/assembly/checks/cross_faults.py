@@ -51,7 +51,7 @@ def safety_faults(scene: SceneTable) -> Iterator[Finding]:
 
 
 def host_faults(scene: SceneTable) -> Iterator[Finding]:
-    """Find parts that a scene with a host must not have, because the host has the object and its contacts."""
+    """Find parts that a scene with a host must not define, because the host simulates the object and its contacts."""
     if scene.host is None:
         return
     with suppress(NotValid):
@@ -62,13 +62,13 @@ def host_faults(scene: SceneTable) -> Iterator[Finding]:
             or things[0].shape is not None
             or any(scene.free(things[0]))
         ):
-            yield ("object",), "expected no object beside [host], whose program has it; leave it out"
+            yield ("object",), "expected no object beside [host], whose program simulates the object; leave it out"
     if scene.obstacle:
-        yield ("obstacle",), "expected no obstacle beside [host], whose program has the world; leave it out"
+        yield ("obstacle",), "expected no obstacle beside [host], whose program simulates the world; leave it out"
     with suppress(NotValid):
         law = scene.coupling
         if law.passivity != "off" or law.contact != "attached":
-            yield ("coupling",), "expected no coupling beside [host], whose program has the contacts; leave it out"
+            yield ("coupling",), "expected no coupling beside [host], whose program computes contacts; leave it out"
 
 
 def finger_safety_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
@@ -97,7 +97,7 @@ def _box_faults(scene: SceneTable, at: Location, table: Any) -> Iterator[Finding
 
 
 def own_coefficient(scene: SceneTable, at: Location, finger: Any) -> Iterator[Finding]:
-    """Find a finger's own coefficient of friction if the coupling does not allow one."""
+    """Find a friction coefficient of a single finger that the coupling does not allow."""
     if finger.friction is None:
         return
     if scene.coupling.contact == "attached":
@@ -107,11 +107,11 @@ def own_coefficient(scene: SceneTable, at: Location, finger: Any) -> Iterator[Fi
 
 
 def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
-    """Find missing settings of soft fingers, and settings of soft fingers at hard ones."""
+    """Find missing settings of soft fingers, and hard fingers with settings of soft ones."""
     at: Location = ("finger", i, "patch")
     if finger.model == "hard":
         if finger.patch is not None:
-            yield at, "only soft fingers have it (model = 'soft')"
+            yield at, "only soft fingers have this setting (model = 'soft')"
         return
     if scene.dimensions != 3:
         yield (
@@ -147,7 +147,7 @@ def pad_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
 
 
 def contact_axes_faults(scene: SceneTable, share: str) -> Iterator[Finding]:
-    """Find matrices that are not in the form of contact axes: k_n along the normal, one k_t along the surface."""
+    """Find gain matrices that contact axes do not allow; the allowed form is diagonal, k_n first, then equal k_t."""
     coupling, d = scene.coupling, scene.dimensions
     if isinstance(getattr(coupling, share), ObjectImpedance):
         if coupling.axes != "object":
@@ -179,8 +179,8 @@ def control_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> I
     for at, device in connected.items():
         if device.features.mass is None:
             where = ".".join(map(str, at))
-            text = f"'control' expects every device to report its mass, which limits damping; that of {where} does not"
-            yield ("coupling", "passivity"), f"{text} ('observe' needs none)"
+            text = f"'control' expects every device to report its mass, which limits damping: not reported by {where}"
+            yield ("coupling", "passivity"), f"{text} ('observe' needs no mass)"
 
 
 def metric_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Finding]:
@@ -200,7 +200,7 @@ def metric_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> It
     for at, device in connected.items():
         if device.features.mass is None:
             where = ".".join(map(str, at))
-            yield ("coupling", key), f"'mass' expects every device to report its mass; that of {where} does not"
+            yield ("coupling", key), f"'mass' expects every device to report its mass; the device of {where} does not"
 
 
 UNIT = 1e-6  # tolerance of a quaternion's norm; more is a typing error, not rounding

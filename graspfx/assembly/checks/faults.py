@@ -31,11 +31,12 @@ DO = "move it there, or say that you trust the scene:"
 
 
 def trust_faults(scene: SceneTable, source: Source) -> list[Finding]:
-    """Find every path outside the folder of the scene's file, and remove it from the tables.
+    """Find every path outside the folder of the scene's file, and remove such paths from the tables.
 
-    In a scene from a recording, every path of a Python file is a fault, because the recording itself names its folder.
+    In a scene from a recording, every path of a Python file is a fault, because the recording itself defines which
+    folder is the scene's.
 
-    The rest of the scene then names no such file, so later checks cannot import or read it.
+    The remaining scene names no such file, so later checks cannot import or read one.
     """
     return [] if source.is_trusted else list(_faults((), scene, source))
 
@@ -64,7 +65,7 @@ def _faults(at: Location, part: Any, source: Source) -> Iterator[Finding]:
 def _is_foreign(text: str, source: Source) -> bool:
     try:
         return not source.holds(text)
-    except InputError:  # a path that does not exist is reported where it is read
+    except InputError:  # reading a missing path reports it
         return False
 
 
@@ -165,7 +166,7 @@ def _likely_keys(errors: Iterable[Any], draft: Table) -> dict[Key, Key]:
 
 
 def _near(key: str, table: Any) -> str | None:
-    """Return the most similar key; a key that is already given only if it is very similar, as for an override."""
+    """Return the most similar key; a key that is already given must be very similar, as for an override."""
     if table is None:
         return None
     if len(key) > LONGEST_KEY:
@@ -183,7 +184,7 @@ def _hint(at: Key, likely: Mapping[Key, Key], draft: Table) -> str:
 
 
 def message(error: Any) -> str:
-    """Write one of pydantic's errors in the words of this project."""
+    """Translate an error of pydantic into the wording of GraspFX."""
     kind, context, value = error["type"], error.get("ctx", {}), abbreviate(error["input"])
     if kind == "missing":
         return "required, but not given"

@@ -24,7 +24,7 @@ from graspfx.scene.tables.reading import AXES, listed
 from graspfx.scene.tables.scene_table import SceneTable
 
 LONGEST = 10_000  # largest delay of a reaction [samples]
-NEAR = 1e-9  # relative tolerance: a finger's arm below it is rounding of the coordinates
+NEAR = 1e-9  # relative tolerance: a smaller arm of a finger is rounding of the coordinates
 
 
 def own_hand_faults(scene: SceneTable, i: int, stock: Stock) -> Iterator[Finding]:
@@ -88,7 +88,7 @@ def _moving(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int], 
 
 
 def _operator(scene: SceneTable, at: Location, hand: Any) -> Iterator[Finding]:
-    """Find faults of a hand's operator model beyond spring and damper."""
+    """Find faults of those parts of a hand's operator model that go beyond spring and damper."""
     if hand.limb is not None:
         yield from _spring(scene, (*at, "limb"), hand.limb)
     tremor, reaction = hand.tremor, hand.reaction
@@ -276,7 +276,7 @@ def _plugin_faults(
     if wrong or not starts or any(len(vector) != scene.dimensions for vector in (*starts, *centres)):
         return
     rest = np.array(starts, dtype=float)
-    # directions to the objects' centres replace the normals, which are known only for a built scene
+    # normals are known only for a built scene: directions to the objects' centres replace them
     arms = np.array(centres, dtype=float) - rest
     inward = arms / np.maximum(np.linalg.norm(arms, axis=1, keepdims=True), np.finfo(float).tiny)
     try:
@@ -288,12 +288,12 @@ def _plugin_faults(
 
 
 def _starts(scene: SceneTable, fingers: Sequence[int], stock: Stock) -> list[tuple[float, ...]]:
-    """List where fingers start; raise NotValid if one has no position, which is a separate fault."""
+    """List start positions of fingers; raise NotValid if a finger has no position, which is a separate fault."""
     starts = []
     for i in fingers:
         try:
             start = start_of(scene, i, stock)
-        except GraspFXError as error:  # error in the shape of its object
+        except GraspFXError as error:  # the shape of the object has a fault
             raise NotValid("start") from error
         if start is None:
             raise NotValid("start")
@@ -302,7 +302,7 @@ def _starts(scene: SceneTable, fingers: Sequence[int], stock: Stock) -> list[tup
 
 
 def _touched(scene: SceneTable, fingers: Sequence[int]) -> list[Object]:
-    """List the objects that these fingers touch; raise NotValid if one is unknown, which is a separate fault."""
+    """List the objects that these fingers touch; raise NotValid for an unknown object, which is a separate fault."""
     things = {thing.name: thing for thing in scene.object}
     if not things:
         raise NotValid("object")

@@ -36,7 +36,7 @@ def numbers(count: int) -> str:
 
 
 def record_faults(scene: SceneTable) -> Iterator[tuple[tuple[str | int, ...], str]]:
-    """Find names of columns that recordings of these fingers and objects never have, for any coupling."""
+    """Find names of columns that no recording of these fingers and objects contains, whatever the coupling."""
     names = scene.record.columns
     if not names:
         return
@@ -61,7 +61,7 @@ OPEN_ENDED = inspect.Parameter.VAR_KEYWORD
 
 
 def setting_faults(scene: SceneTable, at: Location, table: Device, stock: Stock) -> Iterator[Finding]:
-    """Find why a device cannot be connected, and store a device that can be."""
+    """Find the reasons why a device cannot be connected; store a device that can be connected."""
     try:
         driver = plugins.load_blaming("devices", table.name, stock.folder)
     except (UnknownNameError, InputError) as error:
@@ -87,7 +87,7 @@ def setting_faults(scene: SceneTable, at: Location, table: Device, stock: Stock)
 
 
 def reason(error: GraspFXError) -> str:
-    """Return an error's text without its leading name if the fault's key already gives it."""
+    """Return an error's text; omit its leading name if the fault's key already contains that name."""
     return str(error).removeprefix(f"{error.name}: ") if isinstance(error, InputError) else str(error)
 
 
@@ -107,7 +107,7 @@ def _connection(scene: SceneTable, at: Location, table: Device, driver: ModuleTy
         if not isinstance(features, Features):
             yield (*at, "name"), f"connect() of {table.name!r} returns no device: {abbreviate(device)} has no Features"
             return
-        stock.devices[at] = device  # features of a device that lacks a method are checked too
+        stock.devices[at] = device  # stored even if a method is missing, so that its features are checked
         if missing:
             file = plugins.shown_path(Path(driver.__file__ or driver.__name__))
             names, kind = ", ".join(f"{name}()" for name in missing), type(device).__name__

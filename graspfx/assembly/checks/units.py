@@ -29,7 +29,7 @@ LARGEST = 0.1  # [m]: fingertip radius, squeeze and depth
 SMALLEST_SIZE, LARGEST_SIZE = 1e-3, 2.0  # [m]: size of an object that fingers hold
 TURN = 4.0 * np.pi  # [rad]: two whole turns of a wrist
 HEAVIEST = 30.0  # [kg]: mass of an object, a device or a limb: more than a person lifts
-ABSURD = 1e30  # beyond that a value is no unit mistaken [kg]
+ABSURD = 1e30  # a larger value is not due to a wrong unit [kg]
 LIGHTEST_MATTER, HEAVIEST_MATTER = 20.0, 25e3  # [kg/m^3]: a light foam, osmium
 SOFTEST = 1.0  # [N/m]: 1 N moves such a spring by a metre
 SHORTEST, LONGEST = 1e-5, 0.05  # [s]: periods of 100 kHz and 20 Hz
@@ -145,7 +145,7 @@ def _fingers(scene: SceneTable, stock: Stock) -> Iterator[Doubt]:
                 yield ("finger", i, "start from its object"), away, "m", _in(away, "mm", 1e-3)
         if finger.radius > LARGEST:
             yield ("finger", i, "radius"), finger.radius, "m", _in(finger.radius, "mm", 1e-3)
-        if finger.pad is not None and finger.pad.stiffness * LARGEST**1.5 < 1.0:  # the depth at 1 N would be larger
+        if finger.pad is not None and finger.pad.stiffness * LARGEST**1.5 < 1.0:  # depth at 1 N above LARGEST
             k = finger.pad.stiffness
             yield ("finger", i, "pad", "stiffness"), k, "N/m^1.5", f"{k:g} N/mm^1.5 would be {k * 1e3**1.5:.4g}"
 

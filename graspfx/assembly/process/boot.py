@@ -31,7 +31,8 @@ def start(ring: int) -> tuple[subprocess.Popen[bytes], Connection]:
 def spawn(module: str, *descriptors: int) -> tuple[subprocess.Popen[bytes], Connection]:
     """Start a process that calls `main` of a module with descriptors of its connection and other files.
 
-    It is in a separate process group: a terminal's Ctrl-C reaches only this process, which passes it on.
+    The new process is in a separate process group: a terminal's Ctrl-C reaches only this process, which passes the
+    signal on.
 
     Args:
         module: module of this package.

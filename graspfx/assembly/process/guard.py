@@ -1,4 +1,4 @@
-"""Guard of a servo's process: fetches its rows, sends a sign of life, and removes the force if it dies."""
+"""Guard of a servo's process: fetches rows, sends a sign of life, and removes the force if the servo's process dies."""
 
 from __future__ import annotations
 
@@ -63,13 +63,13 @@ class Relay:
         self.ticks = self.lost = 0
         self.faults: list[tuple[int, str]] = []
         self.letters: dict[int, Mapping[str, Any]] = {}
-        self._goals = 0  # how many of them were told
+        self._goals = 0  # number of goals that were recorded
 
     def fetch(self) -> None:
         """Pass new data to the recorder.
 
         Raises:
-            RecordingError: the recorder cannot store it.
+            RecordingError: the recorder cannot store the data.
         """
         changes = [*self._changes(), *self._goal_changes()]
         for tick, values in sorted(changes, key=lambda change: change[0]):
@@ -92,7 +92,7 @@ class Relay:
         rows, place, left = self._recorder.space()
         every, first = self._ring.every, self.ticks
         count = min(left, head - first)
-        begin, end = -(-first // every), -(-(first + count) // every)  # numbers of the rows
+        begin, end = -(-first // every), -(-(first + count) // every)  # indices of the rows
         part = rows[-(-place // every) :][: end - begin]
         at = begin % SLOTS
         while len(part):
@@ -140,9 +140,9 @@ DEATH = "death"  # message of the guard: the process has ended
 class Guard(Thread):
     """A thread that starts a servo's process and ends with it.
 
-    It waits for the process, so that it removes the hardware's force within milliseconds if the process dies without
-    rest. It ends a servo by signals, because the servo may hang in a driver, if it does not rest on request, makes no
-    ticks, or does not open its hardware.
+    The thread waits for the end of the process, so that it can remove the hardware's force within milliseconds if the
+    process dies with forces on. A servo that does not rest on request, makes no ticks, or does not open its hardware is
+    ended by signals, because the servo may hang in a driver.
 
     Args:
         ring: ring buffer shared with the process.
@@ -155,12 +155,12 @@ class Guard(Thread):
     Attributes:
         messages: messages of the process, tuples that begin with their kind; the last one is DEATH.
         lock: lock of the relay and its recorder.
-        relay: relay of the rows, once it exists.
+        relay: relay of the rows; None before the run.
         failure: error of the relay, after which the servo is asked to rest.
-        report: sentences about the removal of forces; empty without one.
+        report: sentences about the removal of forces; empty if no force was removed.
         is_settled: whether the hardware has reported that it is open and at rest.
-        is_overdue: whether it has not reported in time and was ended.
-        hang: description of the device call that did not return; empty without one.
+        is_overdue: whether the hardware did not report in time, so that the process was ended.
+        hang: description of a device call that did not return; empty if all calls return.
     """
 
     def __init__(
@@ -182,7 +182,7 @@ class Guard(Thread):
         self._line: Connection | None = None
         self._watched = -1  # descriptor of the process
         self._head, self._place = -1, 0  # number of ticks, and the running call, at the last check
-        self._since, self._step = 0.0, 0  # time of their last change, and the steps taken
+        self._since, self._step = 0.0, 0  # time of the last change of either, and number of steps taken
         self._sent = Lock()
 
     @property
@@ -248,7 +248,7 @@ class Guard(Thread):
             words[Word.BEAT] = time.monotonic_ns()
             is_dead = self._watched in ready
             if is_dead:
-                self.process.wait()  # at once, so that queries for its number report its end
+                self.process.wait()  # returns at once; afterwards queries for the process number report its end
                 self._quench()
             if line in ready and not self._receive():
                 poll.unregister(line)
@@ -312,7 +312,7 @@ class Guard(Thread):
             self._since, self._step = now, 0
             return
         halt = int(words[Word.HALT])
-        if head != self._head or (halt and head >= halt - 1 and not is_told):  # a pause is no standstill
+        if head != self._head or (halt and head >= halt - 1 and not is_told):  # a paused servo is not inactive
             self._head, self._since, self._step = head, now, 0
         if place != self._place:
             self._place = place
@@ -326,7 +326,7 @@ class Guard(Thread):
             return
         if call and not self.hang:
             if now - self._since <= self._still and process_end.is_stopped(self.pid):
-                return  # by a signal, outside its driver
+                return  # a signal ended the servo outside its driver
             self.hang = f"{call} has not returned for {now - self._since:.2g} s; all forces are zero"
         self.is_overdue = self.is_overdue or is_opening
         self._signal(STEPS[self._step])

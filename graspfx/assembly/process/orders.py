@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 class Errand:
     """The task of a servo's process.
 
-    The process is a new interpreter with this one's `sys.path` and folder. It imports the modules of drivers and hands
-    by their names, but not the main program.
+    The process is a new interpreter with the `sys.path` and working folder of the sending process. It imports the
+    modules of drivers and hands by their names, but not the main program.
 
     Attributes:
         scene: scene to run.
@@ -45,7 +45,7 @@ class Errand:
         trust: whether files outside the scene's folder may be read.
         verbosity: level of messages to pass on, or None.
         path: search path of modules.
-        parent: number of the recording process.
+        parent: process number of the recording process.
     """
 
     scene: Scene
@@ -89,9 +89,9 @@ class GoalPlace(NamedTuple):
     """Goals of one guided hand.
 
     Attributes:
-        plant: index of the plant that it moves.
+        plant: index of the plant that the hand moves.
         memory: block of the hand.
-        entries: entries of the goals in it: offsets, (n d,), then the squeeze.
+        entries: entries of the goals in that block: offsets, (n d,), then the squeeze.
     """
 
     plant: int
@@ -161,7 +161,7 @@ class GoalSender:
             number: index of the hand.
             offset: offset (d,) for all its fingers, or (n, d) [m].
             squeeze: squeeze [m].
-            finger: index among its fingers of the one with this `offset`; None for all.
+            finger: index, among the hand's fingers, of the finger with this `offset`; None for all.
 
         Raises:
             InputError: goals are not finite, have another shape, or exceed `FARTHEST`.
@@ -276,7 +276,8 @@ class Hold:
     def numbers(self) -> Iterator[tuple[int, Index, FloatArray]]:
         """Yield the memories, entries and numbers that another hold of the same structure adopts.
 
-        They exclude the followers of a guided hand, which keep their state, and goals, which are sent separately.
+        Followers of a guided hand are excluded, because they keep their state. Goals are excluded too, because they are
+        sent separately.
         """
         block, _, _ = self.memories
         if len(block):
@@ -291,7 +292,7 @@ class Hold:
             yield 2, np.arange(len(mechanics)), mechanics
 
     def adopt(self, other: Any) -> None:
-        """Adopt gains and mechanics from the memories; the plant must then take hold again."""
+        """Copy gains and mechanics from the memories; afterwards the plant must take hold again."""
         _, gains, mechanics = self.memories
         if len(gains):
             hand: Any = self._hand
@@ -318,7 +319,7 @@ class Pause(Protocol):
 
 
 class PausingPacer(Pacer):
-    """A pacer whose ticks wait during pauses; after a pause the grid of deadlines starts anew.
+    """A pacer that holds ticks back during pauses; after a pause the grid of deadlines starts anew.
 
     Args:
         period: sampling period T [s].
@@ -345,9 +346,9 @@ class PausingPacer(Pacer):
         return 0
 
 
-SILENCE = 500_000_000  # silence of the other process after which it counts as dead [ns]
-SIMULATED_SILENCE = 10_000_000_000  # the same without hardware, because a browser may use all of a machine [ns]
-LETTER = "letter"  # instead of keys: number of the letter whose values apply
+SILENCE = 500_000_000  # silence after which the other process counts as dead [ns]
+SIMULATED_SILENCE = 10_000_000_000  # as above, without hardware: a browser may occupy all processors [ns]
+LETTER = "letter"  # key under which a change names the letter that carries its values
 NO_RECORDER = "the recording process gives no sign of life"
 
 
@@ -356,7 +357,7 @@ class ParentGone(BaseException):
 
 
 class Orders:
-    """Tells a servo whether to stop, before each tick and while it waits, and accepts letters.
+    """Tells a servo whether to stop, before each tick and while it waits, and accepts letters with new numbers.
 
     Args:
         ring: ring buffer with the words and letters.
@@ -380,7 +381,7 @@ class Orders:
 
     @property
     def has_news(self) -> bool:
-        """Whether there is a letter that was not accepted yet."""
+        """Whether a letter awaits acceptance."""
         return bool(self._words[Word.MAIL] != self._number)
 
     def __call__(self) -> bool:

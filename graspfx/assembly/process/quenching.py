@@ -63,7 +63,7 @@ def quenchers(parts: Parts) -> list[Quencher]:
     """Return the hardware of a scene that displays forces, with its drivers imported.
 
     Raises:
-        InputError: If the hardware has no watchdog and its driver no `quench`.
+        InputError: the hardware has no watchdog and its driver has no `quench`.
     """
     scene, quenchers_ = parts.scene, list[Quencher]()
     for wire in parts.wires:

@@ -1,7 +1,7 @@
 """The servo's process: builds the scene, opens its hardware, runs, and rests if the recording process asks or dies.
 
-It reports its progress to the other process, and waits for permission to open the hardware, to run, and to release
-the hardware after the files are closed.
+The servo's process reports its progress to the recording process, and waits for permission to open the hardware, to
+run, and to release the hardware after the files are closed.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def _serve(errand: Errand, line: Connection, ring_: int) -> None:
             line.send(("ready", servo.engine.name))
             _require(line.recv(), "open")
             die_with_parent(ASK)
-            ring.rows.fill(0.0)  # touches every page before the first row
+            ring.rows.fill(0.0)  # makes the system allocate every page before the first row
             scheduling.update(take_priority())
             ring.words[Word.PHASE] = Phase.OPEN
 
@@ -83,7 +83,7 @@ def _serve(errand: Errand, line: Connection, ring_: int) -> None:
             _run(errand, line, ring, servo, hardware)
             if not hardware.has_unstopped:
                 _await_close(line)
-        if not hardware.has_unstopped:  # otherwise it ends as in the run: the guard removes the force
+        if not hardware.has_unstopped:  # otherwise the process ends as during a run, and the guard removes the force
             ring.words[Word.PHASE] = Phase.CLOSED
     line.send(("closed",))
 
@@ -111,7 +111,7 @@ class Simulations:
         pacer: pacer of the ticks.
     """
 
-    has_unstopped = False  # device, as there is none
+    has_unstopped = False  # no hardware, so no force can persist
 
     def __init__(self, servo: Servo, exits: Exits) -> None:
         self._servo, self._exits, self.pacer = servo, exits, PausingPacer(servo.period)
@@ -169,7 +169,7 @@ def _wait_for_orders(number: int, frame: object) -> None:
 
 @contextmanager
 def _tell_aside(line: Connection, errand: Errand) -> Iterator[None]:
-    """Pass on warnings, messages and waits of the block."""
+    """Pass warnings, messages and waits of the block on to the recording process."""
 
     def show(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
         line.send(("warning", str(message), category))

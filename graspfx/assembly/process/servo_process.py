@@ -1,4 +1,4 @@
-"""The recording process's view of a servo's process: start, preparation, run, updates, rest and close."""
+"""Control of a servo's process from the recording process: start, preparation, run, updates, rest and close."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def letter_of(servo: Servo, update: Update) -> Letter:
         update: update of its parts.
 
     Raises:
-        InputError: it changes more than numbers.
+        InputError: the update changes more than numbers.
     """
     own = memories(servo)
     places = {id(memory): i for i, memory in enumerate(own)}
@@ -56,7 +56,7 @@ def letter_of(servo: Servo, update: Update) -> Letter:
     entries = [
         (places[id(memory)], where, numbers) for memory, where, numbers in update.entries if id(memory) in places
     ]
-    if servo.ticks == 0:  # a copy that has not run has the same numbers; a mesh has a hundred thousand
+    if servo.ticks == 0:  # a copy that has not run has equal numbers; comparing a mesh would be slow
         entries = [_news(own[i], i, where, numbers) for i, where, numbers in entries]
     anew = {id(part): new for part, new in update.parts}
     for j, wiring in ((j, servo.plants[j]) for j in update.plants):
@@ -70,7 +70,7 @@ def letter_of(servo: Servo, update: Update) -> Letter:
 
 
 def _news(memory: FloatArray, number: int, where: Index, numbers: FloatArray) -> tuple[int, Index, FloatArray]:
-    """Omit numbers that a memory already has, bit by bit."""
+    """Omit numbers that are bit-identical to those in the memory."""
     differ = memory[where].view(np.int64) != np.asarray(numbers, dtype=float).view(np.int64)
     return number, where[differ], numbers[differ]
 
@@ -100,7 +100,7 @@ class Mail:
         Args:
             letter: letter to the servo.
             values: values to record for it, by key.
-            require: function that is called repeatedly and raises if the servo no longer accepts letters.
+            require: function that is called repeatedly and raises an error if the servo no longer accepts messages.
         """
         ring, number = self._ring, self._number + 1
         require()
@@ -129,7 +129,7 @@ class ServoProcess:
 
     Attributes:
         engine: name of the engine that runs the ticks.
-        cause: cause of the end, if the process died; otherwise empty.
+        cause: cause of the process's end, if it died; otherwise empty.
         error: error that ended the run in the process; None without one.
     """
 
@@ -188,7 +188,7 @@ class ServoProcess:
             raise self.guard.failure
 
     def rest(self) -> None:
-        """Set every force to zero; return when this is done and all rows are fetched."""
+        """Set every force to zero; return when forces are zero and all rows are fetched."""
         self.guard.rest()
         while not self.await_rest(1.0):
             pass
@@ -228,7 +228,7 @@ class ServoProcess:
         return self._has_rested
 
     def _take(self, seconds: float) -> Any:
-        """Receive a message within a time; return it if it is not handled here."""
+        """Wait a limited time for a message; return a message that this class does not handle."""
         try:
             kind, *rest = self.guard.messages.get(timeout=seconds)
         except Empty:
@@ -259,11 +259,11 @@ class ServoProcess:
         return None
 
     def expect(self, word: str) -> tuple[Any, ...]:
-        """Wait for a message of a kind; errors of the process are raised here.
+        """Wait for a message of a kind; raise errors that the process reports.
 
         Raises:
             DeviceError: the process died.
-            Interruption: a signal came, and it was ended.
+            Interruption: a signal arrived, and the process was ended.
         """
         while True:
             message = self._take(0.05)
@@ -308,14 +308,14 @@ class ServoProcess:
 def servo_process(
     parts: Parts, layout: Layout, every: int, *, ticks: int, selected: bool, live: Sequence[str] = (), goals: int = 0
 ) -> Iterator[ServoProcess]:
-    """Start a process with a scene's servo, and open its hardware; close it and end the process at the end.
+    """Start a process with a scene's servo, and open its hardware; at the end close the hardware and end the process.
 
     Args:
         parts: parts of the scene.
         layout: layout of its rows.
         every: number of ticks from one row to the next.
         ticks: number of ticks to run.
-        selected: whether rows have only what the scene's `record` selects.
+        selected: whether rows contain only what the scene's `record` selects.
         live: keys that may change during the run.
         goals: size of the goals of guided hands.
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from graspfx.scene.model import Scene
 
 FOLDER = Path(__file__).parent
-SCRIPTS = {  # of a page by the source of its frames, in this order
+SCRIPTS = {  # scripts of a page in loading order, by the source of its frames
     "recording": ("numbers.js", "space.js", "chart.js", "run.js", "page.js"),
     "own": ("numbers.js", "space.js", "chart.js", "run.js", "own.js", "page.js"),
     "live": ("numbers.js", "space.js", "chart.js", "run.js", "live.js", "page.js"),
@@ -37,7 +37,8 @@ def page_text(
     Args:
         recording: Recording of a run.
         folder: Folder of relative mesh paths; None for the scene's folder.
-        run: Gives what the page runs, from the ticks of a drawn frame; None for a page that plays the recording.
+        run: Function that returns the data for running the scene in the page, from the number of ticks per drawn frame;
+            None for a page that plays the recording.
 
     Raises:
         InputError: The recording has no ticks.
@@ -54,7 +55,7 @@ def document(story: Mapping[str, Any], source: Source = "recording", connects: s
     Args:
         story: Data of the page, from `story_of`; of a run with its entry "run".
         source: Source of the page's frames.
-        connects: Address of the WebSocket that brings them, such as ws://127.0.0.1:8080; empty for none.
+        connects: Address of the WebSocket that sends the frames, such as ws://127.0.0.1:8080; empty for none.
     """
     worker = f'"use strict";\n{_script("worker.js")}' if source == "own" else ""
     style, script = _read("page.css"), "\n".join(['"use strict";', *map(_script, SCRIPTS[source])])
@@ -66,7 +67,7 @@ def document(story: Mapping[str, Any], source: Source = "recording", connects: s
     }  # fmt: skip
     before, *pieces = _read("page.html").split("{")
     text = [before]
-    for piece in pieces:  # each name once: what stands for it is not looked through again
+    for piece in pieces:  # each name is replaced once: inserted text is not searched for names
         name, _, rest = piece.partition("}")
         text += [parts[name], rest]
     return "".join(text)
@@ -136,8 +137,8 @@ def _plain(data: Any) -> Any:
 def _policy(style: str, script: str, *, runs: bool, connects: str) -> str:
     """Return the content security policy: the page may run its own script and load nothing.
 
-    One that runs a scene starts a worker from its own text, and compiles the WebAssembly module that it brings. One of
-    a live run opens the WebSocket of the program that serves it.
+    A page that runs a scene may also start a worker from its own text, and compile the WebAssembly module that it
+    contains. A page of a live run may also open the WebSocket of the program that serves the page.
     """
     own = {
         f"{kind}-src": f"'sha256-{b64encode(sha256(text.encode()).digest()).decode()}'"

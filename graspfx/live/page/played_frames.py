@@ -61,8 +61,9 @@ class Motion:
     def vectors(self) -> FloatArray:
         """Return the frames as rows of numbers (F, w), in the order in which a running page reads them.
 
-        Fingertips, contacts, states, internal and external forces; of each object its position and quaternion; of each
-        line of the charts its value with minimum and maximum: squeeze, push and friction margin of each object, depths.
+        The order is: fingertips, contacts, states, internal and external forces; position and quaternion of each
+        object; value, minimum and maximum of each line of the charts, which show squeeze, push and friction margin of
+        each object, and depths.
         """
         count, n, d = len(self), self.fingertips.shape[1], self.dimensions
         nothing = np.full((count, 3 * n), np.nan)
@@ -138,7 +139,7 @@ def rows_per_frame(period: float) -> int:
 
 
 def _margin(part: Recording, name: str) -> FloatArray:
-    """Return the friction margin of an object's grip (N,) [N]; NaN where it is not known."""
+    """Return the friction margin of an object's grip (N,) [N]; NaN if unknown."""
     number = part.layout.objects.index(name)
     try:
         return part.grip_margin_of([i for i, own in enumerate(part.layout.finger_objects) if own == number])

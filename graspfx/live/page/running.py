@@ -41,14 +41,14 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-STOPS = 21  # of a slider whose value is not itself an entry of the arena
-PROBES = 33  # values at which the stability of a slider's range is looked up
-HALVINGS = 12  # of the interval in which stability is lost
-CODES = 16  # of faults of a part, from 1 on
-PLACE = re.compile(r"\((?:[-+.\de]+, )*[-+.\de]+\)")  # in a fault's text: where something was when the page was made
-PLAIN = bytes.maketrans(b"&<>", b",.:")  # letters of base 85 that a page would have to escape
+STOPS = 21  # number of tabulated values of a slider whose value is not itself an entry of the arena
+PROBES = 33  # number of values at which stability is computed in a slider's range
+HALVINGS = 12  # number of bisections of the interval in which stability is lost
+CODES = 16  # largest code of a part's fault; codes start at 1
+PLACE = re.compile(r"\((?:[-+.\de]+, )*[-+.\de]+\)")  # in a fault's text: a position at the time when the page was made
+PLAIN = bytes.maketrans(b"&<>", b",.:")  # replaces letters of base 85 that a page would have to escape
 SQUEEZES = (-10.0, 10.0, 0.1)  # range and step of a hand's additional squeeze [mm]
-AGREEMENT = 1e-12  # of a number with the formula that a slider writes it by
+AGREEMENT = 1e-12  # relative difference up to which a number agrees with the formula of its slider
 
 
 def module() -> bytes:
@@ -146,7 +146,7 @@ def _arena(numbers: FloatArray) -> dict[str, str]:
 
 
 def _row(layout: Layout, header: Header) -> dict[str, Any]:
-    """Return the places of a frame's quantities in a row, as `live.frame` reads them."""
+    """Return the positions in a row of a frame's quantities, as `live.frame` reads them."""
     columns = layout.columns
 
     def place(*names: str) -> int:
@@ -167,7 +167,7 @@ def _row(layout: Layout, header: Header) -> dict[str, Any]:
 
 
 def _grasps(servo: Servo, arena: Arena) -> list[dict[str, Any]]:
-    """Return the place of each grasp's state, with its fingers and its object."""
+    """Return the position of each grasp's state, with the fingers and the object of the grasp."""
     names = servo.layout.objects
     return [
         {
@@ -192,7 +192,7 @@ def _faults(servo: Servo, arena: Arena) -> dict[str, Any]:
             for code in range(1, CODES):
                 text = _fault(servo, kind, index, code)
                 if text is None or (text == before and not (kind == OBJECT_ and code < EXCESSIVE)):
-                    break  # beyond the last one that the part has
+                    break  # code beyond the last code of the part
                 texts[f"{kind} {index} {code}"] = before = PLACE.sub("(...)", text)
     names = "faulted", "tick", "kind", "index", "code"
     forces = [record.state + start_of(GraspState, "excess") for record in arena.world.grasps]
@@ -236,10 +236,10 @@ def _all_sliders(
 ) -> dict[str, Any]:
     """Return what each slider writes, and what two stiffnesses write together: the gaps of an automatic fade.
 
-    Such a number is max(floor, p + q c) with c = |1/kep - 1/kip|, as in `assembly.grasps.set_fade`.
+    Each gap is max(floor, p + q c) with c = |1/kep - 1/kip|, as in `assembly.grasps.set_fade`.
 
     Raises:
-        InputError: If sliders write a number together in another way.
+        InputError: If a number depends on several sliders in another way.
     """
     found = [_slider(each, numbers, scene, servo, start) for each in numbers]
     owners: dict[int, list[int]] = {}
@@ -272,7 +272,7 @@ def _fit(
     """Return entry, floor, p and q of max(floor, p + q |1/x - 1/y|) for each of some entries, and verify them.
 
     Raises:
-        InputError: If they depend on the two values in another way.
+        InputError: If the entries depend on the two values in another way.
     """
     one, other = numbers[a], numbers[b]
     if not all(each.key.endswith("stiffness") and each.least > 0.0 for each in (one, other)):
@@ -292,7 +292,7 @@ def _fit(
 
 
 def _slider(slider: Slider, others: Sequence[Slider], scene: Scene, servo: Servo, start: FloatArray) -> dict[str, Any]:
-    """Return what a slider writes into the arena: its value itself, or numbers of a table by stops.
+    """Return the entries that a slider writes into the arena: its value itself, or numbers of a table by stops.
 
     The page writes the same bits as `Session.set`.
     """
@@ -325,7 +325,7 @@ def _written(
         changed |= values_of(each, others, own)
     memory = servo.arena.memory.floats[: start.size]
     steering = Steering(servo, scene, live_keys(others))
-    servo.ticks = 1  # the run has begun, so moved parts keep their positions
+    servo.ticks = 1  # pretends that the run has begun, so that moved parts keep their positions
     try:
         servo.write(steering.update(scene.replace(changed), changed))
         return memory.copy()
@@ -336,7 +336,7 @@ def _written(
 
 
 def _margins(scene: Scene) -> tuple[Verdict, list[Slider], dict[str, list[list[float]]]]:
-    """Compute the stable range of each slider, with the other sliders at their values.
+    """Compute the stable range of each slider, with the other sliders at their present values.
 
     Returns:
         Certificate of the scene, its sliders, and by slider the unstable intervals.
@@ -384,7 +384,7 @@ def _unstable(certifier: Certifier, slider: Slider, others: Sequence[Slider]) ->
 
 
 def _handles(scene: Scene, parts: Parts, servo: Servo, arena: Arena) -> Iterator[dict[str, Any]]:
-    """List the guided hands: the places of the goals of their fingers and of their squeeze."""
+    """List the guided hands: positions in the arena of the goals of fingers and squeeze."""
     places = goal_places(servo)
     for keys, place in zip(guide_keys(scene, servo), places, strict=True):
         first = arena.place(place.memory)

@@ -104,7 +104,7 @@ def story_of(recording: Recording, folder: Path | None = None, *, source: Source
         recording: Recording of a run.
         folder: Folder of relative mesh paths; None for the scene's folder.
         source: Source of the page's frames: the recording; a run of its own; or a live run of the program that serves
-            it. A run has frames and charts of its own, so the recording's motion is left out.
+            it. A run produces its own frames and charts, so that the recording's motion is left out.
 
     Raises:
         InputError: The recording has no ticks.
@@ -114,7 +114,7 @@ def story_of(recording: Recording, folder: Path | None = None, *, source: Source
     scenery, is_run = recorded_scenery(recording.header, recording.layout, folder), source != "recording"
     motion = motion_of(recording, scenery.apart)
     low, high = _bounds(scenery, motion)
-    if source == "live":  # where it will move is not known
+    if source == "live":  # the future motion is unknown
         half = 0.5 * scenery.extent / np.sqrt(3.0)
         low = np.minimum(low, scenery.middle - half) - ROOM * scenery.extent
         high = np.maximum(high, scenery.middle + half) + ROOM * scenery.extent
@@ -222,7 +222,7 @@ def _bounds(scenery: Scenery, motion: Motion) -> tuple[FloatArray, FloatArray]:
             place = motion.poses[solid.object][0]
             corners += [place - size, place + size]
     points = np.concatenate(corners)
-    near = np.linalg.norm(points - scenery.middle, axis=1) < FAR * scenery.extent  # NaN is not
+    near = np.linalg.norm(points - scenery.middle, axis=1) < FAR * scenery.extent  # NaN is not near
     points = points[near] if near.any() else scenery.middle[None]
     return points.min(axis=0), points.max(axis=0)
 

@@ -38,8 +38,8 @@ CLOSEST = 0.3  # largest squeeze, in extents
 class StateStream:
     """Stream on a socket with its own threads; a context manager. Runs are attached one after the other.
 
-    Goals are limited in distance and in speed (`SPEED`), pass through the follower of the guide, and are recorded with
-    their ticks. If a client leaves, or is silent for half a second, the goal stays where it is.
+    Distance and speed of goals are limited (`SPEED`). Goals pass through the follower of the guide, and are recorded
+    with their ticks. If a client leaves, or is silent for half a second, the goal no longer changes.
 
     Args:
         line: Listening socket.
@@ -131,7 +131,7 @@ class StateStream:
             self._send(order.guide)
 
     def release(self, guide: int) -> None:
-        """Release a guide; its goal stays where it is."""
+        """Release a guide; its goal no longer changes."""
         with self._lock:
             if guide < len(self._walks):
                 for walk in self._walks[guide]:

@@ -37,7 +37,7 @@ class NotValid(AttributeError):
 
 
 class Table(BaseModel):
-    """A frozen table. Validated with the context DRAFT, it keeps only the valid fields."""
+    """A frozen table. Validation with the context DRAFT keeps only the valid fields."""
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", allow_inf_nan=False, validate_default=False, defer_build=True
@@ -131,7 +131,7 @@ Gains = float | tuple[float, ...] | tuple[tuple[float, ...], ...] | tuple[tuple[
 
 
 def _gain(value: Any) -> Gains:
-    """Check a gain in any of its forms; one fault, whichever form it fails."""
+    """Check a gain in any of its forms; an invalid gain gives a single fault."""
     value = listed(value)
     array = _numbers(value)
     square = array is not None and array.ndim in (2, 3) and array.shape[-1] == array.shape[-2]
@@ -179,7 +179,7 @@ def _numbers(value: Any) -> np.ndarray[Any, np.dtype[np.float64]] | None:
 
 
 def as_float(value: float) -> float:
-    """Read a number as a float; infinite where a whole number is too large to be one."""
+    """Read a number as a float; infinite if a whole number is too large for a float."""
     try:
         return float(value)
     except OverflowError:
@@ -209,9 +209,9 @@ Gain = Annotated[
 def by_kind(
     kinds: tuple[str, ...], *, field: str, implied: Mapping[str, str] | None = None
 ) -> tuple[BeforeValidator, Discriminator]:
-    """Make the choice among tables by their key `kind`: one fault about the kind, else those of the chosen table.
+    """Make the choice among tables by the key `kind`: report one fault of the kind, or else faults of the chosen table.
 
-    A table without a kind that has one of the keys `implied` is of the kind that goes with it.
+    A table without a kind, but with one of the keys in `implied`, gets the kind that `implied` assigns to the key.
     """
 
     def kind_of(value: Any) -> Any:

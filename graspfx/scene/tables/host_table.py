@@ -1,4 +1,4 @@
-"""Table `host` of a scene: another program has the object, and the loop displays its forces."""
+"""Table `host` of a scene: another program simulates the object, and the loop displays that program's forces."""
 
 from __future__ import annotations
 

@@ -120,7 +120,7 @@ class Impedance(Table):
 
 
 class ObjectImpedance(Table):
-    """Stiffness and damping that the object has as it is felt, in its shape's axes, divided among its fingers."""
+    """Displayed stiffness and damping of the object, in the axes of its shape, distributed over its fingers."""
 
     object_stiffness: Gain = Field(
         description="K_o at zero squeeze, w x w on the object's freedoms, forces before moments [N/m, N, N m/rad]; its "
@@ -149,7 +149,7 @@ class ObjectImpedance(Table):
 
         def __getattr__(self, name: str) -> Any:
             if name in ("stiffness", "damping"):
-                raise NotValid(name)  # of a draft that lacks what the property is made of
+                raise NotValid(name)  # in a draft that lacks the fields of the property
             return super().__getattr__(name)
 
 
