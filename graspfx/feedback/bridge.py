@@ -53,7 +53,7 @@ class HostState(Record):
     dimensions: int  # d
     size: int  # size n d
     grasp_entries: int
-    words: int  # place of the record
+    words: int  # address of the record
     host_first: int  # first word of the host's slots, and words per slot; the header of the record may be overwritten
     host_size: int
     loop_first: int
@@ -93,7 +93,7 @@ class HostState(Record):
 
 @kernel
 def host_forces(state: GraspState, host: HostState) -> int:
-    """Set the fingers' forces of this tick; return 0, or the reason why they are zero."""
+    """Set the fingers' forces of this tick; return 0, or the reason why all forces are zero."""
     settle(state, host)
     host.age += 1.0
     take_sample(host)
@@ -101,7 +101,7 @@ def host_forces(state: GraspState, host: HostState) -> int:
         host.begun += 1.0
     if host.number > 0.0 and host.age > host.silence and host.quiet == 0:
         host.quiet = 1
-    elif host.quiet == 1 and host.age <= host.silence:  # the host has returned before the forces were zero
+    elif host.quiet == 1 and host.age <= host.silence:  # the host sent a new sample before the forces were zero
         host.quiet = 0
     if host.code == 0:
         predict(state, host)
@@ -135,7 +135,7 @@ def settle(state: GraspState, host: HostState) -> None:
             k = i * d + a
             f, step = host.pushed[k] + host.squeezed[k], finger.position[a] - host.before[k]
             wanted += f * f
-            shown -= f * finger.force[a]  # the chain scales the whole force of a finger
+            shown -= f * finger.force[a]  # the safety chain scales the whole force of a finger
             push += host.pushed[k] * step
             squeeze += host.squeezed[k] * step
         if wanted > 0.0:
@@ -274,7 +274,7 @@ def keep_sample(host: HostState, slot: Floats, number: float) -> None:
 
 @kernel
 def predict(state: GraspState, host: HostState) -> None:
-    """Compute the present forces of both ports: the sample's, extrapolated, or by the environment's stiffness."""
+    """Compute the present forces of both ports: held, extrapolated, or by the environment's stiffness."""
     ahead = 0.0
     if host.method == LINEAR:
         ahead = min(host.age * host.period, host.interval)
@@ -303,7 +303,7 @@ def predict(state: GraspState, host: HostState) -> None:
 
 @kernel
 def hand_over(state: GraspState, host: HostState) -> None:
-    """Write the forces to the fingers; those on the object are the opposite of those on the operator."""
+    """Write the forces to the fingers; a force on the object is the negative of the force on the operator."""
     d = host.dimensions
     for i, finger in enumerate(state.fingers):
         for a in range(d):

@@ -28,7 +28,7 @@ class Shown(NamedTuple):
         grip: Mean over the fingers of the internal force along the normal into the object [N]; positive closes the
             hand, so a grasp that presses on an object shows a negative grip, which opens the operator's fingers.
         fingers: Force on each finger, for a device with one channel per finger (n, d) [N]: `external` + `internal`.
-        external, internal: Its two parts, (n, d) [N].
+        external, internal: The two parts of `fingers`, (n, d) [N].
         touching: Fingers that touch, (n,).
         message: Reason for missing results; empty in a grasp.
     """
@@ -147,7 +147,8 @@ def is_sound(state: ContactSplitState) -> bool:
 def merge(state: ContactSplitState) -> None:
     """Compute each finger's total contact force, at the mean contact point weighted by the size of the forces.
 
-    A finger without force is at the mean of its points; a finger without contacts keeps its point.
+    The contact point of a finger without force is the mean of its points; a finger without contacts keeps its last
+    contact point.
     """
     d = state.dimensions
     for i in range(state.fingers):
@@ -157,7 +158,7 @@ def merge(state: ContactSplitState) -> None:
             state.load[i, a] = state.inward[i, a] = 0.0
     for j in range(state.contacts):
         i = int(state.finger[j])
-        size = 1e-12  # unloaded contacts count only if no contact is loaded
+        size = 1e-12  # weight of unloaded contacts, which matters only if no contact is loaded
         for a in range(d):
             size += abs(state.force[j, a])
         share = size / (state.weight[i] + size)
@@ -275,7 +276,7 @@ def scaled(gain: Table, v: Vector) -> Vector:
 
 @kernel
 def fade(state: ContactSplitState, moment: Vector, changed: bool) -> None:
-    """Add the remainder of the last change: the forces before it minus those of the new contacts.
+    """Add the remainder of the last change: the forces before the change minus the forces of the new contacts.
 
     The remainder decreases to zero linearly in time, even if contacts change in every sample.
     """

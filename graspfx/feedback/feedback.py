@@ -35,14 +35,15 @@ class Feedback(Carded):
         f = f_e + f_i,   f_e = P f,   f_i = (I - P) f                      (Kawai and Yoshikawa, eq. 3)
         fingers = Kp f_e + Ks f_i,   push = Kp sum_i f_e,i,   grip = mean_i n_i.(Ks f_i,i)
 
-    The sum of the fingers' forces does not contain the squeeze, and the sum of their sizes has no direction; here the
-    squeeze has its own gain. P is that of `graspfx.divide` (pseudoinverse, hard contacts).
+    The sum of the fingers' forces does not contain the squeeze, and the sum of their magnitudes has no direction.
+    `Feedback` displays the squeeze with its own gain. P is computed as by `graspfx.divide` (pseudoinverse, hard
+    contacts).
 
-    `forces` are those of the object on the fingers, and results are forces on the operator. With the opposite sign the
-    loop would be a positive feedback: a hand that closes on an object would be pulled further closed.
+    `forces` act from the object on the fingers; results are forces on the operator. With the opposite sign, the loop
+    would be a positive feedback: a hand that closes on an object would be pulled further closed.
 
-    When a finger makes or breaks contact, the split changes at once, but the displayed forces do not: the difference
-    from the previous forces decreases linearly to zero within `fade`.
+    When a finger makes or breaks contact, the split changes at once, but the displayed forces stay continuous: the
+    difference from the previous forces decreases linearly to zero within `fade`.
 
     Args:
         push_gain: Gain Kp of the external forces: a number, or a matrix (d, d).
@@ -156,7 +157,7 @@ class Feedback(Carded):
         return self._shown(d, m)
 
     def _shown(self, d: int, m: int) -> Shown:
-        out, n = self._out.copy(), self._n  # push, moment, three rows per finger, and whether fingers touch
+        out, n = self._out.copy(), self._n  # rows: push, moment, three per finger, and which fingers touch
         rows = out[6 : 6 + 9 * n].reshape(3, n, 3)
         if d < 3:
             rows = rows[:, :, :d]

@@ -16,7 +16,7 @@ from graspfx.numeric import number
 FloatArray = NDArray[np.float64]
 
 DECADES, PER_DECADE = (-9.0, 1.0), 60  # range and number of gains tried, as stiffness in units of m/T^2
-STEADY = 1e-10  # |z| - 1 up to which a slow motion counts as stable
+STEADY = 1e-10  # largest |z| - 1 of a slow motion that is treated as stable
 STEPS = 60  # number of bisections
 
 
@@ -28,8 +28,8 @@ class GainLimits(Carded):
         push: Largest push gain; inf if none is too large.
         squeeze: Largest squeeze gain.
         stiffness: Largest felt stiffness of a finger, gain times environment, for either port [N/m].
-        delay: Delay of the range at which it occurs [ticks].
-        frequency: Frequency of the oscillation there [Hz].
+        delay: Delay, within the range, at which the stiffness limit occurs [ticks].
+        frequency: Frequency of the oscillation at the limit [Hz].
     """
 
     push: float
@@ -75,7 +75,7 @@ def gain_limits(
 
     Args:
         mass: Device's mass m at a finger [kg].
-        damping: Its viscous damping b [N s/m].
+        damping: Device's viscous damping b [N s/m].
         period: Period T of the loop [s].
         host_ticks: Ticks R from one sample of the host to the next.
         delay: Delay D from the operator's reading to the tick that displays the answer [ticks], or its range; at least
@@ -116,7 +116,7 @@ def gain_limits(
 
 @dataclass(frozen=True, eq=False)
 class LiftedLoop:
-    """The loop over R ticks, s = (x, x', x_(i-1), ..., x_(i-q)), with x_i the sample at their beginning.
+    """The loop over R ticks, s = (x, x', x_(i-1), ..., x_(i-q)), with x_i the sample at the first of these ticks.
 
     Attributes:
         E: Map of (x, x', f) to (x, x') over a tick, (2, 3).
@@ -148,7 +148,7 @@ class LiftedLoop:
         return np.asarray(np.vstack([motion, samples[:back]]))
 
     def radius(self, stiffness: float) -> tuple[float, float]:
-        """Compute the largest |z| of its eigenvalues, and the angle of that eigenvalue [rad]."""
+        """Compute the largest |z| of the map's eigenvalues, and the angle of that eigenvalue [rad]."""
         values = np.linalg.eigvals(self.matrix(stiffness))
         z = values[np.argmax(np.abs(values))]
         return float(abs(z)), float(abs(np.angle(z)))

@@ -33,7 +33,7 @@ from graspfx.feedback.host_record import (
 FloatArray = NDArray[np.float64]
 
 LOOK = 0.01  # time between two checks for the loop [s]
-DEAD = 2.0  # time without a sample after which a loop counts as killed [s]
+DEAD = 2.0  # time without a sample after which a loop is taken to be killed [s]
 TRIES = 100  # attempts to read a complete sample; the loop writes one in a microsecond
 
 
@@ -43,10 +43,10 @@ class Operator(NamedTuple):
     Attributes:
         time: Time of the loop [s].
         position: Positions of the device's fingers, (n, d) [m].
-        velocity: Their velocities, (n, d) [m/s].
+        velocity: Velocities of the device's fingers, (n, d) [m/s].
         force: Forces that were displayed in the tick before, (n, d) [N].
-        age: Age of the host's last sample that the loop has [s].
-        push_tank, squeeze_tank: Energies of the tanks [J]; at zero a port's forces are zero.
+        age: Age of the host's last sample that the loop has received [s].
+        push_tank, squeeze_tank: Energies of the tanks [J]; if a tank is empty, the forces of its port are zero.
         lost, late: Numbers of the host's samples that were lost, or arrived after a newer one.
     """
 
@@ -72,9 +72,9 @@ class Operator(NamedTuple):
 
 
 class HostLink:
-    """Exchange of a host program with the loop of a scene whose `[host]` has its name; for a `with` block.
+    """Exchange of a host program with the loop of a scene whose `[host]` has this name; for a `with` block.
 
-    Leaving the block, also by an exception, tells the loop that the host has ended: all forces fade to zero.
+    At the end of the block, even after an exception, the loop is told that the host has ended: all forces fade to zero.
 
     Args:
         name: `host.name` of the scene.
@@ -155,8 +155,8 @@ class HostLink:
     def show(self, shown: Shown, time: float) -> None:
         """Display forces to the operator.
 
-        A device with one finger displays the push, a device with as many fingers as the host each finger's force, and a
-        device with two fingers push and grip of any hand.
+        A device with one finger displays the push. A device with as many fingers as the host displays each finger's
+        force. A device with two fingers displays push and grip of any hand.
 
         Args:
             shown: Result of `Feedback.update`, computed for the operator's state of the last `read`.
@@ -180,7 +180,7 @@ class HostLink:
             along = between / size if size > 0.0 else 0.0 * between
             external[:] = 0.5 * shown.push
             internal[0], internal[1] = shown.grip * along, -shown.grip * along
-        elif count < n:  # number so far
+        elif count < n:  # the number of contacts so far
             external[:], internal[:] = 0.0, 0.0
             external[:count], internal[:count] = shown.external, shown.internal
         else:

@@ -43,7 +43,7 @@ class HostRecord:
     """The record of a loop, which is not visible before it is published.
 
     Attributes:
-        name: Name under which hosts find it.
+        name: Name under which hosts find the record.
         words: Words of the record.
         shared: Shared memory of the record.
     """

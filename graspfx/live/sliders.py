@@ -1,4 +1,4 @@
-"""Sliders of a scene: the values that can change during a run, with their ranges, and why others cannot."""
+"""Sliders of a scene: the values that can change during a run, with their ranges; reasons why other values cannot."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class Source:
 
     @property
     def is_trusted(self) -> bool:
-        """True if everything that the scene names may be used: it is Python, or the user allows it."""
+        """True if all files that the scene names may be used: the scene is Python code, or the user allows it."""
         return self.path is None or self.path.suffix == ".py" or environment.is_granted()
 
     def is_of_user(self, text: str) -> bool:

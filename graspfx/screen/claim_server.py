@@ -33,7 +33,7 @@ class Claims:
 
     @property
     def owners(self) -> Sequence[int | None]:
-        """Client of each finger; None if it is free."""
+        """Client of each finger; None if the finger is free."""
         return tuple(self._owners)
 
     def claim(self, finger: int, client: int) -> bool:
@@ -65,7 +65,7 @@ class Claims:
 
 SILENCE = 0.5  # silence of a client after which its items are released [s]
 LOOK = 0.05  # interval between checks for silence [s]
-TURN = 32  # orders of one client before others get a turn
+TURN = 32  # orders of one client before other clients get a turn
 MOST_CLIENTS = 16
 QUEUE = 64  # longest queue of incoming messages
 
@@ -94,11 +94,11 @@ class Client:
         last: Number of its last order.
         silence: Time since its last valid order [s].
         dropped: Number of orders that were dropped.
-        reason: Reason why the last of them was dropped.
+        reason: Reason why the last dropped order was dropped.
         turn: Number of messages received.
         budget: Rate limiter of its orders.
         news: Event that is set while there is something new to send.
-        has_hello: Whether it was sent the newest hello message.
+        has_hello: Whether the newest hello message was sent to the client.
     """
 
     def __init__(self, number: int, budget: Bucket) -> None:
@@ -110,9 +110,9 @@ class Client:
 
 
 class ClaimServer(SocketThread):
-    """Server in its own thread; a context manager. A slow client does not delay others, and misses some messages.
+    """Server in its own thread; a context manager. A slow client misses messages, but does not delay other clients.
 
-    A client's items are released when it says so, when its connection ends, and after half a second of silence.
+    A client's items are released on request, when the connection ends, and after half a second of silence.
 
     Args:
         line: Listening socket; the server closes it at the end.
@@ -203,7 +203,7 @@ class ClaimServer(SocketThread):
                 self._hear(client, data)
                 client.turn += 1
                 if client.turn % TURN == 0:
-                    await asyncio.sleep(0)  # serves other clients while one floods
+                    await asyncio.sleep(0)  # serves other clients while one client floods the server
         except ConnectionClosed:
             pass
         finally:
@@ -248,7 +248,7 @@ class ClaimServer(SocketThread):
                 self.counts["fault"] += 1
 
     async def _watch(self) -> None:
-        """Release the items of silent clients; time during which this loop was blocked does not count."""
+        """Release the items of silent clients; time during which this loop was blocked is not silence."""
         before = self.gate.clock()
         while True:
             await asyncio.sleep(LOOK)

@@ -23,8 +23,8 @@ from graspfx.screen.own_page import refusal
 LIFE = 600.0  # validity of a token [s]
 COOKIE = "graspfx-touch"
 TOKEN = "token"
-TRIES, PER = 5, 60.0  # wrong tokens allowed per peer, and the time until they are forgotten [s]
-MOST_PEERS = 1000  # peers whose wrong tokens are counted
+TRIES, PER = 5, 60.0  # number of wrong tokens allowed per peer, and the time until wrong tokens are forgotten [s]
+MOST_PEERS = 1000  # largest number of peers whose wrong tokens are counted
 MOST_SESSIONS = 32
 
 
@@ -108,10 +108,10 @@ class Gate:
         return self._refused(peer, "scan the code in the terminal; each code is valid for one screen")
 
     def _refused(self, peer: str, reason: str) -> Admission:
-        """Answer a wrong token and count it; after too many, the address must wait.
+        """Answer a wrong token and count it; after too many wrong tokens, the address must wait.
 
-        Tokens are compared first, so wrong requests from an address, such as from any page in a browser there, do not
-        lock out someone with the right token.
+        Tokens are compared before they are counted. Wrong requests from an address, for example from another page in
+        the same browser, therefore do not lock out a person with the right token.
         """
         now, wrong = self.clock(), self._wrong.get(peer)
         if wrong is not None and wrong.is_empty(now):

@@ -17,7 +17,7 @@ from graspfx.errors import InputError
 HOST = "127.0.0.1"
 NAMES = frozenset({HOST, "localhost"})
 MOST = 100  # number of ports to try
-ADDRESS = re.compile(r"([A-Za-z0-9.-]+)(?::([0-9]{1,5}))?")  # also keeps other text out of the page's policy
+ADDRESS = re.compile(r"([A-Za-z0-9.-]+)(?::([0-9]{1,5}))?")  # only such text may enter the page's security policy
 IDENTITY = ("Host", "Origin", "Cookie")  # headers that identify the sender
 
 
@@ -52,7 +52,7 @@ def listen_at(host: str, port: int | None, first: int, name: str = "port") -> so
 
 
 def single(headers: Any) -> Mapping[str, str] | None:
-    """Read the headers that identify the sender; None if one of them occurs twice.
+    """Read the headers that identify the sender; None if a header occurs twice.
 
     Args:
         headers: Headers of a request, with a case-insensitive `get_all`.
@@ -72,7 +72,7 @@ def refusal(headers: Mapping[str, str], *, is_socket: bool, names: Collection[st
 
     Args:
         headers: Headers of the request, from `single`.
-        is_socket: Whether it opens a WebSocket, for which every browser sends the Origin.
+        is_socket: Whether the request opens a WebSocket, for which every browser sends the Origin.
         names: Allowed host names, in lower case.
         port: Port of the address; 0 for any, such as behind a tunnel.
     """

@@ -30,7 +30,7 @@ class Touches(NamedTuple):
     Attributes:
         time: Time of the server's last write, of `time.monotonic` [s].
         counts: Orders taken, dropped and lost, number of the last order, number of screens (5,).
-        fingers: For each finger whether it is touched, x and y [m], and the count of its touches (k, 4).
+        fingers: Whether each finger is touched, x and y [m], and the count of touches (k, 4).
     """
 
     time: float
@@ -68,14 +68,14 @@ class Board:
         half[0] += 1.0
 
     def state(self) -> tuple[float, FloatArray] | None:
-        """Read the time [s] and the device's fingers (k, 4), position and force; None while they change."""
+        """Read the time [s] and the device's fingers (k, 4), position and force; None during a write."""
         half = _read(self._state)
         return None if half is None else (float(half[1]), half[HEAD:].reshape(-1, OF_FINGER)[: self._fingers])
 
     # The device's side --------------------------------------------------------------------------------------------
 
     def touches(self) -> Touches | None:
-        """Read the touches; None while they change."""
+        """Read the touches; None during a write."""
         half = _read(self._orders)
         if half is None:
             return None

@@ -32,7 +32,7 @@ HEIGHT, STACKED = 2.9, 2.2  # [inches]
 MOST_CELLS = 400  # largest number of points along an axis of a map that a picture can resolve
 LARGEST = 20.0  # largest end of an axis, as a multiple of the smallest limit
 LEVELS = 9
-EQUAL = "#ffffff"  # line where both limits are equal
+EQUAL = "#ffffff"  # colour of the line where both limits are equal
 
 
 def limits_figure(
@@ -105,7 +105,7 @@ def _maps(limits: SweptLimits, width: str) -> Sheet:
         if min(part.shape) > 1:
             equal = _add_contours(ax, x, y, part, tiles[0] - tiles[1], drawing.width) or equal
         panel(ax, title=name)
-    panel(panels[2 if stacked else 1], x=label_of(limits.sweeps[0].key))  # one for all three
+    panel(panels[2 if stacked else 1], x=label_of(limits.sweeps[0].key))  # common abscissa of the three panels
     panel(panels[1 if stacked else 0], y=label_of(limits.sweeps[1].key))
     if equal:
         line = Line2D([], [], color=EQUAL, lw=2.0 * weight, label="$k_{ep} = k_{ip}$", path_effects=rim(weight))
@@ -139,8 +139,8 @@ def _finite(values: FloatArray) -> FloatArray:
 
 LOW = 1e-3  # magnitudes below this are not drawn
 SIDE = 1.9  # half the height of a Nyquist diagram
-BESIDE = 0.75  # approximate paper beside it [inches]
-DECADES = 4  # largest stiffness in a Z-width
+BESIDE = 0.75  # approximate width of the margin beside a diagram [inches]
+DECADES = 4  # number of decades of stiffness in a Z-width
 STABLE, PASSIVE = "#1b9e77", "#882255"
 
 
@@ -240,13 +240,13 @@ def z_width(region: ZWidth, width: str = "screen", title: str = "") -> Drawing:
     return Drawing(sheet)
 
 
-POINTS = 20  # along a key
-GAIN_POINTS = 30  # along a gain
-BEYOND = 1.25  # end of the axes of gains, over the largest that half of the hands take
-MOST_MARGIN = 4.0  # margin at which colours end
+POINTS = 20  # number of points along a key
+GAIN_POINTS = 30  # number of points along a gain
+BEYOND = 1.25  # end of the axes of gains, relative to the largest gain with which half of the hands are stable
+MOST_MARGIN = 4.0  # largest margin on the colour scale
 MARGINS = (1.3, 2.0, 3.0)
 SHARES = ("some hands", "half of the hands", "95 % of the hands", "all hands")
-TONES = ("#f6ecc9", "#d8cb94", "#97967a", "#4d5a6b")  # of those, light to dark
+TONES = ("#f6ecc9", "#d8cb94", "#97967a", "#4d5a6b")  # colours of the shares, light to dark
 COLOURS = {"internal": INTERNAL, "external": EXTERNAL}
 DASHES = {"external translation": (0.0, (5.0, 2.0)), "external rotation": (0.0, (1.2, 1.4))}
 

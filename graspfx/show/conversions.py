@@ -49,11 +49,11 @@ NAMES = {
     "coupling.external.damping": "$k_{ed}$",
     "coupling.internal.damping": "$k_{id}$",
 }
-NO_UNIT = ("coupling.friction",)  # although other keys of the same last name have one
+NO_UNIT = ("coupling.friction",)  # these keys have no unit, although other keys of the same last name have one
 
 
 def label_of(key: str) -> str:
-    """Return a key's label with its unit, as far as they exist."""
+    """Return a key's label with its unit; omit what does not exist."""
     unit = unit_of(key)
     return f"{NAMES.get(key, key)} [{unit}]" if unit else NAMES.get(key, key)
 
@@ -119,9 +119,9 @@ def quantities(recording: Recording, works: Mapping[str, NDArray[Any]] | None = 
 
 
 def rows_of(recording: Recording, name: str, first: int, stop: int) -> NDArray[Any]:
-    """Return one of the `quantities` in some rows; only the columns that it needs are read."""
+    """Return one of the `quantities` in some rows; only the required columns are read."""
     columns = {column.name.replace("/", "_"): column for column in recording.layout.columns.values()}
-    if name in ENERGIES:  # added up from the beginning
+    if name in ENERGIES:  # accumulated from the beginning
         return np.asarray(_derived(recording, name))[first:stop]
     if name in columns:
         return columns[name].typed(recording.read(columns[name].name, first, stop))
@@ -240,7 +240,7 @@ class Labels(NamedTuple):
 
     Attributes:
         variables: names of the dimensions, values, and attributes such as `units`, by name.
-        coordinates: the same for coordinates; one named like a dimension has its entries.
+        coordinates: the same for coordinates; a coordinate named like a dimension contains the dimension's entries.
         attributes: global attributes.
     """
 
@@ -254,7 +254,7 @@ def batch_dataset(batch: Batch, labels: Labels | None = None) -> xarray.Dataset:
 
     Args:
         batch: batch to convert.
-        labels: labels; by default those of the batch.
+        labels: labels; by default the labels of the batch.
     """
     xr = _package("xarray", "Batch.to_xarray")
     if labels is None:

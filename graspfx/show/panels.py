@@ -25,7 +25,7 @@ MM = 1e3
 SHARE = 0.15  # fraction of the main axis' range above which another axis gets a row or a line
 FLAT = 0.03  # fraction of the row's range below which lines look straight
 NOISE = 1e-6  # relative range below which lines are straight
-TURN = 0.1  # rotation above which an object counts as rotating [degrees]
+TURN = 0.1  # smallest rotation that is drawn [degrees]
 LARGEST = 1e12  # largest drawn value of a diverged run
 MOST_FINGERS = 5  # largest number of fingers with one line each; more are drawn as mean and range
 TALL, LOW = 1.75, 1.2  # panels [inches]
@@ -114,7 +114,8 @@ class Curve:
         label: Label in the legend.
         values: Values (N,).
         stroke: Stroke of the line.
-        many: Values (N, k) whose mean it is; their range is drawn as a band. k = 0 for a single curve.
+        many: Values (N, k) whose mean is `values`; the range of these values is drawn as a band. k = 0 for a single
+            curve.
     """
 
     label: str
@@ -184,7 +185,7 @@ def rows(columns: Sequence[View], strokes: Mapping[str, Stroke]) -> list[Row]:
 
 
 def _axes_worth_showing(ranges: Sequence[FloatArray]) -> list[int]:
-    """Select the axes along which a view moves by more than a fraction of the largest motion; if none, the first.
+    """Select the axes along which a view moves by more than a fraction of the largest motion, or else the first axis.
 
     Views share an ordinate, on which a small motion looks flat even if it is large for its view.
     """
@@ -285,7 +286,7 @@ def _rotation_vector(orientation: FloatArray | None) -> FloatArray:
     v, w = w[:, None] * v0 + w0 * v + np.cross(v, v0), w * w0 - v @ v0  # q q0'
     s = np.linalg.norm(v, axis=1)
     u = v / np.where(s > 0.0, s, 1.0)[:, None]
-    side = np.cumprod(np.where(np.sum(u[1:] * u[:-1], axis=1) < 0.0, -1.0, 1.0))  # u and -u are one axis
+    side = np.cumprod(np.where(np.sum(u[1:] * u[:-1], axis=1) < 0.0, -1.0, 1.0))  # u and -u describe the same axis
     side = np.concatenate([[1.0], side])
     angle = np.unwrap(2.0 * np.arctan2(side * s, w))
     turn: FloatArray = np.degrees((side * angle)[:, None] * u)

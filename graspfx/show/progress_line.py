@@ -75,7 +75,7 @@ class ProgressLine:
 
     def _columns(self) -> int:
         try:
-            return os.get_terminal_size(self._terminal.fileno()).columns or USUAL  # a serial line has none
+            return os.get_terminal_size(self._terminal.fileno()).columns or USUAL  # a serial line reports no width
         except (OSError, ValueError):
             return USUAL
 

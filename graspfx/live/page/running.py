@@ -234,7 +234,7 @@ def _preset(name: str, values: Mapping[str, float], numbers: Sequence[Slider]) -
 def _all_sliders(
     numbers: Sequence[Slider], scene: Scene, servo: Servo, start: FloatArray, margins: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return what each slider writes, and what two stiffnesses write together: the gaps of an automatic fade.
+    """Return the entries that each slider writes, and those that two stiffnesses determine: gaps of an automatic fade.
 
     Each gap is max(floor, p + q c) with c = |1/kep - 1/kip|, as in `assembly.grasps.set_fade`.
 

@@ -327,7 +327,7 @@ def _description(recording: Recording, title: str) -> str:
 
 
 def _versions(recording: Recording, source: Source) -> list[tuple[str, str]]:
-    """Say what a page of a run was made with, where the scene runs, and how to open what it records."""
+    """List the software that made the page of a run, where the scene runs, and how to open its recordings."""
     lines = [
         ("GraspFX", recording.header.versions.get("graspfx", graspfx.__version__)),
         ("preset", recording.header.preset),

@@ -1,4 +1,4 @@
-"""Stream of a run over a WebSocket: sends its newest row as a state, and applies goals of clients to its hands."""
+"""Stream of a run over a WebSocket: sends the newest row as a state, and applies goals of clients to the hands."""
 
 from __future__ import annotations
 

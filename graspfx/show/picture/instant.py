@@ -109,9 +109,9 @@ class Thing:
     Attributes:
         name: name in the scene.
         surface: surface in the world, or a part of an infinite one.
-        fixed: whether it is an obstacle, or an object that cannot move.
-        endless: whether it is a plane or half-space.
-        path: path of its centre so far (k, d) [m].
+        fixed: whether the thing is an obstacle, or an object that cannot move.
+        endless: whether the surface is a plane or half-space.
+        path: path of the centre so far (k, d) [m].
     """
 
     name: str
@@ -167,7 +167,7 @@ def instant(recording: Recording, time: float | None = None, folder: Path | None
 
     Args:
         recording: recording with at least one tick.
-        time: time [s]; by default the one with most touching fingers and the largest sum of forces, or the end.
+        time: time [s]; by default the time with most touching fingers and the largest sum of forces, or the end.
         folder: folder of relative mesh paths; by default the scene's folder.
 
     Raises:

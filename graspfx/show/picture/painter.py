@@ -73,7 +73,7 @@ class Layer:
         self.colour[fresh] = colour
 
     def shaded(self) -> NDArray[np.float32]:
-        """Shade by Blinn and Phong: ambient, diffuse and gloss; (h, w, 4), transparent where nothing is."""
+        """Shade by Blinn and Phong: ambient, diffuse and gloss; (h, w, 4), transparent pixels without a surface."""
         light = np.array(LIGHT, dtype=np.float32) / np.float32(np.linalg.norm(LIGHT))
         half = light + np.array([0.0, 0.0, 1.0], dtype=np.float32)
         half /= np.linalg.norm(half)
@@ -153,7 +153,7 @@ def corner_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
 BoolArray = NDArray[np.bool_]
 
 PIXELS = 1560  # pixels along the longer side before averaging
-REACH = 2  # pixels around a point that must all be nearer to hide it
+REACH = 2  # radius in pixels: a point is hidden if all pixels around it are nearer
 NEARER = 0.004  # offset of lines in front of their surface, as a fraction of the extent
 SHORTEST = 0.006  # shortest visible or hidden piece of a line, as a fraction of the extent
 OUTLINE = 0.8  # [points]
@@ -342,7 +342,7 @@ def _edges(solid: Surface, camera: Camera) -> Sequence[FloatArray]:
 
 ELEVATIONS = (22.0, 35.0, 50.0)
 FRONT = -60.0  # default azimuth [degrees]
-ALONG_AN_AXIS = (45, 60, 75)  # azimuths relative to it at which a face of a box is almost edge-on [degrees]
+ALONG_AN_AXIS = (45, 60, 75)  # azimuths relative to FRONT at which a face of a box is almost edge-on [degrees]
 
 
 def best_view(contacts: FloatArray, out: FloatArray, extent: float) -> tuple[float, float]:

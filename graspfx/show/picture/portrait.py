@@ -46,7 +46,7 @@ class Arrow:
         finger: index of the finger.
         tail, tip: ends of the arrow (d,) [m].
         colour: colour of the part, or of the finger.
-        offset: lateral offset from its line, positive to the left of its direction, in half shaft widths.
+        offset: lateral offset from the line of the force, positive to the left of its direction, in half shaft widths.
     """
 
     finger: int
@@ -137,7 +137,7 @@ def draw(axes: Axes, arrow: Arrow, extent: float, painter: Painter | None = None
     for piece, visible in pieces:
         begin, end = piece[0, :2], piece[-1, :2]
         along = _unit(ends[1] - ends[0])
-        end = min(end, neck, key=lambda point: float((point - begin) @ along))  # a head is drawn by itself
+        end = min(end, neck, key=lambda point: float((point - begin) @ along))  # the head is drawn separately
         if (end - begin) @ along <= 0.0:
             continue
         if visible:
@@ -187,13 +187,13 @@ def points(placed: list[Arrow]) -> Iterator[FloatArray]:
 
 MOST_POINTS = 400  # largest number of points of a path
 SHORT = 0.04  # shortest path drawn, as a fraction of the extent
-MOST_NAMES = 8  # with more fingers, numbers
+MOST_NAMES = 8  # largest number of fingers with names; more are numbered
 SCREEN = 5.2  # [inches]
 LOW, HIGH = 0.25, 1.3  # smallest and largest height of the picture, relative to its width
 LETTER = 0.62  # width of a letter, relative to the size of the text
 RINGS = (1.0, 1.8, 2.6, 3.6)  # distances of a name from its arrow, in half its height
 TURNS = (0.0, 0.5, -0.5, 1.0, -1.0, 1.6, -1.6, 2.3, -2.3, 3.1)  # [rad] from the direction of the arrow
-BELOW = -0.02  # where the scales are, as a share of the picture's height
+BELOW = -0.02  # vertical position of the scales, as a fraction of the picture's height
 PATH = 0.7  # [points]
 
 
@@ -210,16 +210,15 @@ def picture(
 ) -> tuple[str, ...]:
     """Draw one instant of a recording to scale, in space or in the plane, and write the picture.
 
-    The arrows show the forces of the fingers on the object, as internal and external parts or in total. They are
-    outside
-    the object: an arrow ends at a pushing force and begins at a pulling one. Parts behind an object are dashed.
+    The arrows show the forces of the fingers on the object, as internal and external parts or in total. Arrows are
+    outside the object: an arrow ends at a pushing force and begins at a pulling one. Parts behind an object are dashed.
 
     Args:
         recording: recording of a run.
         path: path of the picture, whose suffix selects the format.
-        time: time [s]; by default the one with most touching fingers and the largest forces, or the end.
+        time: time [s]; by default the time with most touching fingers and the largest forces, or the end.
         view: azimuth and elevation of the viewer in space [degrees]; by default the view that shows the fingers best.
-        folder: folder of relative mesh paths; that of the scene if None.
+        folder: folder of relative mesh paths; the folder of the scene if None.
         forces: "two" for internal and external parts, or "total".
         width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
         form: format "png", "svg" or "pdf", which overrides the suffix.
