@@ -7,9 +7,9 @@ from graspfx.protocols import Floats, Table, kernel
 
 @kernel
 def delay_values(line: Table, slot: int, delay: int, values: Floats) -> int:
-    """Store values in the delay line and replace them by those of `delay` calls ago; return the next row to fill.
+    """Store values in the delay line, and replace them by the values of `delay` calls ago; return the next row to fill.
 
-    The line has delay + 1 rows; `slot` is the row to fill now.
+    The line has delay + 1 rows; `slot` is the row that this call fills.
     """
     for j in range(line.columns):
         line[slot, j] = values[j]

@@ -11,7 +11,7 @@ from graspfx.protocols import DeviceError, InputError
 
 
 def load_library(library: object, title: str, names: Mapping[str, Sequence[str]], others: Sequence[str]) -> Any:
-    """Load a library; an object that is not a path must have the library's functions and is returned unchanged.
+    """Load a library; return an object that is not a path unchanged, which must have the library's functions.
 
     Args:
         library: Path of the library; None for its usual names.

@@ -39,7 +39,7 @@ class PlantState(Record):
     fingers: int  # n
     dimensions: int  # d
     period: float  # sampling period T [s]
-    since: float  # time at which the ticks began to count [s]
+    since: float  # time at which counting of ticks began [s]
     ticks: float
     still: bool  # the targets are constant
     position: Floats = floats("fingers * dimensions")  # [m]
@@ -65,10 +65,10 @@ ARRAYS = "position", "velocity", "effort", "start", "start_rate", "end", "end_ra
 class HeldPlant(ABC):
     """Fingers held by a hand and moved by a kernel that works on one block.
 
-    Gains of the hand are copied again when its arrays are replaced by other objects.
+    Gains of the hand are copied again when other arrays replace those of the hand.
 
     Args:
-        kind: Record of its block.
+        kind: Record of the plant's block.
         fingers: Number of fingers n.
         dimensions: Number of dimensions d.
         whole: Other integers on which the size of the block depends.
@@ -97,7 +97,7 @@ class HeldPlant(ABC):
         self._effort = arrays["effort"]
         self._start, self._end = (arrays["start"], arrays["start_rate"]), (arrays["end"], arrays["end_rate"])
         self._middle = (arrays["middle"], arrays["middle_rate"]) if "middle" in arrays else None
-        self._entries: Any = self.state.data  # plain floats; items of an array take twice as long
+        self._entries: Any = self.state.data  # plain floats, because access to items of an array takes twice as long
         self._coupled_hand: tuple[Hand, FloatArray, FloatArray] | None = None  # the hand and its gains
         self._targets: tuple[FusedHand, Any, FloatArray, FloatArray] | None = None  # its block and its targets there
         self.placed = 0  # number of calls of `place`, so that a device knows that its finger was lifted
@@ -181,7 +181,7 @@ class HeldPlant(ABC):
     @property
     @abstractmethod
     def structure(self) -> Index:
-        """Entries of the block, integers, that are constant after `hold` and select the computation."""
+        """Integers in the block that are constant after `hold` and select the computation."""
 
     @abstractmethod
     def _put(self, position: FloatArray) -> None:

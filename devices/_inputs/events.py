@@ -127,7 +127,7 @@ class EventPort:
         return None
 
     def close(self) -> None:
-        """Close the port; it also returns if the device is gone or already closed."""
+        """Close the port, without an error if the device is gone or already closed."""
         descriptor, self._descriptor, self._bytes = self._descriptor, -1, b""
         if descriptor >= 0:
             with suppress(OSError):

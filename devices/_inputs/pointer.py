@@ -14,23 +14,23 @@ from graspfx.protocols import DeviceError, Features, Follower, InputError, appro
 
 FloatArray = NDArray[np.float64]
 
-LONGEST = 0.1  # longest time between two readings for which the target moves on [s]
+LONGEST = 0.1  # longest time between two readings during which the target continues to move [s]
 AXES = 3
 
 
 class Pointer(ABC):
     """One finger without force feedback: forces are checked and not displayed.
 
-    Events move a target within the workspace, at most at `speed`. The finger follows it with critical damping, so
-    events at 60 to 1000 Hz give a smooth motion for a loop of any rate. A silent device is at rest.
+    Events move a target within the workspace, at most at `speed`. The finger follows the target with critical damping,
+    so that events at 60 to 1000 Hz give a smooth motion for a loop of any rate. Without events, the target is at rest.
 
     Args:
-        port: Port of its events.
+        port: Port of the device's events.
         workspace: Corners of the workspace (2, d) [m].
         start: Position of the finger when the device is opened (d,) [m].
-        lag: Time constant of the finger; it lags a steady target by twice this time [s].
+        lag: Time constant of the finger, which lags a steady target by twice this time [s].
         speed: Largest speed of the target [m/s].
-        buttons: Codes of its switches; the first is bit 0.
+        buttons: Codes of the device's switches; the first switch is bit 0.
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class Pointer(ABC):
         """Process an event of a complete report, except for buttons."""
 
     def _move(self, goal: FloatArray, duration: float) -> None:  # noqa: B027 (nor sticks)
-        """Move the goal without events, such as by a deflected stick."""
+        """Move the goal without events, for example while a stick is deflected."""
 
     def _take(self, events: Iterable[Event]) -> None:
         """Process complete reports; after lost events, use only the state that can be queried."""
@@ -129,7 +129,7 @@ class Pointer(ABC):
                 self._events.append(event)
             elif event.code == DROPPED:
                 self._is_lost = True
-                self._switches = 0  # releases may have been lost
+                self._switches = 0  # events of released buttons may have been lost
             elif event.code == REPORT:
                 report, self._events = self._events, []
                 if self._is_lost:

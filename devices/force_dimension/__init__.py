@@ -16,7 +16,7 @@ __all__ = ["Delta", "connect", "quench"]
 
 MOST_FORCE = 40.0  # [N]
 MOST_SAMPLES = 1_000_000  # largest window [samples]
-PERIOD = 0.001  # arbitrary, because `quench` reads once only [s]
+PERIOD = 0.001  # arbitrary, because `quench` reads only once [s]
 
 
 def connect(

@@ -30,9 +30,9 @@ WATCHDOG, UNIT = 255, 125e-6  # largest watchdog setting of a device, and its un
 class PlainDelta:
     """A delta, omega, sigma or lambda: one finger in space, x towards the operator, y to the right, z up.
 
-    Each call of the library is checked: a negative result is a fault, and a reading with the result 1 (no new data)
-    keeps the last sample and its time. Velocities are estimated from positions. The vendor's limits and thresholds are
-    not changed. The watchdog is set if the device supports it, and restored by `close`.
+    Each call of the library is checked: a negative result is a fault, and for a reading with the result 1 (no new
+    data), the last sample and its time are kept. Velocities are estimated from positions. The vendor's limits and
+    thresholds are not changed. If the device supports a watchdog, `open` sets it and `close` restores it.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class PlainDelta:
             self._dhd.call("dhdSetForce", 0.0, 0.0, 0.0, self._id)
 
     def close(self) -> None:
-        """Set zero force, apply the brakes, restore the watchdog and close; each step is tried even if others fail."""
+        """Set zero force, apply the brakes, restore the watchdog and close; attempt each step even if others fail."""
         dhd, self._dhd = self._dhd, None
         if dhd is None:
             return

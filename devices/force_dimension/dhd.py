@@ -39,7 +39,7 @@ ARGUMENTS: dict[str, tuple[Any, ...]] = {
     "dhdSetForce": (_double, _double, _double, _char),
     "dhdGetStatus": (ctypes.POINTER(_int), _char),
 }
-EXPERT: dict[str, tuple[Any, ...]] = {  # if the library has them
+EXPERT: dict[str, tuple[Any, ...]] = {  # functions that only some versions of the library have
     "dhdEnableExpertMode": (),
     "dhdDisableExpertMode": (),
     "dhdGetWatchdog": (ctypes.POINTER(_byte), _char),
@@ -89,6 +89,6 @@ class Dhd:
 
 
 def is_of_c(library: object) -> bool:
-    """Tell whether a library has C functions, as one loaded from a path has."""
+    """Tell whether a library has C functions, like a library loaded from a path."""
     function = getattr(library, "dhdSetForce", None)
     return library is None or isinstance(library, str) or (hasattr(function, "argtypes") and function is not None)

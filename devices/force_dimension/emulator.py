@@ -44,7 +44,7 @@ class FakeDevice(ctypes.Structure):
         ("codes", ctypes.c_int32 * len(FUNCTIONS)),  # return values of the functions
         ("status", ctypes.c_int32 * STATUS),
         ("serial", ctypes.c_int32),
-        ("owner", ctypes.c_int32),  # process that has opened it, 0 for none
+        ("owner", ctypes.c_int32),  # process that has opened the device, 0 for none
         ("enabled", ctypes.c_int32),
         ("braking", ctypes.c_int32),
         ("watchdog", ctypes.c_int32),
@@ -62,8 +62,8 @@ class FakeDevices(ctypes.Structure):
 class ForceDimensionWire(Wire):
     """Devices 101 to 104 behind a fake library, which counts every call and returns the codes that a test sets.
 
-    Other programs that load the library use the same devices. `settings`, `position`, `force` and `torque` are those of
-    the first device.
+    Other programs that load the library use the same devices. `settings`, `position`, `force` and `torque` refer to the
+    first device.
 
     Args:
         slowness: Factor by which the devices' watchdogs run slower, for tests on a busy machine.
@@ -83,7 +83,7 @@ class ForceDimensionWire(Wire):
     def __init__(self, *, slowness: float = 1.0, clock: Clock | None = None) -> None:
         super().__init__(clock)
         self.slowness = slowness
-        self._seen = 0.0, 0.0  # time of the last force seen, by the library's time and by the clock [s]
+        self._seen = 0.0, 0.0  # time at which the last force was set, by the library and by the clock [s]
         self._folder = Path(mkdtemp(prefix="graspfx-wire-"))
         state, library = self._folder / "state", self._folder / "libdrd.so"
         self.devices = shared_page(FakeDevices, state).devices
@@ -105,7 +105,7 @@ class ForceDimensionWire(Wire):
     def torque(self) -> FloatArray:
         """Force last set (3,) [N]; zero after the watchdog, if enabled, has expired.
 
-        The brakes of dhdStop do not make it zero; only dhdSetForce does.
+        The brakes of dhdStop do not set the force to zero; only dhdSetForce does.
         """
         device = self.devices[0]
         age = self._age(device.written[0] + 1e-9 * device.written[1])

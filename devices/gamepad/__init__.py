@@ -90,13 +90,13 @@ def connect(
     Args:
         port: Event file, such as /dev/input/by-id/usb-Maker_Pad-event-joystick; `graspfx devices` lists them.
         dimensions: Number of dimensions of the scene.
-        mode: "position": a stick sets the position between `start` and the limits of the workspace. "rate": it sets the
-            velocity, and the finger stays where it is when the stick returns.
+        mode: "position": a stick sets the position between `start` and the limits of the workspace. "rate": a stick
+            sets the velocity, and the finger stays where it is when the stick returns.
         sticks: One of x, y, z, rx, ry, rz for each axis, with a minus to reverse it; further axes are unused.
         workspace: Corners of the workspace (2, d) [m]; 0.1 m to every side if None.
         start: Position of the finger when the device is opened (d,) [m]; the middle of the workspace if None.
         dead: Fraction of a stick's range that counts as the middle.
-        lag: Time constant of the finger; it lags a steady motion by twice this time [s].
+        lag: Time constant of the finger, which lags a steady motion by twice this time [s].
         speed: Largest speed of the finger [m/s].
         grab: Whether to withhold the events from other programs.
     """

@@ -25,7 +25,7 @@ __all__ = ["Haply2Diy", "connect", "quench"]
 
 FIRMWARE_LIMIT = 0.123  # torque limit of a motor in the board's firmware [N m]
 MOST_SAMPLES = 1_000_000  # largest window [samples]
-TRIES = 10  # attempts to have zero torques answered
+TRIES = 10  # attempts to send zero torques and receive an answer
 
 
 def connect(
@@ -52,7 +52,7 @@ def connect(
         distance: Distance between the motors [m].
         home: Directions of the links at the motors, encoders 1 and 2, for the handle's position at `open` [deg].
         counts: Counts of an encoder per revolution.
-        torque_limit: Torque limit of a motor; that of the firmware is 0.123 [N m].
+        torque_limit: Torque limit of a motor; the limit in the firmware is 0.123 [N m].
         margin: Smallest distance of the handle from the stretched posture [m].
         device: Number of the device on its line.
         timeout: Time after which the last sample is kept instead of an answer; less than the period [s].
@@ -80,8 +80,8 @@ def connect(
 def quench(*, port: str, device: int = 5, **_: object) -> None:
     """Remove the torques from a board whose program has died: send zeros until it answers two successive frames.
 
-    It needs no set-up, so the offsets of the encoders are kept. A board that waits for the rest of a truncated frame
-    takes the first zeros as the rest, which are zero torques, too.
+    This needs no set-up, so that the offsets of the encoders are kept. A board that waits for the rest of a truncated
+    frame interprets the first zeros as that rest, and so as zero torques, too.
 
     Args:
         port, device: Same as for `connect`; other settings are ignored.

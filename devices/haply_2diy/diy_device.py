@@ -18,8 +18,8 @@ FloatArray = NDArray[np.float64]
 FASTEST = 30.0  # speed limit of a link, 2 m/s at its tip; a faster angle is a bit error [rad/s]
 HARDEST = 5000.0  # acceleration limit of a link, 350 m/s^2 at its tip; no hand and no motor exceeds it [rad/s^2]
 LONGEST = 5.0  # largest number of samples over which the limits are extrapolated
-SILENCE = 20  # number of successive readings without an answer after which the board counts as lost
-BLOCKED = 1.0  # time that a board waits for the rest of a frame [s]
+SILENCE = 20  # number of successive readings without an answer after which the board is lost
+BLOCKED = 1.0  # time for which a board waits for the rest of a frame [s]
 
 
 class Haply2Diy:
@@ -27,10 +27,11 @@ class Haply2Diy:
 
         p = p(q),   v = J(q) q',   tau = J'(q) f
 
-    The board answers a frame of torques with its angles. `ask` therefore repeats the last torques, so a reading is as
-    old as one exchange; the answer to `write` is discarded. Torques beyond the limit are scaled together, so the force
-    keeps its direction. An answer of the wrong length, of another device, or too far from the last one for a link's
-    speed and acceleration, is rejected: the line is flushed, the last sample is kept, and the next reading asks again.
+    The board answers a frame of torques with its angles. Therefore `ask` repeats the last torques, so that a reading is
+    as old as one exchange; the answer to `write` is discarded. Torques beyond the limit are scaled by a common factor,
+    so that the force keeps its direction. An answer is rejected if it has the wrong length, comes from another device,
+    or is too far from the last answer for the speed and acceleration of a link. In that case the line is flushed, the
+    last sample is kept, and the next reading asks again.
     """
 
     def __init__(
@@ -170,7 +171,7 @@ class Haply2Diy:
                 self._send()
 
     def _drain(self) -> None:
-        """Read until nothing arrives; an answer to the last `close` has angles from before the set-up."""
+        """Read until nothing arrives; an answer to the last `close` contains angles from before the set-up."""
         deadline = self.port.now() + BLOCKED
         while self.port.receive(self.port.now() + self.timeout) and self.port.now() < deadline:
             pass

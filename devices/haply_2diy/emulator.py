@@ -14,7 +14,7 @@ from graspfx.testing.wire import Clock, SerialWire, WallClock, tip_force
 
 FloatArray = NDArray[np.float64]
 
-PATIENCE = 1.0  # time that the board waits for the rest of a frame, with its motors on [s]
+PATIENCE = 1.0  # time for which the board waits for the rest of a frame, with its motors on [s]
 CLAMP = 0.123  # torque limit of a motor [N m]
 HOME = 168.0, 12.0  # directions of the links at the motors, encoders 1 and 2 [deg]
 RESET, SETUP, TORQUE = 0, 1, 2
@@ -26,7 +26,7 @@ class DiyWire(SerialWire):
     """A 2DIY board with its five-bar linkage, moved by `move`, `place` and, with an inertia, by torques.
 
     A frame truncated in its payload blocks the board for a second while the last torques persist; all bytes received
-    meanwhile are taken as its rest. Only a frame of zeros removes the torque.
+    during this time are interpreted as the rest of the frame. Only a frame of zeros removes the torque.
 
     Args:
         links: Lengths of the links at the motors, and from these to the handle [m].
@@ -59,7 +59,7 @@ class DiyWire(SerialWire):
         self._moved = (clock or WallClock()).now()  # time up to which torques have moved the links [s]
         self.frames: deque[tuple[float, tuple[float, float]]] = deque(maxlen=MOST_FRAMES)
         self._angles, self._offset = np.array(HOME), np.zeros(2)
-        self._torque: FloatArray = np.zeros(2)  # of motors 1 and 2, at ports 2 and 1
+        self._torque: FloatArray = np.zeros(2)  # torques of motors 1 and 2, at ports 2 and 1
         self._identity: int | None = None
         self._buffer, self._began = b"", 0.0
         super().__init__(seed, clock)

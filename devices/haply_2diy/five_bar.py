@@ -25,7 +25,7 @@ class FiveBar:
 
     Args:
         links: Lengths l at the motors and L to the handle [m].
-        distance: Distance d between the motors [m]; 0 if they share an axis.
+        distance: Distance d between the motors [m]; 0 if the motors share an axis.
         margin: Smallest distance from the stretched posture, as the height of the triangle A, p, B [m].
     """
 

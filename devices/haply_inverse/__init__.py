@@ -43,7 +43,7 @@ def connect(
         url: Address of the service.
         device: Id of the device, as shown by the service's tools; None for the only device.
         basis: Axes of the device in the service, such as "XYZ"; any other setting is rejected.
-        damping: Damping that the service adds, counted as the device's b; any other setting is rejected [N s/m].
+        damping: Damping that the service adds, treated as the device's b; any other setting is rejected [N s/m].
         force_limit: Largest force at the handle; the service documents no limit [N].
         resolution: Resolution of a position [m].
         velocity_window: Longest window of the velocity estimate [samples].

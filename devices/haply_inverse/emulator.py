@@ -27,7 +27,7 @@ IDLE = 0.001  # time between two checks of a connection for pending answers [s]
 
 
 class InverseWire(Wire):
-    """A service whose devices are moved by tests only; a force persists until another one is set.
+    """A service whose devices are moved by tests only; a force persists until another force is set.
 
     This is the worst case: the real service's behaviour after the death of a program is unknown. Coordinates that are
     exactly zero are omitted from its answers.
@@ -204,7 +204,7 @@ class InverseWire(Wire):
                 if device["device_id"] in self._forces and np.isfinite(force).all():
                     self._forces[device["device_id"]] = np.clip(force, -self.limit, self.limit)
         except (ValueError, KeyError, TypeError, AttributeError):
-            return  # a message without forces is answered like any other
+            return  # a message without forces also gets an answer
 
     def state(self, *, first: bool = False, name: str | None = None) -> bytes:
         """Return the state of the devices; the first message of a connection also contains their configuration."""

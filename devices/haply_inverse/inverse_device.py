@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 
 FASTEST = 5.0  # speed limit of a hand; a faster position is rejected [m/s]
 NEAR = 1e-3  # additional tolerance of a position [m]
-SILENCE = 0.1  # time without a sample after which the device counts as lost [s]
+SILENCE = 0.1  # time without a sample after which the device is lost [s]
 FIRST = 1.0  # time for the first sample [s]
 
 
@@ -27,13 +27,13 @@ def lock_of(service: Service, name: str) -> ProgramLock:
 class Inverse:
     """An Inverse behind its service: positions and forces in the service's axes, z up.
 
-    `ask` repeats the last forces, so a reading is as old as one exchange. A position too far from the last one for a
-    hand is rejected. Without a new position the last sample is kept, with its time.
+    `ask` repeats the last forces, so that a reading is as old as one exchange. A position that a hand cannot have
+    reached since the last sample is rejected. Without a new position, the last sample and its time are kept.
 
     Args:
         service: Service shared by all devices of this program.
         device: Id of the device; None for the only device.
-        basis: Expected basis of its axes in the service.
+        basis: Expected basis of the device's axes in the service.
         damping: Expected damping of the service [N s/m].
         force_limit: Largest force [N].
         resolution: Resolution of a position [m].
@@ -48,7 +48,7 @@ class Inverse:
         self.service, self.device, self.basis, self.damping = service, device, basis, damping
         self.force_limit, self.resolution, self.timeout = force_limit, resolution, timeout
         self._window = velocity_window
-        self._name = ""  # only while it is open
+        self._name = ""  # empty unless the device is open
         self._lock: ProgramLock | None = None
         self._position: FloatArray = np.zeros((1, 3))
         self._velocity: FloatArray = np.zeros((1, 3))

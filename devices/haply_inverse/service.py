@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from graspfx.devices.haply_inverse.websocket import WebSocket
 
 INVENTORY = 1.0  # time for the first message of the service [s]
-LOST = 0.02  # time after which an answer counts as lost [s]
+LOST = 0.02  # time after which an answer is lost [s]
 ABSENT = 2  # successive answers without a known device
 ZERO: Force = (0.0, 0.0, 0.0)
 
@@ -24,9 +24,9 @@ Sample = tuple[tuple[float, float, float], float]  # position [m] and time of th
 class Service:
     """A connection shared by the devices of a program; the service answers each message once, and sends nothing else.
 
-    A message contains the forces of all devices. One is sent when the first device asks in a tick, and one when the
-    last device has written. Answers arrive in order. A lost or late answer blocks nothing: the next tick sends its
-    message.
+    A message contains the forces of all devices. In each tick, a message is sent when the first device asks, and
+    another when the last device has written. Answers arrive in order. A lost or late answer blocks nothing: the next
+    tick sends its message.
 
     Args:
         url: Address of the service.
@@ -78,7 +78,7 @@ class Service:
         return name
 
     def leave(self, name: str) -> None:
-        """Release a device at zero force; the last one closes the connection."""
+        """Release a device at zero force; releasing the last device closes the connection."""
         if name not in self.forces:
             return
         self.forces[name] = ZERO
@@ -168,7 +168,7 @@ class Service:
             self._sent.popleft()
 
     def _take(self, text: str, keep: bool) -> None:
-        """Process an answer to the oldest request, or to a later one if that was lost; samples never seem newer."""
+        """Process an answer to the oldest request; if that was lost, times of samples are too early, never too late."""
         when = self._sent.popleft() if self._sent else self._question
         devices = devices_in(text)
         if devices is None:

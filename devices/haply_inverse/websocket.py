@@ -24,7 +24,7 @@ PATIENCE = 1.0  # time for connecting [s]
 DATA = frozenset({Opcode.CONT, Opcode.TEXT, Opcode.BINARY})
 MOST = 1 << 20  # largest message [bytes]
 CHUNK = 1 << 16
-SILENT = logging.Logger("websockets", logging.CRITICAL + 1)  # a tick writes no log, whatever the program has configured
+SILENT = logging.Logger("websockets", logging.CRITICAL + 1)  # ticks write no log, whatever the program has configured
 
 
 def address(url: object) -> WebSocketURI:
@@ -177,7 +177,7 @@ class WebSocket:
         return self._socket
 
     def close(self) -> None:
-        """Close the connection; it also returns if the service is gone or the connection already closed."""
+        """Close the connection, without an error if the service is gone or the connection already closed."""
         line, self._socket = self._socket, None
         if line is not None:
             with suppress(OSError):

@@ -61,7 +61,7 @@ def connect(
         wheel: Motion along the third axis per notch [m].
         workspace: Corners of the workspace (2, d) [m]; 0.1 m to every side if None.
         start: Position of the finger when the device is opened (d,) [m]; the middle of the workspace if None.
-        lag: Time constant of the finger; it lags a steady motion by twice this time [s].
+        lag: Time constant of the finger, which lags a steady motion by twice this time [s].
         speed: Largest speed of the finger [m/s].
         grab: Whether to withhold the events from the desktop.
     """

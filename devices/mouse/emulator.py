@@ -69,7 +69,7 @@ class EventWire(Wire):
         """Send events, each with kind, code and value, and the end of a report."""
         data = b"".join(struct.pack(EVENT, 0, 0, *event) for event in (*events, (SYNC, REPORT, 0)))
         if self._pipe >= 0:
-            with suppress(BlockingIOError):  # the reader has not read for long
+            with suppress(BlockingIOError):  # the pipe is full, because the reader has not read for a long time
                 os.write(self._pipe, data)
 
     def press(self, button: int, *, down: bool = True) -> None:
@@ -86,7 +86,7 @@ class EventWire(Wire):
             self._place = REACH * np.sign(part) * (np.abs(part) - DEAD) / (1.0 - DEAD)
 
     def home(self) -> None:
-        """Move the sticks to their middle; a mouse is at home everywhere."""
+        """Move the sticks to their middle; do nothing for a mouse, which is at home everywhere."""
         self._place = np.zeros(2)
         if self.kind == "gamepad":
             self.send((ABSOLUTE, 0, 0), (ABSOLUTE, 1, 0))

@@ -55,8 +55,8 @@ class FakeScheduler(ctypes.Structure):
 class OpenHapticsWire(Wire):
     """Devices "left", "right" and "third" behind a fake library whose thread calls back 1000 times a second.
 
-    Other programs that load the library use the same devices. `settings`, `position`, `force` and `torque` are those of
-    the first device.
+    Other programs that load the library use the same devices. `settings`, `position`, `force` and `torque` refer to the
+    first device.
 
     Args:
         clock: Clock of the scheduler, which then calls back while the wire's `clock` is waited on; by default the
@@ -114,7 +114,7 @@ class OpenHapticsWire(Wire):
 
     @property
     def durations(self) -> IntArray:
-        """Histogram of the callback's duration in bins of a microsecond; the last bin counts all longer ones."""
+        """Histogram of the callback's duration in bins of a microsecond; the last bin counts all longer durations."""
         return np.ctypeslib.as_array(self.state.bins)
 
     def place(self, position: FloatArray, device: int = 0) -> None:
@@ -170,5 +170,5 @@ class _TurnsClock:
         end = time.monotonic() + TURN
         while state.running and state.passed < state.due and time.monotonic() < end:
             time.sleep(1e-5)
-        if state.passed < state.due:  # its process is gone
+        if state.passed < state.due:  # the process of the library has ended
             state.running = 0

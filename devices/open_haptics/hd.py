@@ -1,4 +1,4 @@
-"""Functions and constants of the OpenHaptics library (HD), by name; it is loaded when a device is opened."""
+"""Functions and constants of the OpenHaptics library (HD), by name; the library is loaded when a device is opened."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The library's scheduler, one per process: it starts when all devices are added, and calls one function per period."""
+"""The library's scheduler, one per process: starts when all devices are added, and calls one function per period."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Scheduler:
     def __init__(self, hd: Hd) -> None:
         self._hd, self._members = hd, list[Member]()
         self._calls: list[Calls] = []
-        self._mailbox: Mailbox | None = None  # only while it runs
+        self._mailbox: Mailbox | None = None  # None unless the scheduler runs
         self._number = 0  # handle of the callback
         self._lock = RLock()
 
@@ -59,7 +59,7 @@ class Scheduler:
                 hd.call("hdMakeCurrentDevice", handle)
                 hd.call("hdEnable", FORCE_OUTPUT)
                 calls = _calls(hd, handle, velocity)
-            except BaseException:  # also interruptions by a signal
+            except BaseException:  # including interruptions by a signal
                 with suppress(DeviceError):
                     hd.call("hdDisableDevice", handle)
                 raise
@@ -84,7 +84,7 @@ class Scheduler:
                     self.start()
 
     def start(self) -> Mailbox:
-        """Start the scheduler unless it runs; return the mailbox of its devices."""
+        """Start the scheduler unless it already runs; return the mailbox of its devices."""
         with self._lock:
             if self._mailbox is not None:
                 return self._mailbox
@@ -103,7 +103,7 @@ class Scheduler:
 
     @property
     def mailbox(self) -> Mailbox | None:
-        """The mailbox of its devices while it runs, else None."""
+        """The mailbox of the devices while the scheduler runs, else None."""
         return self._mailbox
 
     def place(self, member: Member) -> int:

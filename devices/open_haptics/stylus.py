@@ -23,10 +23,10 @@ LONGEST = 0.05  # time for zero force to be displayed [s]
 class Stylus:
     """One finger in space: x to the right, y up, z towards the operator.
 
-    The library's thread runs 1000 times a second. `read` waits for its next sample, at most one period, and a force is
-    displayed from its next turn on. Without a message from this program for 20 ms the thread displays zero force. A
-    loop without Python runs in that thread. Velocities are estimated from positions. Every error of the library is a
-    fault.
+    The library's thread runs 1000 times a second. `read` waits for the thread's next sample, at most one period. A
+    written force is displayed from the thread's next call on. If no message from this program arrives for 20 ms, the
+    thread displays zero force. A loop without Python runs in the thread. Velocities are estimated from positions. Every
+    error of the library is a fault.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class Stylus:
         self._started().drive(function, context)
 
     def release(self, wait: float) -> bool:
-        """Stop these calls; return whether the last one has ended within `wait` seconds."""
+        """Stop these calls; return whether the last call has ended within `wait` seconds."""
         mailbox = None if self._scheduler is None else self._scheduler.mailbox
         return mailbox is None or mailbox.release(wait)
 
@@ -127,7 +127,7 @@ class Stylus:
             raise DeviceError("the scheduler of OpenHaptics no longer calls back")
 
     def close(self) -> None:
-        """Set zero force, remove the callback, stop and disable the device; each step is tried even if others fail."""
+        """Set zero force, remove the callback, stop and disable the device; attempt each step even if others fail."""
         scheduler, self._calls = self._scheduler, None
         if scheduler is not None:
             with suppress(DeviceError):

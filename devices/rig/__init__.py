@@ -44,7 +44,7 @@ def connect(
 ) -> Rig:
     """Connect the rig: channel 0 is the first arm, channel 1 the second.
 
-    The other settings are those of `graspfx.devices.two_link.connect`, for each arm.
+    The other settings are as for `graspfx.devices.two_link.connect`, for each arm.
 
     Args:
         port: Serial port of the controller, such as /dev/ttyACM0.

@@ -27,7 +27,7 @@ from graspfx.protocols import DeviceError, SerialPort
 T = TypeVar("T")
 
 TRIES = 5  # attempts of HELLO and ARM
-PATIENCE = 0.1  # time for an answer to each of them [s]
+PATIENCE = 0.1  # time for an answer to HELLO or ARM [s]
 GOODBYE = 0.02  # time for an answer to STOP [s]
 LONGEST = 4096  # largest number of stored bytes without an end of frame
 STILL = (0.0,) * AXES
@@ -87,7 +87,7 @@ class Controller:
         self.port.send(short_frame(Kind.POLL, self._question))
 
     def answer(self) -> State | None:
-        """Wait for the STATE that answers the last `ask`, or ask first; return None if it is too late.
+        """Wait for the STATE that answers the last `ask`, or ask first; return None if STATE is too late.
 
         Raises:
             DeviceError: If the hardware is gone, or the controller has latched a fault or restarted.
@@ -115,7 +115,7 @@ class Controller:
         self._exchange(Kind.STOP, lambda: short_frame(Kind.STOP), state_in)
 
     def close(self) -> None:
-        """Set zero torque, switch the motors off and close the port; it also returns if the hardware is gone."""
+        """Set zero torque, switch the motors off and close the port, without an error if the hardware is gone."""
         if self._armed:
             self._armed = False
             with suppress(DeviceError):

@@ -68,8 +68,8 @@ def _built(name: str, *options: str) -> Path:
 class RigWire(Wire):
     """The rig without hardware: rig.c compiled for this computer, in a separate program.
 
-    With a given clock it is a library in this process instead, without a port, one at a time. It then runs only in
-    `exchange` and in the time of that clock.
+    With a given clock, the emulator is instead a library in this process, without a port; only one can exist at a time.
+    Such an emulator runs only in `exchange`, on the given clock.
 
     Hands hold both fingers at home, with a stiffness at each joint. The failure "flip" damages frames in both
     directions, because both have a checksum.
@@ -174,7 +174,7 @@ class RigWire(Wire):
             return
         if self.failure == "unplugged":
             self._plug.pull()
-            self.clock.sleep(0.01)  # until the data are sent
+            self.clock.sleep(0.01)  # waits until the data are sent
         elif not self._plugged:
             self._await_plug(plugs)
 

@@ -16,9 +16,9 @@ from graspfx.protocols import DeviceError, Features, InputError
 
 FloatArray = NDArray[np.float64]
 
-SILENCE = 20  # successive readings without an answer after which the controller counts as lost
+SILENCE = 20  # successive readings without an answer after which the controller is lost
 WATCHDOG = 0.005  # watchdog of the controller; a longer time without torques is a fault [s]
-DECAY = 0.02  # time in which forces then decay to zero [s]
+DECAY = 0.02  # time in which forces decay to zero after the watchdog has expired [s]
 LONGEST = 0.0025  # longest period, because the watchdog must not be needed between samples [s]
 WRAP = 1 << 32  # range of the controller's clock [us]
 
@@ -46,8 +46,8 @@ class Half:
 class Rig:
     """Two arms on one controller: POLL, STATE, then RUN in each sample.
 
-    Positions, velocities and torques are computed as for `two-link`, with the controller's clock. Without an answer the
-    last sample is kept, with its time.
+    Positions, velocities and torques are computed as for `two-link`, with the controller's clock. Without an answer,
+    the last sample and its time are kept.
 
     Args:
         controller: Controller, not yet open.
@@ -61,11 +61,11 @@ class Rig:
         self._position: FloatArray = np.zeros(shape)
         self._velocity: FloatArray = np.zeros(shape)
         self._raw: NDArray[np.int64] = np.zeros(1 + 2 * len(STILL), dtype=np.int64)
-        self._period: float | None = None  # only while the device is open
+        self._period: float | None = None  # None unless the device is open
 
     @property
     def features(self) -> Features:
-        """Features: peak force of the weaker arm, resolution of the coarser one, workspace around both."""
+        """Features: peak force of the weaker arm, resolution of the coarser arm, workspace around both arms."""
         each = [arm.features for arm in self.arms]
         corners = [feature.workspace for feature in each if feature.workspace is not None]
         peaks = [feature.peak_force for feature in each if feature.peak_force is not None]

@@ -35,9 +35,9 @@ def connect(
         dimensions: Number of dimensions d.
         damping: Viscous damping b [N s/m].
         fingers: Number k of fingers, the channels of this device.
-        resolution: Resolution of its encoders [m]; readings are multiples of it, or exact if it is 0.
+        resolution: Resolution of the encoders [m]; readings are multiples of the resolution, or exact if it is 0.
         velocity_window: Longest window of the velocity estimate [samples] (`graspfx.loop.velocity`).
-        delay: Delay between a write and its force [samples]; with 0 it acts over the next sample.
+        delay: Delay between a write and its force [samples]; with 0, the force acts over the next sample.
         force_limit: Largest force at a fingertip [N]; larger forces are scaled down.
         workspace: Lower and upper corner (d,) [m]; a finger outside raises a DeviceError.
     """

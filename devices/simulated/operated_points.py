@@ -27,7 +27,7 @@ class OperatedPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the sh
         damping: Damping (n,) [N s/m].
         dimensions: Number of dimensions d.
         room: Number of stored samples of reactions; 0 without a reaction.
-        operator: Initial operator; `hold` replaces it by that of the hand.
+        operator: Initial operator; `hold` replaces it by the operator of the hand.
 
     Attributes:
         live: Whether mechanics and hand may change during a run; always true.

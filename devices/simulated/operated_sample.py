@@ -65,7 +65,7 @@ class OperatedPlantState(PlantState):  # type: ignore[misc] # mypy does not see 
 
 @kernel
 def advance(plant: OperatedPlantState) -> int:
-    """Advance the plant by one sample; the targets at the end become those at the beginning.
+    """Advance the plant by one sample; targets at the end of the sample become targets at the beginning of the next.
 
     Gains, grip forces and h are held over the sample; tips and limbs move by the linear equations.
     """

@@ -20,8 +20,8 @@ class Benchmark(Protocol):
     """A module of benchmarks.
 
     Attributes:
-        TITLE: Title of its section in the report.
-        LIMITS: Limitations of its numbers.
+        TITLE: Title of the module's section in the report.
+        LIMITS: Limitations of the module's numbers.
     """
 
     TITLE: str

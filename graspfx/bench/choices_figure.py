@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 TALL = 2.9  # [inches]
 LEAST = 1e-17  # plotted value of an error of zero
 COLOURS = (INK, *FINGERS, NEUTRAL)
-BEFORE, BEYOND = 2.5, 1.6  # factors of space before the smallest time, for labels, and beyond the largest
+BEFORE, BEYOND = 2.5, 1.6  # factors of space for labels before the smallest time and beyond the largest time
 
 
 def tradeoff_sheet(tradeoff: Tradeoff, *, width: str = "screen") -> Sheet:
@@ -42,7 +42,7 @@ def tradeoff_sheet(tradeoff: Tradeoff, *, width: str = "screen") -> Sheet:
             label="Pareto front: no other choice is as fast and as accurate",
         )  # fmt: skip
         for each in sound:
-            if each.row in best:  # no other choice lies below and to the left of it
+            if each.row in best:  # no other choice is both faster and more accurate
                 axes.annotate(
                     f"{1e3 * each.choice.period:.3g} ms", _place(each.row), (-7.0, -4.0),
                     textcoords="offset points", ha="right", va="top", color=NOTE, fontsize="small",

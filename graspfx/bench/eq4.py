@@ -29,10 +29,10 @@ library's tolerance for the rank. Weights are equal, fingers are hard and in spa
 EXTERNAL, INTERNAL = 30.0, 70.0  # [N/m]
 OUTER, INNER = gx.Impedance(EXTERNAL), gx.Impedance(INTERNAL)
 LAW = gx.Coupling(OUTER, INNER)
-RADIUS, REACH = 0.05, 0.003  # of a grasp and of the displacements [m]
+RADIUS, REACH = 0.05, 0.003  # radius of a grasp, and size of the displacements [m]
 GRASPS = 8  # grasps of each kind
 WRONG = 1e-3  # relative error of a force that is not due to rounding
-WARM = 0.3  # [s] after which the calls of a `Split` are compiled
+WARM = 0.3  # time after which the calls of a `Split` are compiled [s]
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ SKEW[[1, 2, 3, 5, 6, 7], [2, 1, 2, 0, 1, 0]] = [-1.0, 1.0, 1.0, -1.0, -1.0, 1.0]
 class GraspMatrix:
     """G of n points in space, (6, 3 n): forces, then moments about the origin (eq. 2), updated in place.
 
-    The identities are constant, and the rows of the moments are one product of the points with a constant.
+    The identities are constant; one product of the points with a constant matrix gives the rows of the moments.
     """
 
     def __init__(self, n: int) -> None:

@@ -14,7 +14,7 @@ WIDTHS = ("screen", "page", "column")
 
 
 def add_options(parser: ArgumentParser, *rows: tuple[Any, ...]) -> None:
-    """Add options, one row each: "--name METAVAR", its help, type and default; a name without metavar is a switch."""
+    """Add options, each from a row: "--name METAVAR", help, type and default; a name without metavar is a switch."""
     for spec, text, *others in rows:
         name, _, metavar = spec.partition(" ")
         if metavar:
@@ -74,7 +74,7 @@ def picture_name(stem: str, options: Namespace) -> str:
 
 
 def scene(text: str) -> str:
-    """Accept a scene's name or path; refuse a recording, and name the commands that read one."""
+    """Accept a scene's name or path; refuse a recording, and name the commands that read recordings."""
     path = Path(text)
     if text.endswith((".h5", ".part")) or (path.name != text and path.is_dir()):
         drawn = f"`graspfx plot {text}` draws it over time, `graspfx picture {text}` one instant"

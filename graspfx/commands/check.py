@@ -106,7 +106,7 @@ def _operators(options: Namespace) -> int:
 
 
 def _tick(scene: Scene) -> list[str]:
-    """List the steps that a tick of the scene runs, and those it skips."""
+    """List the steps that a tick of the scene runs, and skipped steps."""
     from graspfx.assembly.build import build
     from graspfx.loop.tick_listing import listing
 

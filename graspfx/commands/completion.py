@@ -51,7 +51,7 @@ def execute(options: Namespace) -> int:
 
 
 def answers(words: Sequence[str], commands: Sequence[str]) -> Iterator[str]:
-    """List the completions of the last word, sorted; none where a file or another kind of value is expected.
+    """List the completions of the last word, sorted; none if a file or another kind of value is expected.
 
     Args:
         words: Words of the command line, without `graspfx`; the last one is incomplete or empty.

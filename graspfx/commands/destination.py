@@ -56,7 +56,7 @@ def require_room_of(options: Namespace, recording: Path) -> None:
 
 @contextmanager
 def destination(options: Namespace, name: str, *, latest: bool = False) -> Iterator[Path]:
-    """Yield the folder --out, or a new one: out/NAME, out/NAME-2, ... (out/NAME with --overwrite).
+    """Yield the folder --out, or a new folder: out/NAME, out/NAME-2, ... (out/NAME with --overwrite).
 
     A new folder that stays empty is removed.
 

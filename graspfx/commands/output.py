@@ -147,7 +147,7 @@ def draw(recordings: Sequence[Recording], picture: Path, otherwise: str = "", **
 
 
 def say_source(request: Path, file: Path, recording: Recording) -> None:
-    """Note which file was read if it is a part file, or if a newer part file stands beside it."""
+    """Note which file was read if it is a part file, or if a newer part file exists beside it."""
     if is_part(file):
         seconds = recording.end
         text = f"read {seconds:g} s from {file}, of a run that is not finished or was killed"

@@ -13,7 +13,7 @@ from graspfx.experiment.trial import Presentation
 
 LOOK = 0.05  # interval between checks whether to stop [s]
 READY = "\n"  # key of a person who is ready
-QUIET = 0.7  # shortest time between two presses of a key; a key that is held down repeats faster [s]
+QUIET = 0.7  # shortest time between two presses of a key [s]; a key that is held down repeats faster
 
 
 INTERRUPTION = "it was interrupted"
@@ -46,7 +46,7 @@ class Answerer(Protocol):
         ...
 
     def listen(self, keys: Mapping[str, str]) -> None:
-        """Start accepting answers; earlier ones are discarded."""
+        """Start accepting answers; earlier answers are discarded."""
         ...
 
     def has_answered(self) -> bool:
@@ -74,7 +74,7 @@ class Keys:
         self._tell, self._stop = tell, stop
         self._keys: Mapping[str, str] = {}
         self._answer: Answer | None = None
-        self._clocks: dict[str, float] = {}  # when each key was pressed last
+        self._clocks: dict[str, float] = {}  # time of the last press of each key
 
     def press(self, key: str) -> None:
         """Record that a key is pressed now."""
@@ -85,7 +85,7 @@ class Keys:
         self.presses.put(None)
 
     def ready(self, text: str) -> None:
-        """Wait for a new press of Enter or the space bar; a key that is held down does not count.
+        """Wait for a new press of Enter or the space bar; repeats of a key that is held down are ignored.
 
         Raises:
             Stopped: The session should end.

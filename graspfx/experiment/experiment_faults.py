@@ -185,7 +185,7 @@ def _values(
 
 
 def _place(key: str, values: Mapping[str, Any]) -> Sequence[str]:
-    """Find the value that caused a fault: the one with its key, else the one with the most similar key."""
+    """Find the value that caused a fault: the value with the fault's key, or else with the most similar key."""
     if key in values:
         return [key]
     if len(values) == 1:

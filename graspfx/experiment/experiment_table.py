@@ -44,7 +44,7 @@ def _keys(value: Any) -> Any:
 
 
 def as_list(value: Any) -> Any:
-    """Take a lone table as a list of one."""
+    """Convert a single table to a list of one table."""
     return [value] if isinstance(value, Mapping) else value
 
 

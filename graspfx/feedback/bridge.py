@@ -274,7 +274,7 @@ def keep_sample(host: HostState, slot: Floats, number: float) -> None:
 
 @kernel
 def predict(state: GraspState, host: HostState) -> None:
-    """Compute the present forces of both ports: the sample's, extrapolated, or by the environment's stiffness."""
+    """Compute the present forces of both ports: held, extrapolated, or by the environment's stiffness."""
     ahead = 0.0
     if host.method == LINEAR:
         ahead = min(host.age * host.period, host.interval)

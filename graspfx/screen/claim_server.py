@@ -110,7 +110,7 @@ class Client:
 
 
 class ClaimServer(SocketThread):
-    """Server in its own thread; a context manager. A slow client does not delay others, and misses some messages.
+    """Server in its own thread; a context manager. A slow client misses messages, but does not delay other clients.
 
     A client's items are released on request, when the connection ends, and after half a second of silence.
 

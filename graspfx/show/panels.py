@@ -185,7 +185,7 @@ def rows(columns: Sequence[View], strokes: Mapping[str, Stroke]) -> list[Row]:
 
 
 def _axes_worth_showing(ranges: Sequence[FloatArray]) -> list[int]:
-    """Select the axes along which a view moves by more than a fraction of the largest motion; if none, the first.
+    """Select the axes along which a view moves by more than a fraction of the largest motion, or else the first axis.
 
     Views share an ordinate, on which a small motion looks flat even if it is large for its view.
     """

@@ -67,21 +67,21 @@ def check_device(
 ) -> DeviceReport:
     """Check the observable promises of a `graspfx.protocols.Device`; raise ConformanceError at the first broken one.
 
-    For every device it checks features before opening, with None for unknown ones; shape, finiteness and ownership of
-    positions and velocities; non-decreasing time; acceptance of forces, with DeviceError for non-finite ones; stop,
-    repeated close, and the context manager. It cannot observe actuators or the meaning of numbers: hardware that never
-    limits its force, keeps it after `stop`, and reports millimetres passes.
+    For every device, the kit checks features before opening, with None for unknown ones; shape, finiteness and
+    ownership of positions and velocities; non-decreasing time; acceptance of forces, with DeviceError for non-finite
+    ones; stop, repeated close, and the context manager. The kit cannot observe actuators or the meaning of numbers:
+    hardware passes even if it never limits its force, keeps the force after `stop`, and reports millimetres.
 
-    For a simulated device, moved by its own plant, it also checks that every finger receives its own force and moves in
-    its direction; that a reported force limit holds; that no force remains after a non-finite one, after stop and after
-    close; that the device is at rest alone and follows a hand; and that two runs are identical. With a factory, it
-    checks that two of its devices in one process are independent.
+    For a simulated device, moved by its own plant, the kit also checks that every finger receives its own force and
+    moves in its direction; that a reported force limit holds; that no force remains after a non-finite one, after stop
+    and after close; that the device is at rest alone and follows a hand; and that two runs are identical. With a
+    factory, the kit checks that two devices in one process are independent.
 
-    With a wire, an emulator of the hardware to which the device's settings lead, it also checks the motors: zero force
-    after `stop`, `close`, exceptions and non-finite forces; the limit; newtons, metres and seconds if the emulator
-    knows the mechanism; removal of the force after the program is killed, by a watchdog or by the driver's `quench`;
-    and the driver's response to every failure of the wire. With a factory, it checks that a second device is refused.
-    This takes some seconds.
+    With a wire, which is an emulator of the hardware to which the device's settings lead, the kit also checks the
+    motors: zero force after `stop`, `close`, exceptions and non-finite forces; the limit; newtons, metres and seconds
+    if the emulator knows the mechanism; removal of the force after the program is killed, by a watchdog or by the
+    driver's `quench`; and the driver's response to every failure of the wire. With a factory, it checks that a second
+    device is refused. This takes some seconds.
 
     The report lists whether each promise has passed, is not visible, or needs a person. `print` shows it.
 
@@ -129,7 +129,7 @@ def _blind_spots(bench: _Bench, *, factory: bool) -> Iterator[BlindSpot]:
 
 
 class _Bench:
-    """A device on the bench, alone; a simulated one with its plant, placed and ready to be moved."""
+    """A device on the bench, alone; a simulated device has its plant, placed and ready to be moved."""
 
     def __init__(self, device: Device, promises: Promises, period: float, start: ArrayLike | None) -> None:
         self.device, self.promises, self.period = device, promises, period

@@ -42,11 +42,11 @@ def check_scene(
 ) -> Recording:
     """Check that a scene of simulated devices keeps its promises; raise ConformanceError at the first broken one.
 
-    It loads, has a plan and runs without a fault. All recorded values are finite, and two runs are identical. The
-    wrench on each object is the sum of its fingers' forces and of their moments about its centre, to rounding. Devices
-    receive the negative of the force on the object, and their recorded energy is this force times the displacement of
-    the fingertip. Two servos of the scene, built at once, share no memory and, run in turns, give the result of one
-    servo alone. Energy is bounded, and given numbers are reproduced.
+    The scene loads, has a plan and runs without a fault. All recorded values are finite, and two runs are identical.
+    The wrench on each object is the sum of its fingers' forces and of their moments about its centre, to rounding.
+    Devices receive the negative of the force on the object, and their recorded energy is this force times the
+    displacement of the fingertip. Two servos of the scene, built at the same time, share no memory; when they run in
+    turns, each gives the result of a single servo. Energy is bounded, and given numbers are reproduced.
 
     **Energy bounded**: at every tick,
 
@@ -63,7 +63,7 @@ def check_scene(
 
     Args:
         scene: Scene, its name or path, or a function that creates it.
-        duration: Duration [s]; by default that of the scene.
+        duration: Duration [s]; by default the duration of the scene.
         energy: Fraction by which a bound may be exceeded if the projector or the set of touching fingers changes or a
             rotation is integrated; None for a scene whose coupling is known to generate energy, such as literal gain
             matrices and the reaction at the contact point.
@@ -205,7 +205,7 @@ class _Account:
 
 
 def _accounts(scene: Scene, recording: Recording, bodies: Sequence[FloatArray]) -> tuple[_Account, _Account]:
-    """Compute the account of the coupling, A and S_0 + W + H, and that of the objects, E and E_0 + A + U + J.
+    """Compute the accounts of the coupling, A and S_0 + W + H, and of the objects, E and E_0 + A + U + J.
 
     Args:
         bodies: Blocks of the objects (`graspfx.objects.integrators`), with their masses and moments of inertia.

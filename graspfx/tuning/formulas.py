@@ -187,7 +187,7 @@ class Measure:
     Attributes:
         formula: Definition in words.
         unit: Unit; empty for a ratio.
-        read: Function that reads it from a judgement.
+        read: Function that reads the quantity from a judgement.
     """
 
     formula: str
@@ -238,7 +238,7 @@ def key_of(scene: Scene, name: str) -> str | None:
     """Return the key that a name denotes; None for a measure.
 
     Raises:
-        UnknownNameError: If the name is neither.
+        UnknownNameError: If the name is neither a key nor a measure.
         InputError: If the value of the key is not a number.
     """
     if name in MEASURES:

@@ -39,7 +39,7 @@ STARTS = 10  # starting points for each of several keys
 ROUNDS = 8  # largest number of rounds that add hands
 MET = 1e-6  # tolerance of a constraint's slack below zero
 FINE = 1e-9  # tolerance of a root, relative to a range
-WIDEST = 10.0  # slacks are clipped here, because larger ones do not guide a solver
+WIDEST = 10.0  # largest slack, to which larger ones are clipped because they do not guide a solver
 BOX_POINTS = 6  # points per range and round that sample the operators' box
 STEP = 1e-4  # step of a difference quotient, relative to a range
 
@@ -51,7 +51,7 @@ class Problem:
         scene: Scene whose gains change.
         objective: Formula to be maximised.
         constraints: Constraints that must hold in every hand.
-        over: Ranges of the keys that may change; those of the objective's keys if None.
+        over: Ranges of the keys that may change; if None, default ranges of the objective's keys.
         operators: Set of operators; None for the scene's own operator.
     """
 
@@ -82,7 +82,7 @@ class Problem:
 
     @property
     def is_of_keys(self) -> bool:
-        """Whether the objective depends only on keys that change, so that it needs no judgement."""
+        """Whether the objective depends only on keys that change; such an objective needs no judgement."""
         changing = {each.key for each in self.over}
         return all(self.keys[name] in changing for name in self.objective.names) and bool(self.objective.names)
 
@@ -92,7 +92,7 @@ class Problem:
         return {each.key: float(each.between(share)) for each, share in pairs}
 
     def point(self, values: Mapping[str, float]) -> Point:
-        """Return the point of the unit box at which keys have these values, or the nearest one."""
+        """Return the point of the unit box at which keys have these values, or the nearest point."""
         shares = []
         for each in self.over:
             low, high, value = each.low, each.high, float(values[each.key])
@@ -123,7 +123,7 @@ class Problem:
         return min(self.slacks(one), default=math.inf)
 
     def smooth_slacks(self, one: Judgement, modes: Sequence[str]) -> Iterator[float]:
-        """Yield the slacks; a constraint on the margin gives one per mode, which are smoother than their minimum."""
+        """Yield the slacks; a constraint on the margin gives a slack per mode, because their minimum is less smooth."""
         numbers = numbers_of(self.keys, one)
         for each in self.constraints:
             if "margin" in each.names and one.stable:
@@ -174,7 +174,7 @@ class Answer:
 
     Attributes:
         point: Best point in the unit box.
-        feasible: Whether it satisfies all constraints in the hands of the search.
+        feasible: Whether the point satisfies all constraints in the hands of the search.
         hands: Operators for which the constraints were evaluated.
         worst: Last search for the worst operator; None for the scene's own operator.
         rounds: Number of rounds that added hands.
@@ -190,8 +190,8 @@ class Answer:
 def search(problem: Problem) -> Answer:
     """Find the best point that satisfies the constraints in all hands (Blankenship and Falk, 1976).
 
-    Alternates between the best point for a few hands, and the worst hand in the whole box of operators at this point;
-    if that hand violates a constraint, it is added to the few.
+    The search alternates between two steps: find the best point for a few hands, then find the worst hand for this
+    point in the whole box of operators. If the worst hand violates a constraint, it is added to the few hands.
     """
     hands: list[Hand] = [{}]
     operators = problem.operators
@@ -372,7 +372,7 @@ def _descended(problem: Problem, hands: Sequence[Hand], start: Point) -> list[Po
 
 
 def _between(problem: Problem, hands: Sequence[Hand], inner: Point, outer: Point) -> list[Point]:
-    """Find the boundary of the constraints between a point that satisfies them and one that does not."""
+    """Find the boundary of the constraints between a point that satisfies them and a point that does not."""
     from scipy.optimize import brentq
 
     if room(problem, inner, hands) < 0.0:

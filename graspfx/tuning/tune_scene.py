@@ -22,9 +22,9 @@ from graspfx.tuning.tuning import Check, ConstraintValue, Tuning, six_digits
 OWN = "own"
 USUAL = "margin >= 1.5"
 MORE = 1.01  # factor on the objective for the verification
-NEAR = 2e-3  # largest slack of a constraint that may be active
+NEAR = 2e-3  # a constraint with a larger slack is not active
 FRESH = 32  # number of random operators for the verification
-SAME = 1e-6  # relative increase of the objective that is rounding
+SAME = 1e-6  # smaller relative increases of the objective are rounding
 TIGHTEST = 6  # number of hands for which the objective 1 % larger is judged
 EDGE = 1e-6  # distance from the end of a range, relative to the range
 
@@ -40,11 +40,11 @@ def tune(
 ) -> Tuning:
     """Find the largest gains with which a scene keeps its margins for every operator of a set.
 
-    Constraints hold in the worst hand: alternate between the best gains for a few hands and the worst hand in the whole
-    box for these gains, which joins the few, until no hand violates a constraint (Blankenship and Falk 1976). For one
-    key, roots are bracketed by a grid; several keys use sequential quadratic programming from points that sample the
-    box. Each judgement is a certificate at its own rest. The result is verified by new judgements, also for random
-    hands and with the objective 1 % larger.
+    Constraints must hold in the worst hand. The search alternates between the best gains for a few hands, and the worst
+    hand for these gains in the whole box. The worst hand is added to the few, until no hand violates a constraint
+    (Blankenship and Falk 1976). For one key, roots are bracketed by a grid; several keys use sequential quadratic
+    programming from points that sample the box. Each judgement is a certificate at the rest with the judged values. New
+    judgements verify the result, including judgements for random hands and with the objective 1 % larger.
 
     Names are `margin`, `margin.internal`, `margin.external`, `margin.external_translation`, `margin.external_rotation`,
     `margin.standing`, `margin.pushing`, `grip`, `depth` [m], `squeeze` [N], `force` [N], `frequency` [Hz],
@@ -151,7 +151,7 @@ def _nearest(problem: Problem, constraint: Constraint, number: int, ones: list[J
 
 
 def _binding(at: list[ConstraintValue], more: tuple[Check, ...]) -> ConstraintValue | None:
-    """Return the constraint that breaks beyond the optimum, else one without slack."""
+    """Return the constraint that breaks beyond the optimum, or else a constraint without slack."""
     broken = [check.broken for check in more if check.broken is not None]
     if broken and len(broken) == len(more):
         first = min(broken, key=lambda value: next(each.slack for each in at if each.text == value.text))

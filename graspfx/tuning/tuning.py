@@ -24,7 +24,7 @@ class ConstraintValue:
 
     Attributes:
         text: Text of the constraint.
-        left, right: Values of its two sides.
+        left, right: Values of the constraint's two sides.
         slack: Slack relative to the right side; negative if the constraint is violated.
         judgement: Judgement for this hand.
     """
@@ -37,7 +37,7 @@ class ConstraintValue:
 
     @property
     def holds(self) -> bool:
-        """Whether it is satisfied up to the rounding of tuned values to six digits."""
+        """Whether the constraint is satisfied up to the rounding of tuned values to six digits."""
         return self.slack >= -ROUNDING
 
     @property
@@ -66,7 +66,7 @@ class Check:
 
     Attributes:
         values: Judged values by key.
-        broken: Constraint that fails there, in the hand that violates it most; None if all hold.
+        broken: Constraint that fails beyond the optimum, in the hand that violates it most; None if all hold.
         key: Key that is 1 % larger or smaller; empty if no key increases the objective.
     """
 
@@ -173,7 +173,7 @@ class Tuning(Carded):
 
     @property
     def reason(self) -> str:
-        """Why the objective is not larger: the binding constraint, its mode and frequency, and the hand."""
+        """Reason why the objective is not larger: the binding constraint, its mode and frequency, and the hand."""
         if not self.feasible:
             return self.obstacle
         if self.binding is not None:
