@@ -123,7 +123,7 @@ def test_what_no_smaller_stiffness_mends_is_refused(gate: Gate) -> None:
 def test_without_a_certificate_nothing_passes(gate: Gate) -> None:
     order = gate.order({KEP: -1.0})
     assert order.is_refused
-    assert "there is no certificate for these values:  " in order.text
+    assert "there is no certificate for these values: " in order.text
     assert "expected no less than 0" in order.text
     assert gate.order({KEP: 210.0}).values == {KEP: 210.0}  # the next one is judged by itself
     assert gate.run.values == [{KEP: 210.0}]
