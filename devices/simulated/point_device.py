@@ -33,7 +33,7 @@ Index = NDArray[np.intp]
 
 
 class PointDevice:
-    """A device of `connect`: a plant moves it, and it reads the plant through its sensors.
+    """A device from `connect`: a plant moves the fingers, and the device reads the plant through its sensors.
 
     The kernels `reading` and `writing` perform each sample on the block `state`.
     """
@@ -63,7 +63,7 @@ class PointDevice:
         self.state: FloatArray = zeros(
             size_for(PointDeviceState, fingers=k, dimensions=d, delay=delay, estimate_size=each)
         )
-        self._entries: Any = self.state.data  # plain floats; items of an array take twice as long
+        self._entries: Any = self.state.data  # plain floats, because access to items of an array takes twice as long
         block = PointDeviceState(self.state)
         block.fingers, block.dimensions, block.delay, block.estimate_size = k, d, delay, each
         block.rounded, block.bounded, block.limited = resolution > 0.0, workspace is not None, force_limit is not None
@@ -106,7 +106,7 @@ class PointDevice:
 
     @property
     def effort(self) -> FloatArray:
-        """Force (k, d) [N] that acts on the fingertips until the next write; not to be written to."""
+        """Force (k, d) [N] that acts on the fingertips until the next write; read-only."""
         return self._effort
 
     @staticmethod

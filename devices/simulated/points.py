@@ -19,7 +19,7 @@ class CoupledFingers(Record):
 
     axis: int
     count: int  # g
-    first: int  # index of the first in the plant's `members`
+    first: int  # index of the group's first finger in the plant's `members`
     matrix: int  # index of the first entry in `matrices`, (2 g, 6 g)
 
 
@@ -35,7 +35,7 @@ class PointPlantState(PlantState):  # type: ignore[misc] # mypy does not see the
 
 @kernel
 def advance(plant: PointPlantState) -> int:
-    """Advance the plant by one sample; the targets at the end become those at the beginning.
+    """Advance the plant by one sample; targets at the end of the sample become targets at the beginning of the next.
 
     Per group of g coupled fingers on an axis: (x - x_0, x') = M (x_0 - r_0, x_0', u, r_1 - r_0, r_0', r_1'); the
     last three are zero for constant targets.
@@ -192,7 +192,7 @@ def _step(m: FloatArray, b: FloatArray, K: FloatArray, B: FloatArray, T: float) 
 
 
 def _coupled_groups(linked: NDArray[np.bool_]) -> list[list[int]]:
-    """List the groups of fingers that are coupled, directly or through others, each in order."""
+    """List the groups of fingers that are coupled, directly or through other fingers, each in order."""
     left = list(range(len(linked)))
     groups = []
     while left:

@@ -34,12 +34,12 @@ def connect(
     """Connect a touch screen.
 
     Args:
-        port: Port of its page, http://127.0.0.1:8765.
+        port: Port of the page, http://127.0.0.1:8765.
         fingers: Number of fingers, one channel each.
         dimensions: Number of dimensions of the scene, 1 or 2.
         workspace: Corners of the workspace (2, d) [m]; 0.1 m to every side if None.
         start: Positions of the fingers when the device is opened (k, d) [m]; side by side in the middle if None.
-        lag: Time constant of a finger; it lags a steady touch by twice this time [s].
+        lag: Time constant of a finger, which lags a steady touch by twice this time [s].
         speed: Largest speed of a finger [m/s].
         lan: Whether a tablet in the local network may connect, with a printed code.
 

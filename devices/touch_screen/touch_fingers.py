@@ -13,22 +13,22 @@ from graspfx.protocols import DeviceError, Features, Follower, InputError, Touch
 
 FloatArray = NDArray[np.float64]
 
-LONGEST = 0.1  # longest time between two readings for which the target moves on [s]
+LONGEST = 0.1  # longest time between two readings during which the target continues to move [s]
 BACK = 0.1  # speed at which a lifted finger yields to its force [m/s]
 
 
 class TouchFingers:
     """Fingers without force feedback: forces are checked and shown on the page.
 
-    A touch is a goal. The target moves there at most at `speed`, and the finger follows it with critical damping. A
-    finger that is lifted, or whose screen is lost, stays in place and yields to its displayed force until that is zero.
-    Its switch is closed while it is touched.
+    A touch is a goal. The target moves to the goal at most at `speed`, and the finger follows the target with critical
+    damping. When the finger is lifted or the screen is lost, the finger stays in place, and yields to its displayed
+    force until this force is zero. The switch of a finger is closed while the finger is touched.
 
     Args:
         screen: Touch screen.
         workspace: Corners of the workspace (2, d) [m].
         start: Positions of the fingers when the device is opened (k, d) [m].
-        lag: Time constant of a finger; it lags a steady target by twice this time [s].
+        lag: Time constant of a finger, which lags a steady target by twice this time [s].
         speed: Largest speed of a target [m/s].
         now: Clock of the reader [s].
     """

@@ -74,8 +74,9 @@ def connect(
 ) -> TwoLink | SimulatedTwoLink:
     """Connect one arm, which moves one finger: simulated with the preset of this module, or real, behind `board`.
 
-    A single number applies to both joints. Omitted mechanical settings (masses to damping) are the preset's for a
-    simulated arm and unknown for a real one, whose mass and damping are reported only if all five are given.
+    A single number applies to both joints. Omitted mechanical settings (masses to damping) have the values of the
+    preset for a simulated arm. For a real arm, omitted settings are unknown: its mass and damping are reported only if
+    all five are given.
 
     Args:
         base: Position of the first joint [m].

@@ -36,9 +36,9 @@ class TwoLinkArm(ABC):
 
         q = zero + 2 pi counts/(counts per revolution x gear),   p = p(q),   v = J(q) q',   tau = J'(q) f / gear
 
-    q' is estimated from the counts with a noise bound of half a count. Torques beyond `torque_limit` are scaled
-    together, so the force keeps its direction. A finger outside the arm's reach, or an elbow on its other side, raises
-    DeviceError at `read`.
+    q' is estimated from the counts with a noise bound of half a count. Torques beyond `torque_limit` are scaled by a
+    common factor, so that the force keeps its direction. A finger outside the arm's reach, or an elbow on its other
+    side, raises DeviceError at `read`.
     """
 
     declaration = ArmState
@@ -50,7 +50,7 @@ class TwoLinkArm(ABC):
         self._window, self._delay = velocity_window, delay
         each, late = estimate_size(velocity_window), delay or 0
         self.state: FloatArray = zeros(size_for(ArmState, delay=late, estimate_size=each))
-        self._entries: Any = self.state.data  # plain floats; items of an array take twice as long
+        self._entries: Any = self.state.data  # plain floats, because access to items of an array takes twice as long
         block = self._block = ArmState(self._entries)
         block.base, block.lengths = Point(*arm.base), Both(*arm.links)
         block.zero, block.step, block.gear = Both(*wiring.zero), Both(*wiring.step), Both(*wiring.gear)
@@ -66,11 +66,11 @@ class TwoLinkArm(ABC):
 
     @property
     def features(self) -> Features:
-        """Features; mass, damping, resolution and peak force are those with the elbow at a right angle.
+        """Features; mass, damping, resolution and peak force refer to the elbow at a right angle.
 
-        Mass and damping are the geometric means of their principal values there. The peak force is the one that the
-        motors reach in every direction, the resolution the largest step of the tip per count. The workspace is the box
-        around the arm's reach.
+        In this posture, mass and damping are the geometric means of their principal values. The peak force is the force
+        that the motors reach in every direction. The resolution is the largest step of the tip per count. The workspace
+        is the box around the arm's reach.
         """
         a1, a2 = self.arm.angles(self.arm.base[0], self.arm.base[1] + math.hypot(*self.arm.links))
         by_joint = self.arm.jacobian(a1, a2)
@@ -112,7 +112,7 @@ class TwoLinkArm(ABC):
     def largest_force(self) -> FloatArray:
         """Largest force that the motors reach in every direction at the last reading (1,) [N].
 
-        With both motors at the base it equals the peak force everywhere.
+        With both motors at the base, this force equals the peak force everywhere.
         """
         start = start_of(ArmState, "largest")
         return self.state[start : start + 1]
@@ -135,7 +135,7 @@ class TwoLinkArm(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Set zero torque and release the hardware; it also returns if the hardware is gone or already closed."""
+        """Set zero torque and release the hardware, without an error if the hardware is gone or already closed."""
 
     def fault_text(self, code: int) -> str:
         """Explain a code of a kernel with the values in the block."""

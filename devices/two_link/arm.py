@@ -168,8 +168,8 @@ class Arm:
 class Mechanics:
     """Mass and damping matrices M(a) = [[I1, c m + r], [c m + r, I2]], D = [[d1, d], [d, d2]], c = cos(a2 - a1).
 
-    Both refer to the directions of the links: the kinetic energy is w'M w/2, w = da/dt. Of a rotor's motion, only the
-    spin, which is multiplied by the gear ratio, contributes to the kinetic energy.
+    Both matrices refer to the directions of the links: the kinetic energy is w'M w/2, w = da/dt. Of a rotor's motion,
+    only the spin, which is multiplied by the gear ratio, contributes to the kinetic energy.
 
     Args:
         arm: Geometry of the arm.

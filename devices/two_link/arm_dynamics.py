@@ -168,7 +168,8 @@ def derivative(plant: ArmPlantState, states: Many[ArmStage], slopes: Many[ArmSta
 def integrate(plant: ArmPlantState, substeps: int) -> None:
     """Advance the arms' states by a sample with Butcher's sixth-order method in seven stages (1964), in equal substeps.
 
-    At 5 ms, one sixth-order substep costs less than the ten of the classical fourth-order method with the same error.
+    At 5 ms, one sixth-order substep takes less time than ten substeps of the classical fourth-order method, which give
+    the same error.
     """
     h = plant.period / substeps
     stages = plant.stages
@@ -275,7 +276,7 @@ def plan(plant: ArmPlantState) -> None:
 
 @kernel
 def advance(plant: ArmPlantState) -> int:
-    """Advance the plant by one sample; the targets at the end become those at the beginning.
+    """Advance the plant by one sample; targets at the end of the sample become targets at the beginning of the next.
 
     Returns 0, or NOT_FINITE or TOO_FAST if the plant remains in place.
     """

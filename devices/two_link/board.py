@@ -11,7 +11,7 @@ from graspfx.protocols import InputError
 
 
 class Board(Protocol):
-    """Two encoders and two motors; counts and torques are those of the motors' shafts, before the gears.
+    """Two encoders and two motors; counts and torques refer to the motors' shafts, before the gears.
 
     A board with lost hardware raises OSError or DeviceError; a run then stops with zero force.
     """
@@ -32,7 +32,7 @@ class Board(Protocol):
 
 @runtime_checkable
 class TimedBoard(Protocol):
-    """A board with a time of its counts; counts of other boards have the time of the call."""
+    """A board that reports the time of its counts; for other boards, the time of the call is used."""
 
     @property
     def time(self) -> float:

@@ -40,11 +40,11 @@ class SimulatedTwoLink(TwoLinkArm):  # type: ignore[misc] # mypy does not see th
         lengths = [start_of(VelocityEstimate, "length") + estimate.offset for estimate in self._block.estimates]
         self.structure = np.array([*sample.STRUCTURE, *lengths])
         self._fault = 0  # fault code of the last reading
-        self._wire(ArmPlant([mechanics]), 0)  # at rest, until it is connected to a moving plant
+        self._wire(ArmPlant([mechanics]), 0)  # at rest, until the arm is connected to a moving plant
 
     @property
     def effort(self) -> FloatArray:
-        """Torques at the joints until the next sample (1, 2) [N m]; not to be written to."""
+        """Torques at the joints until the next sample (1, 2) [N m]; read-only."""
         effort: FloatArray = self._effort
         return effort
 

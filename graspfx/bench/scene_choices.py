@@ -89,7 +89,7 @@ class Reference:
         body: Integrator.
         period: Smallest period [s].
         places: Positions (instants, things, d) [m].
-        error: Estimate of its error [m].
+        error: Estimate of the motion's error [m].
         order: Order q of convergence; None if two halvings do not agree.
         changes: Largest change by each halving [m].
     """
@@ -192,7 +192,7 @@ def trade_off(scene: Scene, *, duration: float | None = None, quick: bool = Fals
 
     Args:
         scene: Scene to measure.
-        duration: Simulated duration [s]; by default that of the scene, at most two seconds.
+        duration: Simulated duration [s]; by default the duration of the scene, at most two seconds.
         quick: Whether to measure fewer periods, with fewer runs of each.
 
     Raises:
@@ -216,7 +216,7 @@ def trade_off(scene: Scene, *, duration: float | None = None, quick: bool = Fals
             row = _measured(scene, choice, reference, seconds, instant, QUICK_ROUNDS if quick else ROUNDS)
             twin = outcomes.get(replace(choice, engine="compiled"))
             if choice.engine == "interpreted" and twin is not None and row.state == TIMED:
-                compiled = twin.row  # its bits are identical
+                compiled = twin.row  # results of both engines are bit-identical
                 row = replace(row, error=compiled.error, note="the same bits as compiled")
                 if compiled.state != TIMED:
                     row = replace(compiled, method=row.method)
@@ -240,7 +240,7 @@ def attempt(scene: Scene, choice: Choice, duration: float, instant: float, round
         choice: Choice to use.
         duration: Duration, an integer number of instants [s].
         instant: Time between compared instants, an integer number of periods [s].
-        rounds: Number of runs; the fastest counts.
+        rounds: Number of runs, of which the fastest is used.
 
     Raises:
         GraspFXError: If the scene rejects the choice.
@@ -260,7 +260,7 @@ def attempt(scene: Scene, choice: Choice, duration: float, instant: float, round
 
 
 def converge(scene: Scene, duration: float, instant: float, *, small: float = SMALL) -> Reference:
-    """Halve a scene's period until the change of its motion is small relative to its extent.
+    """Halve a scene's period until the change of the motion is small relative to the extent of the motion.
 
     Native bodies use the exact integrator; PyBullet and MuJoCo use their own.
 
@@ -291,8 +291,8 @@ def converge(scene: Scene, duration: float, instant: float, *, small: float = SM
 def estimate(changes: Sequence[float]) -> tuple[float, float | None]:
     """Estimate the remaining error from the changes of a motion by halvings of its period, and the order.
 
-    With x_h = x + C h^q the last change is d = C h^q (2^q - 1), and C h^q = d / (2^q - 1) is left. If the last two
-    ratios of changes give different orders, or too low an order, the last change is the estimate.
+    With x_h = x + C h^q the last change is d = C h^q (2^q - 1), and the remaining error is C h^q = d / (2^q - 1). If
+    the last two ratios of changes give different orders, or too low an order, the last change is the estimate.
 
     Args:
         changes: Changes by each halving, in order.

@@ -53,7 +53,7 @@ class Case:
         unit: Unit of the error; empty without an error.
         methods: Methods, timed in turns in one process.
         bound: Bound on the error. A method that exceeds it is reported as wrong and not timed.
-        reference: Method with ratio 1; the fastest one if empty.
+        reference: Method with ratio 1; the fastest method if empty.
     """
 
     benchmark: str
@@ -69,7 +69,7 @@ class Row:
     """A row of a table: one method in one case.
 
     Attributes:
-        time_us: Time per operation in the fastest round, the one least disturbed [us]; None if not timed.
+        time_us: Time per operation in the fastest, least disturbed round [us]; None if not timed.
         error: Largest error against the oracle, in `unit`; None without an oracle.
         ratio: Time relative to the case's reference, or to its fastest method.
         state: "timed", "wrong" (not timed, because its error exceeds the bound) or "missing" (not installed).
@@ -228,8 +228,8 @@ def collector_off() -> Iterator[None]:
 def one_blas_thread() -> Iterator[None]:
     """Limit libraries loaded in the block to one BLAS thread, unless the user has set a limit.
 
-    On a busy machine, two threads take thirty times as long for the eigenvalues of a 4 x 4 matrix, which would make a
-    peer slow only because of how it is called.
+    On a busy machine, two threads take thirty times as long for the eigenvalues of a 4 x 4 matrix. A peer would then
+    appear slow only because of the way in which it is called.
     """
     mine = [name for name in THREADS if name not in os.environ]
     os.environ.update(dict.fromkeys(mine, "1"))

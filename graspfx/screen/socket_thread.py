@@ -96,8 +96,8 @@ def require_websockets(wanted_by: str = "a touch screen", extra: str = "touch") 
     """Require the package websockets.
 
     Args:
-        wanted_by: What needs it.
-        extra: Extra of this project that installs it.
+        wanted_by: Feature that needs the package.
+        extra: Extra of GraspFX that installs the package.
 
     Raises:
         MissingPackageError: websockets is not installed.

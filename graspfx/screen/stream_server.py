@@ -34,8 +34,8 @@ class StreamOrder(NamedTuple):
         kind: "goal", "release" (gives up a guide and keeps its goal) or "alive".
         number: Number of the message; it increases within a connection.
         guide: Number of the guide; -1 for "alive".
-        offset: Operator offset (3,) [m]; None keeps the present one.
-        squeeze: Squeeze added to the hand's [m]; None keeps the present one.
+        offset: Operator offset (3,) [m]; None keeps the present offset.
+        squeeze: Squeeze added to the squeeze of the hand [m]; None keeps the present value.
     """
 
     kind: str
@@ -92,7 +92,7 @@ def _refuse(word: str) -> float:
 
 SOCKET = "/stream"
 RATE, BURST = 500.0, 200.0  # limits for a client's orders [1/s], at once
-UNSENT = 1 << 16  # send buffer of a client in bytes; newer states replace those that wait for it
+UNSENT = 1 << 16  # send buffer of a client in bytes; newer states replace states that wait for space
 KINDS = {"alive": Kind.ALIVE, "goal": Kind.PRESS, "release": Kind.LIFT}  # a goal claims its guide, as a touch a finger
 
 
@@ -103,7 +103,7 @@ class Led(Protocol):
         """Execute a goal."""
 
     def release(self, guide: int) -> None:
-        """Release a guide, because its client says so or is lost. The guide keeps its position."""
+        """Release a guide on request of its client, or because the client is lost. The guide keeps its position."""
 
 
 class Bounds(NamedTuple):

@@ -22,9 +22,9 @@ FloatArray = NDArray[np.float64]
 
 CHILD = "graspfx.screen.screen_child"
 PATIENCE = 10.0  # timeout for the start of the page [s]
-FAREWELL = 1.0  # timeout for the end of its process [s]
-DEAF = 0.5  # silence of the server after which no finger counts as touching [s]
-LOOK = 0.02  # interval between checks that its process is alive [s]
+FAREWELL = 1.0  # timeout for the end of the server's process [s]
+DEAF = 0.5  # silence of the server after which no finger is touching [s]
+LOOK = 0.02  # interval between checks that the server's process is alive [s]
 COLOURS = ("#1b9e77", "#882255", "#00a5b5", "#7a5230", "#332288")
 INK = "#1a1a1a"
 

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-BAGS = {"bag": ".bag", "mcap": ".mcap", "db3": ".db3"}  # ROS 1, and ROS 2 in either of its files
-FRAME = "world"  # of every message
+BAGS = {"bag": ".bag", "mcap": ".mcap", "db3": ".db3"}  # ROS 1, and ROS 2 in its two file formats
+FRAME = "world"  # frame of every message
 VERSION: Literal[9] = 9  # version of the metadata of ROS 2 bags
 POSE, TWIST, WRENCH = (f"geometry_msgs/msg/{name}Stamped" for name in ("Pose", "Twist", "Wrench"))
 SECOND = 1_000_000_000  # [ns]

@@ -136,10 +136,10 @@ def _pushes(view: View, forces: Modes | None, axes: Sequence[int]) -> tuple[Curv
 
 IntArray = NDArray[np.int64]
 
-EQUALS = "\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}"  # at which no title is folded
+EQUALS = "\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}"  # equals sign at which titles are not wrapped
 GAINS = ("coupling.external.stiffness", "coupling.internal.stiffness")
 LEFT_OUT = "columns that were not recorded are omitted"
-MARKERS = 5  # on a line
+MARKERS = 5  # number of markers on a line
 LONG_WAY = 40.0  # total variation in panel heights above which a line would look like an area
 THIN = 0.5
 MOST_POINTS = 6000  # largest number of points per line that a picture can resolve
@@ -186,30 +186,30 @@ def sheet(
 ) -> Sheet:
     """Draw one recording, or several side by side with shared axes, in the manner of Kawai and Yoshikawa, Figs. 12-13.
 
-    Rows, from the top: the position of the object and its fingers along each axis of noticeable motion; displacements
-    of the fingers from their contacts, and then forces, as the two signed modes of a grasp, internal (the squeeze,
-    positive into the object) and external (the push, along each axis worth it); with more than two fingers, the
-    magnitude of each one's force; how the object turns from where it begins, if it does. Six fingers and more are
-    shown by their mean and range. Internal parts are drawn while two fingers touch or more, external ones while one
-    does.
+    Rows, from the top: positions of object and fingers along each axis of noticeable motion; displacements of the
+    fingers from their contacts, and then forces, as the two signed modes of a grasp; with more than two fingers, the
+    magnitude of each finger's force; the rotation of the object from its start, if it rotates. The internal mode is the
+    squeeze, positive into the object; the external mode is the push, along each axis with a noticeable push. Six or
+    more fingers are shown by their mean and range. Internal parts are drawn while at least two fingers touch, external
+    parts while at least one does.
 
-    In brief, three rows: how deep fingers stand in the surface, mean and range; the squeeze; and the push.
+    In brief, the figure has three rows: mean and range of the fingers' penetration depth, the squeeze, and the push.
 
-    Panels of columns that the scene's `record` leaves out are left out, and the title says so.
+    Panels of columns that the scene's `record` omits are omitted, and the title says so.
 
-    Where positions would look straight, their change since the first tick is drawn, and names say from where. A
-    recording of several objects gets a column for each that fingers touch.
+    If positions would look straight, their change since the first tick is drawn, and labels state the initial values. A
+    recording of several objects gets a column for each object that fingers touch.
 
     Args:
-        recordings: one or more.
-        titles: one per recording; what is set in each if not given.
-        labels: one per recording, to stand before what is set in it.
-        brief: whether depth, squeeze and push are all that is drawn.
+        recordings: one or more recordings.
+        titles: titles, one per recording; by default the settings of each recording.
+        labels: labels, one per recording, before its settings.
+        brief: whether to draw only depth, squeeze and push.
         width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
 
     Raises:
-        InputError: no recordings, one without a tick, another number of titles or labels, or no such width; in brief,
-            recordings of earlier formats, which do not say how forces divide.
+        InputError: there are no recordings, a recording has no ticks, the number of titles or labels differs, or the
+            width is unknown; in brief, recordings of earlier formats, which do not say how forces divide.
     """
     for each in recordings:
         if not isinstance(each, Recording):
@@ -291,14 +291,14 @@ def _sampled_places(values: FloatArray) -> IntArray:
 
 
 def _entry(label: str) -> str:
-    """Write a legend's entry: matplotlib leaves out a name that begins with an underscore."""
+    """Format an entry of a legend; matplotlib omits names that begin with an underscore."""
     return f" {label}" if label.startswith("_") else label
 
 
 def _add_titles(
     drawing: Sheet, recordings: Sequence[Recording], titles: Sequence[str] | None, labels: Sequence[str] | None
 ) -> None:
-    """Name the scene over everything if it is one, over each column what is set in its recording, and the object."""
+    """Set titles: a common scene above the figure; settings of the recording, and the object, above each column."""
     names = [_name(recording) for recording in recordings]
     if titles is None and len(set(names)) == 1:
         drawing.title(names[0])
@@ -325,7 +325,7 @@ def _name(recording: Recording) -> str:
 
 
 def _settings(recording: Recording) -> str:
-    """Write the gains, and the other settings of this run that no preset has."""
+    """Format the gains, and other settings of this run that are not in a preset."""
     header = recording.header
     preset = header.scene_table.get("preset", {}).get(header.preset, {}).get("set", {})
     own = {key: value for key, value in header.overrides.items() if key not in preset or preset[key] != value}

@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from matplotlib.transforms import Bbox
 
 EDGE = 0.06  # margin of the paper [inches]
-GAP = 0.11  # between panels
+GAP = 0.11  # distance between panels [inches]
 LEAD = 0.05  # gap between a strip and its panel
 BAR = 0.13  # width of a colour bar
-WIDE = 1.2  # of a margin
-MOST_LINES = 3  # of a title
+WIDE = 1.2  # widest margin [inches]
+MOST_LINES = 3  # largest number of lines of a title
 STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # smallest distance of tick labels along an ordinate
 STEP = 2.0  # step by which labels are moved apart [points]
 PITCH = 1.32  # line spacing, in font sizes

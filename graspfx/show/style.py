@@ -40,14 +40,14 @@ WIDTHS: dict[WidthName, Width] = {
     "column": Width(3.5, 7.0, 0.72, 0.7, 300),  # 88 mm
 }
 SCREENS = (6.4, 8.6, 10.0)  # widths for one, two and three columns of panels [inches]
-FURTHER = 3.2  # with each more
+FURTHER = 3.2  # additional width for each further column [inches]
 
 
 def width_of(name: str, columns: int = 1) -> Width:
     """Return a width by its name.
 
     Raises:
-        InputError: no such width.
+        InputError: no width has that name.
     """
     if name not in WIDTHS:
         raise InputError("width", name, f"one of {', '.join(WIDTHS)}")
@@ -139,7 +139,7 @@ def require_matplotlib() -> ModuleType:
     """Import matplotlib.
 
     Raises:
-        MissingPackageError: it is not installed.
+        MissingPackageError: matplotlib is not installed.
     """
     try:
         return import_module("matplotlib")
@@ -225,8 +225,9 @@ def save(drawing: Sheet | Figure, path: str | PathLike[str], form: str = "", dpi
     Args:
         drawing: result of `figure`.
         path: path of the file.
-        form: format "png", "svg" or "pdf"; by default that of the path's suffix, which may be any of matplotlib's.
-        dpi: resolution; by default that of the figure's width.
+        form: format "png", "svg" or "pdf"; by default the format of the path's suffix, which may be any format of
+            matplotlib.
+        dpi: resolution; by default the resolution for the figure's width.
 
     Raises:
         InputError: the suffix has no known format, or the folder does not exist.

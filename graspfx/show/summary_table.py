@@ -36,8 +36,8 @@ def lines(columns: Sequence[Column], width: int, *, rules: str = RULES, bold: bo
 
     Args:
         columns: columns with equal numbers of cells.
-        width: width of the terminal. Wrapping columns share the width that the others leave. Cells are wrapped between
-            words only, so lines may be longer.
+        width: width of the terminal. Wrapping columns share the width that other columns leave. Cells are wrapped
+            between words only, so lines may be longer.
         rules: separators in the form of RULES.
         bold: whether the head is bold.
     """
@@ -102,7 +102,7 @@ def _size(text: str) -> int:
     return sum(0 if combining(letter) else 1 + (east_asian_width(letter) in "WF") for letter in text)
 
 
-MOST_CHANGES = 8  # in mid-run that are printed
+MOST_CHANGES = 8  # largest number of printed changes during a run
 
 Row = tuple[str, str, str, float]  # description, key, unit, factor on the SI value
 
@@ -231,9 +231,9 @@ def _change(before: Any, after: Any) -> str:
     return "+0 %" if text == "-0 %" else text
 
 
-FELL = 1e-3  # fall of an object; putting it down takes less [m]
-MOST_TOUCHES = 10  # contacts of one finger; a hand does not close as often in a run
-FASTEST = 5.0  # [1/s]: nor as fast
+FELL = 1e-3  # smallest reported fall of an object, larger than when it is put down [m]
+MOST_TOUCHES = 10  # contacts of one finger in a run; a hand does not close more often
+FASTEST = 5.0  # contacts per second; a hand does not close faster [1/s]
 
 
 def remarks(recording: Recording) -> list[str]:
@@ -264,7 +264,7 @@ def _untouched(recording: Recording, gap: NDArray[np.float64]) -> Iterator[str]:
 
 
 def _lost(recording: Recording) -> Iterator[str]:
-    """Report objects that all fingers leave for good and that slide out of the last ones or fall afterwards."""
+    """Report objects that all fingers leave for good, and that slide out of the last fingers or fall afterwards."""
     layout = recording.layout
     down = np.array(recording.header.scene_table.get("gravity") or [0.0] * layout.dimensions, dtype=float)
     down /= np.linalg.norm(down) or 1.0

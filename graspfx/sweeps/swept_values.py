@@ -188,9 +188,9 @@ class VariantGrid:
 def scattered(count: int, size: int) -> list[IndexArray]:
     """Distribute the numbers below a count to sorted parts of a size, each spread over the whole range.
 
-    The first complete part then represents the whole. Because each part has most values of every key, the same entries
-    vary in all parts, and the same programs serve them. The order is that of the fractional parts of k times the golden
-    ratio.
+    The first complete part then represents the whole. Because each part contains most values of every key, the same
+    entries vary in all parts, and the same programs run all parts. The order is the order of the fractional parts of k
+    times the golden ratio.
     """
     order = np.argsort(np.arange(count) * GOLDEN % 1.0, kind="stable")
     return [np.sort(order[first : first + size]) for first in range(0, count, size)]

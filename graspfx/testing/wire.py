@@ -164,7 +164,7 @@ class Wire(Resource):
 
     @abstractmethod
     def close(self) -> None:
-        """Shut the emulator down; it also returns if it is already closed."""
+        """Shut the emulator down; do nothing if it is already closed."""
 
 
 class Damage:
@@ -220,12 +220,12 @@ class Plug:
         self.port = str(self.folder / "port")
 
     def lead(self, terminal: str) -> None:
-        """Let the port lead to this terminal."""
+        """Connect the port to this terminal."""
         self.pull()
         (self.folder / "port").symlink_to(terminal)
 
     def pull(self) -> None:
-        """Have the port lead nowhere."""
+        """Disconnect the port."""
         (self.folder / "port").unlink(missing_ok=True)
 
     def remove(self) -> None:
@@ -234,20 +234,20 @@ class Plug:
 
 
 class SerialWire(Wire):
-    """A board on a serial line: a class made from it says what it answers, in `receive`.
+    """A board on a serial line. A subclass defines the answers, in `receive`.
 
-    It runs in a thread of its own, and starts when it is made. `settings` are the port alone. On a clock that is given
-    it has neither thread nor port: it works in `exchange` alone, and in no other time than that clock's.
+    The board runs in its own thread, which starts when the board is created. `settings` contain only the port. With a
+    given clock, the board has neither thread nor port: it runs only in `exchange`, on that clock.
 
     Args:
-        seed: of the damage that failures do.
-        clock: of the board; the machine's if it is left out.
+        seed: seed of the damage by failures.
+        clock: clock of the board; by default the system's.
     """
 
     def __init__(self, seed: int = 0, clock: Clock | None = None) -> None:
         super().__init__(clock)
         self._damage, self._plug = Damage(seed), Plug()
-        self._lock = threading.Lock()  # of the terminal's descriptors
+        self._lock = threading.Lock()  # lock of the terminal's descriptors
         self._late: list[tuple[float, bytes]] = []
         self._unread = b""
         self._master = self._slave = -1
@@ -260,19 +260,19 @@ class SerialWire(Wire):
 
     @abstractmethod
     def receive(self, data: bytes) -> Iterable[bytes]:
-        """Take bytes as they come, however they are cut, and give the answers to them, one frame each."""
+        """Process received bytes, which may be parts of frames; return the answers, one frame each."""
 
     def tick(self) -> None:
-        """Do what a board does by itself, such as a watchdog: called at least every millisecond."""
+        """Perform the board's own actions, such as a watchdog; called at least every millisecond."""
 
     def exchange(self, data: bytes = b"") -> bytes:
-        """Give the board bytes, on a clock that was given, and take what has come out of it by now."""
+        """Pass bytes to a board with a given clock, and return its output so far."""
         self._unread += data
         return b"".join(self._turn())
 
     @property
     def port(self) -> str:
-        """Name of the serial port, the same after the cable was out."""
+        """Name of the serial port, which stays the same after the cable was unplugged."""
         return self._plug.port
 
     @property
@@ -297,8 +297,8 @@ class SerialWire(Wire):
             self._plug.remove()
 
     def _insert(self) -> None:
-        self._master, self._slave = terminal.pseudo_terminal()  # its own end of the slave, so that the line stays
-        os.set_blocking(self._master, False)  # a driver may flush bytes after they were announced
+        self._master, self._slave = terminal.pseudo_terminal()  # an own descriptor of the slave keeps the line open
+        os.set_blocking(self._master, False)  # a driver may flush bytes after `select` has reported them
         self._plug.lead(os.ttyname(self._slave))
 
     def _pull(self) -> None:
@@ -326,7 +326,7 @@ class SerialWire(Wire):
                 select.select([], [self._master], [], IDLE)
 
     def _turn(self) -> Iterator[bytes]:
-        """Let the board read, answer and work for itself; give what comes out of it."""
+        """Let the board read, answer and perform its own actions; return its output."""
         if self._unread and self._damage.kind != "blocked":
             for answer in self.receive(self._unread):
                 now = self.clock.now()
@@ -338,31 +338,31 @@ class SerialWire(Wire):
         self.tick()
 
     def _heard(self) -> bytes:
-        """Wait for bytes, for `IDLE` at most."""
+        """Wait for bytes, at most for `IDLE`."""
         wait = IDLE if not self._late else max(0.0, min(IDLE, self._late[0][0] - self.clock.now()))
         with self._lock:
             master = self._master
         if master < 0 or self._damage.kind == "blocked":
             self.clock.sleep(IDLE)
             return b""
-        with suppress(OSError, ValueError):  # pulled meanwhile
+        with suppress(OSError, ValueError):  # the cable was unplugged in the meantime
             if select.select([master], [], [], wait)[0]:
                 return os.read(master, MOST)
-            terminal.release_terminal(self._slave)  # a dead user's claim goes with it, as a board's does
+            terminal.release_terminal(self._slave)  # releases the claim of a dead user, as unplugging a board does
         return b""
 
 
 def compiler() -> str | None:
-    """Find the C compiler of this machine, gcc or what calls itself cc; None where there is none."""
+    """Find the C compiler of this machine, gcc or cc; None without one."""
     return which("gcc") or which("cc")
 
 
 def build(arguments: Sequence[str], product: Path, folder: Path) -> Path:
-    """Call the C compiler with these arguments, in a folder, for a product.
+    """Call the C compiler with these arguments in a folder, to build a product.
 
     Raises:
         MissingPackageError: there is no compiler.
-        RuntimeError: it refuses the source; the text is what it says.
+        RuntimeError: the compiler rejects the source; the text is the compiler's output.
     """
     program = compiler()
     if program is None:
@@ -375,19 +375,19 @@ def build(arguments: Sequence[str], product: Path, folder: Path) -> Path:
 
 
 def shared_page(kind: type[Page], file: Path) -> Page:
-    """Write a structure of zeros into a file and map it: other programs that map the file see the same."""
+    """Write a structure of zeros into a file and map it; all programs that map the file share its memory."""
     file.write_bytes(bytes(ctypes.sizeof(kind)))
     with file.open("r+b") as opened:
         return kind.from_buffer(mmap.mmap(opened.fileno(), 0))
 
 
 def tip_force(place: Callable[[FloatArray], FloatArray], angles: FloatArray, torque: FloatArray) -> FloatArray:
-    """Compute f of J'f = tau, (d,) [N], by virtual work: J = dp/dq is taken by differences.
+    """Compute f of J'f = tau, (d,) [N], by virtual work, with J = dp/dq from difference quotients.
 
     Args:
-        place: the fingertip (d,) [m] by the angles of the joints (d,) [rad].
-        angles: where the joints are.
-        torque: at the joints, (d,) [N m].
+        place: function that returns the fingertip (d,) [m] for the angles of the joints (d,) [rad].
+        angles: angles of the joints (d,) [rad].
+        torque: torques at the joints, (d,) [N m].
     """
     steps = SMALL * np.eye(len(angles))
     J = np.array([(place(angles + step) - place(angles - step)) / (2.0 * SMALL) for step in steps]).T

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 PATIENCE = 0.3  # time for an emulator to react [s]
-LOOKS = 10  # smallest number of checks, so that a pause of the machine does not count as waiting
+LOOKS = 10  # smallest number of checks, so that a pause of the machine is not mistaken for waiting
 MOTION = 2.0  # time for a finger to reach its position [s]
 LONGEST = 20.0  # time for another process to open the device [s]
 TICKS = 40  # ticks of a failure
@@ -67,7 +67,7 @@ def check_wire(device: Device, wire: Wire, promises: Promises, period: float, fo
 
 
 def check_second(one: Device, two: Device, promises: Promises, period: float) -> None:
-    """Check that hardware opened by one program is refused to the next."""
+    """Check that hardware that is open in one program is refused to a second program."""
     with promises("hardware that is open is refused to a second program, and the first one continues") as promise:
         promise.holds(one is not two, "the factory gave one device twice")
         try:
@@ -89,12 +89,12 @@ INTERVALS = ("periods", "whole periods", "times")
 
 
 def displays(features: Features) -> bool:
-    """Tell whether a device displays a force, as far as its features tell."""
+    """Tell whether a device displays a force according to its features."""
     return features.continuous_force != 0.0
 
 
 def unseen(wire: Wire, features: Features) -> Iterator[BlindSpot]:
-    """List the promises that this wire cannot show."""
+    """List the promises that cannot be checked on this wire."""
     if wire.force is None and displays(features):
         yield BlindSpot(NEWTONS, "the emulator knows torques, and not the mechanism between them and the finger")
     if wire.position is None:
