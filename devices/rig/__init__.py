@@ -1,4 +1,4 @@
-"""The rig: two planar two-link arms on one controller, open hardware modelled on the paper's, one finger each.
+"""The rig: two planar two-link arms on one controller, open hardware modelled on the paper's devices, one finger each.
 
 It is a design that has not been built yet (docs/how-to/hardware.md). It is tested only against its own firmware on a
 desktop computer: firmware/rig.c with firmware/host.c. The controller removes its force on its own 5 ms after the last

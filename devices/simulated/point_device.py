@@ -111,7 +111,7 @@ class PointDevice:
 
     @staticmethod
     def plant(devices: Sequence[Device]) -> PointPlant:
-        """Create the plant that moves all fingertips of these devices, in their order; they read it from now on."""
+        """Create the plant that moves all fingertips of these devices, in order; the devices then read this plant."""
         plant: PointPlant = PointDevice._moved_by(devices, PointPlant)
         return plant
 

@@ -280,7 +280,7 @@ def _thin_out(row: Row, panels: Sequence[Axes], height: float) -> None:
 
 
 def _sampled_places(values: FloatArray) -> IntArray:
-    """Pick the ticks to draw: all of a short run, of a long one the least and greatest value in each short while."""
+    """Select the ticks to draw: all ticks of a short run; of a long run, extreme values in short intervals."""
     size = 2 * len(values) // MOST_POINTS
     if size < 3:
         return np.arange(len(values))

@@ -168,7 +168,7 @@ class Wire(Resource):
 
 
 class Damage:
-    """A failure of a line, answer by answer; the same seed changes the same answers in the same way.
+    """A failure of a line that changes single answers; the same seed changes the same answers in the same way.
 
     Attributes:
         kind: Kind of the failure, None without one.
