@@ -273,7 +273,7 @@ def test_what_needs_the_object_is_refused():
     ):  # fmt: skip
         with pytest.raises(InputError, match="host"):
             refused()
-    with pytest.raises(SceneError, match="program has it"):
+    with pytest.raises(SceneError, match="simulates the object"):
         hosted_scene(object={"mass": 1.0, "viscosity": 0.0, "rotational_viscosity": 0.0})
     assert gx.Scene(**scene.to_dict()) == scene
 
