@@ -34,32 +34,31 @@ PI_LOW = 1.2246467991473532e-16  # pi - fl(pi)
 
 def sin(x: float) -> float:
     """Return sin x, within one unit in the last place; NaN beyond `LARGEST_ANGLE`."""
-    if not abs(x) <= LARGEST_ANGLE:
-        return math.nan
-    if x == 0.0:
-        return x  # with its sign
-    quarter, r, e = _reduced(x)
-    if quarter == 0:
-        return _sin(r, e)
-    if quarter == 1:
-        return _cos(r, e)
-    if quarter == 2:
-        return -_sin(r, e)
-    return -_cos(r, e)
+    sine, _ = sin_cos(x)
+    return sine
 
 
 def cos(x: float) -> float:
     """Return cos x, within one unit in the last place; NaN beyond `LARGEST_ANGLE`."""
+    _, cosine = sin_cos(x)
+    return cosine
+
+
+def sin_cos(x: float) -> tuple[float, float]:
+    """Return sin x and cos x, each within one unit in the last place; NaN beyond `LARGEST_ANGLE`."""
     if not abs(x) <= LARGEST_ANGLE:
-        return math.nan
+        return math.nan, math.nan
+    if x == 0.0:
+        return x, 1.0  # zero keeps its sign
     quarter, r, e = _reduced(x)
+    sine, cosine = _sin(r, e), _cos(r, e)
     if quarter == 0:
-        return _cos(r, e)
+        return sine, cosine
     if quarter == 1:
-        return -_sin(r, e)
+        return cosine, -sine
     if quarter == 2:
-        return -_cos(r, e)
-    return _sin(r, e)
+        return -sine, -cosine
+    return -cosine, sine
 
 
 def exp(x: float) -> float:

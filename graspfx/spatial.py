@@ -227,8 +227,7 @@ def quaternion_matrix(q: Quaternion) -> Matrix:
 @inline
 def angle_matrix(angle: float) -> Matrix:
     """Compute the matrix of a rotation about z by `angle` [rad]."""
-    c = elementary.cos(angle)
-    s = elementary.sin(angle)
+    s, c = elementary.sin_cos(angle)
     return Matrix(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
 
 
@@ -242,8 +241,9 @@ def exponential(v: Vector) -> Quaternion:
     if not square <= LARGEST:  # the body has diverged: its state becomes NaN, and no error is raised
         return Quaternion(math.nan, math.nan, math.nan, math.nan)
     angle = math.sqrt(square)
-    s = elementary.sin(0.5 * angle) / angle
-    return Quaternion(v.x * s, v.y * s, v.z * s, elementary.cos(0.5 * angle))
+    sine, cosine = elementary.sin_cos(0.5 * angle)
+    s = sine / angle
+    return Quaternion(v.x * s, v.y * s, v.z * s, cosine)
 
 
 @kernel

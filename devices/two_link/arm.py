@@ -65,12 +65,9 @@ def link_directions(elbow: bool, q1: float, q2: float) -> Pair:
 @inline
 def links_at(lengths: Both, a1: float, a2: float) -> Links:
     """Return the links [m] in directions a1, a2 [rad]."""
-    return Links(
-        lengths.first * elementary.cos(a1),
-        lengths.first * elementary.sin(a1),
-        lengths.second * elementary.cos(a2),
-        lengths.second * elementary.sin(a2),
-    )
+    sin1, cos1 = elementary.sin_cos(a1)
+    sin2, cos2 = elementary.sin_cos(a2)
+    return Links(lengths.first * cos1, lengths.first * sin1, lengths.second * cos2, lengths.second * sin2)
 
 
 @dataclass(frozen=True)

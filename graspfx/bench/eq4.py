@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 import graspfx as gx
 from graspfx.bench.timing import Case, Method, each
+from graspfx.grasp import point_sets
 
 FloatArray = NDArray[np.float64]
 Project = Callable[[FloatArray, FloatArray], FloatArray]  # G and x -> P x
@@ -22,8 +22,9 @@ Pair = tuple[FloatArray, FloatArray]  # points and displacements of a grasp, (n,
 TITLE = "Eq. (4): forces of all contacts from their points and displacements"
 LIMITS = """
 Contacts change at every call, so each method starts from points, except in cases named "contacts fixed". A
-PointCoupling is created once, and compiles for a second once per machine. Peers build G about the origin and use their
-library's tolerance for the rank. Weights are equal, fingers are hard and in space, and there is no damping.
+PointCoupling is created once; its kernels and those of a split were compiled before, as by `graspfx warmup`. Peers
+build G about the origin and use their library's tolerance for the rank. Weights are equal, fingers are hard and in
+space, and there is no damping.
 """
 
 EXTERNAL, INTERNAL = 30.0, 70.0  # [N/m]
@@ -32,7 +33,6 @@ LAW = gx.Coupling(OUTER, INNER)
 RADIUS, REACH = 0.05, 0.003  # radius of a grasp, and size of the displacements [m]
 GRASPS = 8  # grasps of each kind
 WRONG = 1e-3  # relative error of a force that is not due to rounding
-WARM = 0.3  # time after which the calls of a `Split` are compiled [s]
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def ours(contacts: ContactSet) -> Iterator[Method]:
     def by_split(pair: Pair) -> FloatArray:
         return LAW.force(gx.Grasp(pair[0]).split(tolerance=1e-12), pair[1].ravel())
 
-    warm(partial(by_split, contacts.pairs[0]))
+    point_sets.warm()
     yield force_method("GraspFX Grasp.split, Coupling.force", by_split, contacts)
     coupling = gx.PointCoupling(OUTER, INNER, contacts.points.shape[1])
 
@@ -137,7 +137,7 @@ def ours_fixed(contacts: ContactSet) -> Iterator[Method]:
     """Yield the public calls for fixed contacts."""
     split = gx.Grasp(contacts.points[0]).split()
     flat = [e.ravel() for e in contacts.displacements]
-    warm(partial(LAW.force, split, flat[0]))
+    point_sets.warm()
     yield _method("GraspFX Coupling.force, split known", partial(LAW.force, split), flat, contacts.forces)
     coupling = gx.PointCoupling(OUTER, INNER, contacts.points.shape[1])
     coupling.points[:] = contacts.points[0]
@@ -201,13 +201,6 @@ class GraspMatrix:
 def relative_error(forces: FloatArray, exact: FloatArray) -> float:
     """Compute the largest error over grasps (N, n, 3), relative to the largest force of each grasp."""
     return float((np.abs(forces - exact).max(axis=(1, 2)) / np.abs(exact).max(axis=(1, 2))).max())
-
-
-def warm(call: Callable[[], object]) -> None:
-    """Call repeatedly until background compilation has finished."""
-    began = perf_counter()
-    while perf_counter() - began < WARM:
-        call()
 
 
 def _method(

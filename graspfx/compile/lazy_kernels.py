@@ -68,14 +68,14 @@ class KernelOnDemand:
         keep_lowerings()
 
     def compile(self) -> None:
-        """Compile the kernel, unless it is in the cache.
+        """Load the machine code, or compile it.
 
         Raises:
             MissingPackageError: LLVM is not installed.
         """
         from graspfx.compile.machine import compiled
 
-        compiled(self.kernel)
+        self._machine = compiled(self.kernel)
 
     def _take(self) -> None:
         """Load the machine code, or compile it, if this pays off already."""

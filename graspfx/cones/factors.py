@@ -170,8 +170,7 @@ def take_pair(M: Table, size: int, p: int, q: int, columns: Table, signs: Floats
     """Subtract the two terms of a 2 x 2 pivot, p > q, from M, and write the terms as numbers k and k + 1."""
     a, b, c = M[q, q], M[p, q], M[p, p]
     half = 0.5 * (a - c)
-    angle = 0.5 * elementary.atan2(b, half)
-    cosine, sine = elementary.cos(angle), elementary.sin(angle)
+    sine, cosine = elementary.sin_cos(0.5 * elementary.atan2(b, half))
     radius = math.sqrt(half * half + b * b)
     high, low = 0.5 * (a + c) + radius, 0.5 * (a + c) - radius  # eigenvalues, of opposite signs because b is large
     signs[k] = 1.0

@@ -87,7 +87,7 @@ def _round(grasped: GraspedObject, fingers: FloatArray, axis: int, way: FloatArr
     centre, start = position[:d].copy(), motion.quaternion
     created = peak = 0.0
     for phase in 2.0 * math.pi * np.arange(SAMPLES) / SAMPLES:
-        sine, cosine = elementary.sin(phase), elementary.cos(phase)
+        sine, cosine = elementary.sin_cos(phase)
         turn = [0.0, 0.0, 0.0]
         turn[axis] = TURN * sine
         position[:d] = centre + (1.0 + cosine) * way

@@ -31,7 +31,7 @@ COUPLE, COUPLE_ROWS, MODE_ROWS = (
 
 
 def warm() -> None:
-    """Compile the kernels, unless they are in the cache.
+    """Load the kernels' machine code, or compile it.
 
     Raises:
         MissingPackageError: LLVM is missing.

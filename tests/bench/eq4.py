@@ -199,7 +199,6 @@ def many(N: int, fingers: int = 5) -> Case:
 
         return Method(name, lambda: force((points, e)), error, calls=N)
 
-    eq4.warm(lambda: ours(points[:8], e[:8]))
     methods = [
         method("GraspFX Grasp.split, Coupling.force", lambda: ours),
         method("numpy pinv, stacked", lambda: by_stacked_pinv),

@@ -74,7 +74,7 @@ def add_sine(part: SinePart, t: float, now: Displacement) -> None:
         return
     s, ds = step(since, part.ramp)
     a, w = part.amplitude, part.angular_frequency
-    sin, cos = elementary.sin(w * since), elementary.cos(w * since)
+    sin, cos = elementary.sin_cos(w * since)
     length, rate = a * s * sin, a * (s * w * cos + ds * sin)
     for j in range(part.dimensions):
         now.value[j] += length * part.direction[j]
@@ -141,9 +141,9 @@ def add_tremor(part: TremorPart, t: float, now: Displacement) -> None:
         x = dx = 0.0
         for k in range(part.count):
             w = frequency[j, k]
-            angle = w * t + phase[j, k]
-            x += elementary.sin(angle)
-            dx += w * elementary.cos(angle)
+            sin, cos = elementary.sin_cos(w * t + phase[j, k])
+            x += sin
+            dx += w * cos
         now.value[j] += a * s * x
         now.rate[j] += a * (s * dx + ds * x)
 
@@ -203,7 +203,7 @@ def axis_matrix(u: Vector, cos: float, sin: float) -> Matrix:
 def turn_plane(turning: Turning, position: Floats, velocity: Floats, n: int) -> None:
     """Turn positions and velocities (n, 2) about z by the angle of now."""
     angle, rate, c = turning.now.value.x, turning.now.rate.x, turning.centre
-    cos, sin = elementary.cos(angle), elementary.sin(angle)
+    sin, cos = elementary.sin_cos(angle)
     for i in range(n):
         x, y = position[2 * i] - c.x, position[2 * i + 1] - c.y
         ax, ay = cos * x - sin * y, sin * x + cos * y
@@ -218,7 +218,8 @@ def turn_plane(turning: Turning, position: Floats, velocity: Floats, n: int) -> 
 def turn_space(turning: Turning, position: Floats, velocity: Floats, n: int) -> None:
     """Turn positions and velocities (n, 3) about the axis by the angle of now."""
     angle, rate, c, u = turning.now.value.x, turning.now.rate.x, turning.centre, turning.axis
-    R = axis_matrix(u, elementary.cos(angle), elementary.sin(angle))
+    sin, cos = elementary.sin_cos(angle)
+    R = axis_matrix(u, cos, sin)
     for i in range(n):
         arm = R @ (vector_at(position, i) - c)
         v = R @ vector_at(velocity, i) + rate * cross(u, arm)

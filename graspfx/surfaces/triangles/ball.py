@@ -147,7 +147,8 @@ def roll(mesh: MeshTree, ball: MeshFinger, radius: float, scale: float, g: Vecto
     if not across > 0.0:
         return
     angle = min(elementary.atan2(across, along), STEP)
-    x = c + radius * elementary.cos(angle) * d + radius * elementary.sin(angle) / across * t
+    sin, cos = elementary.sin_cos(angle)
+    x = c + radius * cos * d + radius * sin / across * t
     if angle < STEP:
         share = radius / length(w)
         x = c + share * w + ZERO  # turns minus zero into zero
