@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 
 from graspfx import log, plugins
 from graspfx.assembly.hardware import Hardware, at_hardware
-from graspfx.assembly.process.servo_process import ServoProcess, servo_process
 from graspfx.assembly.provenance import header_of, source_name
 from graspfx.assembly.resolve import Parts
 from graspfx.assembly.session import Session
@@ -28,6 +27,7 @@ from graspfx.scene.tables.reading import Readable
 from graspfx.system.child_process import is_possible
 
 if TYPE_CHECKING:
+    from graspfx.assembly.process.servo_process import ServoProcess
     from graspfx.assembly.real_time_session import RealTimeSession
     from graspfx.scene.model import Scene
 
@@ -210,6 +210,8 @@ class RealTimeRun(WholeRun):
         self._runner: ServoProcess | Hardware | None = None
         if parts.hardware and isinstance(clock, pacing.WallClock) and is_possible():
             assert self._ticks is not None
+            from graspfx.assembly.process.servo_process import servo_process
+
             process = servo_process(parts, servo.layout, servo.every, ticks=self._ticks, selected=True)
             self._runner = remote = stack.enter_context(process)
             return remote.header
