@@ -1,1 +1,1 @@
-"""Programs from kernels: specialised for one scene, then interpreted or compiled."""
+"""Kernels on records and values: interpreted, or linked to one program and compiled."""

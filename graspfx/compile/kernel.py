@@ -30,7 +30,7 @@ def kernel(function: F) -> F:
 
 
 def source_function(function: Callable[..., Any]) -> FunctionType:
-    """Return the function of numbers and entries that is specialised and that interpreted runs execute."""
+    """Return the function of numbers and entries that programs contain and interpreted runs execute."""
     original = getattr(function, LOWERED, None)
     return cast("FunctionType", function) if original is None else _lowered(original)
 

@@ -28,7 +28,7 @@ def check(kernels: Iterable[Callable[..., Any]]) -> dict[str, FunctionType]:
     Raises:
         KernelError: If a name may be unbound where it is used, with its file and line.
     """
-    from graspfx.compile.specialise.definitions import definition
+    from graspfx.compile.definitions import definition
     from graspfx.compile.unbound import unbound_names
 
     functions: dict[str, FunctionType] = {}

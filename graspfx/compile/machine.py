@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 
 from graspfx.compile import library
+from graspfx.compile.definitions import definition
 from graspfx.compile.emission import require_llvm
 from graspfx.compile.footprints import footprint, is_ours, note_compiled, was_compiled
 from graspfx.compile.kernel import source_function
 from graspfx.compile.native import Bound, Native
 from graspfx.compile.native import compiled as native
 from graspfx.compile.program import program_source
-from graspfx.compile.specialise.definitions import definition
 
 _MACHINES: dict[Any, Machine] = {}
 NUMBERS = {

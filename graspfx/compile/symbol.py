@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import hashlib
 from collections.abc import Callable
 from functools import cache
@@ -27,18 +26,14 @@ def symbol_of(kernel: Callable[..., Any], types: tuple[str, ...]) -> str:
         InputError: the kernel has unsupported statements.
     """
     from graspfx.compile.llvm.llvm import function_text
-    from graspfx.compile.program import UNROLL
-    from graspfx.compile.specialise.specialise import Program
-    from graspfx.compile.specialise.values import Dynamic, Memory
+    from graspfx.compile.program import Program
 
     function = source_function(kernel)
-    names = [*signature(function).parameters][: len(types)]
-    program = Program(UNROLL)
-    values = [_value(name, type_, Memory, Dynamic) for name, type_ in zip(names, types, strict=True)]
-    made = program.add(function, values)
-    order = [*made.arrays, *(name for name, type_ in zip(names, types, strict=True) if type_ != "ptr")]
+    names = ", ".join([*signature(function).parameters][: len(types)])
+    program = Program()
+    program.add_text(f"def run({names}):\n    return kernel({names})", {"kernel": kernel})
     symbol = f"graspfx.{function.__module__}.{function.__name__}"
-    text = function_text(program.source(), symbol, [names.index(name) for name in order], types)
+    text = function_text(program.source(), symbol, types)
     key = hashlib.sha256("\0".join([*platform(), "symbol", text.text]).encode()).hexdigest()
     machine = disk.load(key)
     if machine is None:
@@ -46,7 +41,3 @@ def symbol_of(kernel: Callable[..., Any], types: tuple[str, ...]) -> str:
         disk.store(key, machine)
     show(loaded([machine], text.libm), [symbol])
     return symbol
-
-
-def _value(name: str, type_: str, memory: Any, dynamic: Any) -> Any:
-    return memory(name, 0) if type_ == "ptr" else dynamic(ast.Name(name, ast.Load()))

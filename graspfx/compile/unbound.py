@@ -6,7 +6,7 @@ import ast
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
-from graspfx.compile.specialise.syntax import assigned
+from graspfx.compile.syntax import assigned
 
 Bound = frozenset[str] | None  # names that certainly have a value; None for unreachable code
 

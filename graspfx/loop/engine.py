@@ -248,9 +248,9 @@ def _on_blocks(arena: Arena, foreign: ForeignKernel, function: Kernel) -> Kernel
 
 def _machine_code(foreign: ForeignKernel) -> Native:
     """Compile a kernel that the common program lacks, as a function of its block's place and further numbers."""
+    from graspfx.compile.definitions import definition
     from graspfx.compile.native import compiled
     from graspfx.compile.program import program_source
-    from graspfx.compile.specialise.definitions import definition
 
     parameters = ", ".join(["place", *foreign.parameters])
     call = f"kernel(arena, {parameters})".replace("beside", "arena, beside")

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import ast
 from functools import cache
-from typing import Any
 
 from graspfx.compile.kernel_marks import parameter_kinds, written
 from graspfx.coupling.sample import external_forces, sample
 from graspfx.loop.kernels import BODIES, HANDS, KERNELS, PARTS, call, call_at, call_beside, kernel_of
 from graspfx.loop.step import steps
 
-UNROLL = 400  # statements of a loop that is written out: over axes, of which there are three at most
 ENTRY = """
 def run(world, k, count, r):
     if count == -1:
@@ -42,22 +39,13 @@ def source(*, make: bool = True) -> str:
     """
     from graspfx.compile.freshness import recall, remember
     from graspfx.compile.kernel import keep_lowerings
-    from graspfx.compile.specialise.specialise import Program
-    from graspfx.compile.specialise.values import Dynamic, Memory
+    from graspfx.compile.program import Program
 
     text = recall(key := program_key())
     if text is None:
         if not make:
             raise LookupError("not written yet")
-        program = Program(UNROLL)
-        buffers = {"arena": Memory("arena", 0), "rows": Memory("rows", 0)}
-
-        def add(definition: str, names: dict[str, Any]) -> None:
-            [tree] = ast.parse(definition).body
-            assert isinstance(tree, ast.FunctionDef)
-            arguments = [Dynamic(ast.Name(a.arg, ast.Load())) for a in tree.args.args]
-            program.add_text(definition, {**names, **buffers}, arguments)
-
+        program = Program()
         for name, kernels, parameters, arguments, others in (
             ("invoke", PARTS, "kernel, place", "arena, place", call),
             ("invoke_at", HANDS, "kernel, place, t", "arena, place, t", call_at),
@@ -72,8 +60,10 @@ def source(*, make: bool = True) -> str:
                     lines += [f"        kernel_{number}({arguments})", "        return 0"]
                 else:
                     lines += [f"        return kernel_{number}({arguments})"]
-            add("\n".join([*lines, f"    return {others.__name__}(arena, {parameters})"]), names)
-        add(ENTRY, {"steps": steps, "sample": sample, "external_forces": external_forces})
+            lines += [f"    return {others.__name__}(arena, {parameters})"]
+            program.add_text("\n".join(lines), names, ["arena"])
+        entry = {"steps": steps, "sample": sample, "external_forces": external_forces}
+        program.add_text(ENTRY, entry, ["arena", "rows"])
         text = program.source()
         keep_lowerings()
         remember(key, program, text)

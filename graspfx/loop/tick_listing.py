@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import graspfx
+from graspfx.compile.definitions import definition
 from graspfx.compile.kernel import source_function, written
 from graspfx.compile.kernel_marks import LOWERED
 from graspfx.compile.records import Many
-from graspfx.compile.specialise.definitions import definition
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.loop import step
 from graspfx.loop.arena import Arena

@@ -54,7 +54,7 @@ def entry(folders: Path, name: str) -> float:
     """Give the text that the program writes in an environment."""
     places = [str(folders / name), str(folders / "shared")]
     out = subprocess.run([sys.executable, "-c", ASK, *places], capture_output=True, text=True, check=True).stdout
-    found: float = eval(out.partition("a[0] = ")[2].splitlines()[0])
+    found: float = eval(out.partition("S[o] = ")[2].splitlines()[0])
     return found
 
 

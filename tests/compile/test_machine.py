@@ -75,7 +75,7 @@ ASK = """
 from graspfx.compile import native
 from graspfx.compile.llvm import llvm
 from graspfx.compile.machine import compiled
-from graspfx.compile.specialise.specialise import Program
+from graspfx.compile.program import Program
 from graspfx.coupling.law import combine
 
 done, lower, emit = [], Program.source, llvm.llvm_program

@@ -1,4 +1,4 @@
-"""Random programs give the bits that Python gives, specialised and compiled."""
+"""Random programs give the bits that Python gives, linked and compiled."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FUNCTIONS = 8  # of a module, which is compiled at once
 
 
 def module_of(folder: Path, seed: int) -> ModuleType:
-    """A random module in a file, since the specialiser reads the source."""
+    """A random module in a file, since the source is read."""
     file = folder / f"random_{seed}.py"
     file.write_text(random_module(seed, FUNCTIONS))
     spec = importlib.util.spec_from_file_location(file.stem, file)

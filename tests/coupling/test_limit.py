@@ -10,8 +10,7 @@ import pytest
 
 from graspfx.compile.machine import compiled
 from graspfx.compile.native import compiled as machine_code
-from graspfx.compile.specialise.specialise import Program
-from graspfx.compile.specialise.values import Memory, Static
+from graspfx.compile.program import Program
 from graspfx.cones.problem import STICK
 from graspfx.coupling import block as at
 from graspfx.coupling.grasp_state import FingerState
@@ -111,7 +110,7 @@ def test_fingers_that_stick_at_their_limits_make_no_energy(kep: float, kip: floa
 def program(kernel: Any, g: GraspedObject) -> Callable[[], int]:
     """A kernel compiled for one object."""
     made = Program()
-    made.add(kernel, [Memory("MEM", 0), Static(0)])
+    made.add_text("def run():\n    return kernel(MEM, 0)", {"kernel": kernel}, ["MEM"])
     run: Callable[[], int] = machine_code(made.source()).bind(g.block).brief
     return run
 

@@ -122,13 +122,12 @@ def llvm_program(
     return LlvmProgram("\n".join(texts) + "\n", arrays, numbers, libm, checked)
 
 
-def function_text(source: str, symbol: str, order: Sequence[int], types: Sequence[str]) -> LlvmProgram:
+def function_text(source: str, symbol: str, types: Sequence[str]) -> LlvmProgram:
     """Write the last function of a program for calls from other machine code by a symbol.
 
     Args:
         source: Program in Python.
         symbol: Name of the symbol.
-        order: Indices of the call's arguments in the order of the function's parameters.
         types: Types of the call's arguments, `ptr` for a buffer. Two buffers may be the same memory.
     """
     trees = [node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef)]
@@ -138,12 +137,11 @@ def function_text(source: str, symbol: str, order: Sequence[int], types: Sequenc
         return InputError(name, types, "a kernel that can be compiled", text)
 
     values = [Array("any", f"%p{k}") if type_ == "ptr" else Number(type_, f"%p{k}") for k, type_ in enumerate(types)]
-    function = module.function_for(name, [values[k] for k in order], why)
-    operands = ", ".join(f"{types[k]} %p{k}" for k in order)
+    function = module.function_for(name, values, why)
     result = result_type(function.result)
-    call = f'call {result} @"{function.name}"({operands})'
-    body = [f"  {call}", "  ret void"] if function.result is None else [f"  %r = {call}", f"  ret {result} %r"]
     parameters = ", ".join(f"{type_} %p{k}" for k, type_ in enumerate(types))
+    call = f'call {result} @"{function.name}"({parameters})'
+    body = [f"  {call}", "  ret void"] if function.result is None else [f"  %r = {call}", f"  ret {result} %r"]
     head = f'define {result} @"{symbol}"({parameters}) nounwind {{'
     texts = [INTRINSICS, *map(declared, sorted(module.libm)), *module.texts, head, *body, "}"]
     return LlvmProgram("\n".join(texts) + "\n", (), (), tuple(sorted(module.libm)))

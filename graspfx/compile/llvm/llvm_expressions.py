@@ -30,7 +30,7 @@ from graspfx.compile.llvm.llvm_arithmetic import (
     truth,
     widest,
 )
-from graspfx.compile.specialise.syntax import assigned
+from graspfx.compile.syntax import assigned
 from graspfx.errors import GraspFXError, InputError
 
 NAMES = {"inf": math.inf, "nan": math.nan}

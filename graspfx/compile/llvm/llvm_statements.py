@@ -177,9 +177,6 @@ class Statements(Expressions):
             case ast.Expr(value=ast.Call() as call):
                 self.call(call, scope)
                 return False
-            case ast.Expr(value=ast.Compare() | ast.BoolOp() | ast.UnaryOp() as tested):  # evaluated for its calls
-                self.value(tested, scope)
-                return False
             case ast.Pass() | ast.Expr(value=ast.Constant()):
                 return False
         raise self.cannot(node, "is not a statement that can be compiled")

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from types import FunctionType
 from typing import Any
 
+from graspfx.compile.definitions import definition
 from graspfx.compile.kernel_marks import INLINE, LOWERED, optional, parameter_kinds
 from graspfx.compile.lower.kinds import (
     NOTHING,
@@ -43,7 +44,6 @@ from graspfx.compile.lower.pieces import (
 )
 from graspfx.compile.lower.scratch import Frame, Scratch
 from graspfx.compile.records import SCALARS, Floats, Record, Table, is_value, layout, parts_of
-from graspfx.compile.specialise.definitions import definition
 from graspfx.errors import KernelError
 
 OPERATORS: dict[type[ast.operator], str] = {

@@ -43,7 +43,7 @@ def lowered(function: FunctionType) -> FunctionType:
     assert isinstance(result, FunctionType)
     for name in ("__module__", "__qualname__", "__doc__"):
         setattr(result, name, getattr(function, name))
-    result.__source_files__ = files  # type: ignore[attr-defined] # asked for by the specialiser
+    result.__source_files__ = files  # type: ignore[attr-defined] # read by `Program`
     result.__written__ = function  # type: ignore[attr-defined] # named beside its part of a program
     return result
 
@@ -70,7 +70,7 @@ def lowered_text(function: FunctionType) -> tuple[str, dict[str, Any], tuple[str
 
 def written_lines(function: FunctionType) -> list[int]:
     """Return the line of the kernel's source for each line of its lowered text."""
-    from graspfx.compile.specialise.syntax import unparsed_statements
+    from graspfx.compile.syntax import unparsed_statements
 
     lines = [function.__code__.co_firstlineno]
     for statement in unparsed_statements(_lower(function)[0].body):
@@ -79,10 +79,10 @@ def written_lines(function: FunctionType) -> list[int]:
 
 
 def _lower(function: FunctionType) -> tuple[ast.FunctionDef, Body]:
+    from graspfx.compile.definitions import definition
     from graspfx.compile.lower.pieces import names_of
     from graspfx.compile.lower.scratch import Frame
     from graspfx.compile.lower.statements import Body
-    from graspfx.compile.specialise.definitions import definition
 
     body, tree = Body(function.__code__.co_filename), definition(function)
     frame = Frame({}, function.__globals__, written=names_of(tree))

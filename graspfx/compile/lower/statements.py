@@ -26,7 +26,7 @@ from graspfx.compile.lower.kinds import (
 from graspfx.compile.lower.pieces import assign, assign_all, kind_of, product_of, store_of, sum_of
 from graspfx.compile.lower.scratch import Frame
 from graspfx.compile.records import layout
-from graspfx.compile.specialise.syntax import place
+from graspfx.compile.syntax import place
 
 
 class Body(Expressions):

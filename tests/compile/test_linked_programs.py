@@ -1,8 +1,7 @@
-"""Whole samples of scenes: specialised, compiled and as they are written, all the same bits."""
+"""Kernels linked to one program: interpreted, compiled and as they are written, all the same bits."""
 
 from __future__ import annotations
 
-import ast
 import math
 from typing import Any
 
@@ -12,11 +11,18 @@ import pytest
 import graspfx as gx
 from graspfx.assembly.build import build
 from graspfx.compile.native import compiled, interpreted
-from graspfx.compile.specialise.specialise import Program
-from graspfx.compile.specialise.values import Dynamic, Memory, Static
+from graspfx.compile.program import Program
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.sample import sample
 from graspfx.errors import InputError
+
+
+def linked(call: str, arrays: str = "M", **kernels: Any) -> str:
+    """The source of a program of one line, on buffers with names of one letter."""
+    program = Program()
+    program.add_text(f"def run():\n    {call}", kernels, list(arrays))
+    return program.source()
+
 
 SCENES = {  # how many states
     "reference-1dof": 200,
@@ -30,15 +36,13 @@ SCENES = {  # how many states
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_a_sample_is_the_same_specialised_and_compiled(name: str) -> None:
+def test_a_sample_is_the_same_linked_and_compiled(name: str) -> None:
     states = SCENES[name]
     rng = np.random.default_rng(0)
     with build(gx.load(name)) as servo:
         grasped = servo.objects[0].grasped
         S = grasped.block
-        program: Any = Program()
-        program.add(sample, [Memory("MEM", 0), Static(0)])
-        source = program.source()
+        source = linked("return sample(M, 0)", sample=sample)
         blocks = [S.copy() for _ in range(3)]
         plain = GraspState(memoryview(blocks[0]))
         runs = [lambda: sample(plain), interpreted(source).bind(blocks[1]).brief]
@@ -112,8 +116,8 @@ def lists(S: Any, o: int) -> None:
 
 
 def shadows(S: Any, o: int) -> None:
-    MEM = S[o] + 1.0
-    S[o] = MEM * MEM
+    M = S[o] + 1.0
+    S[o] = M * M
 
 
 def itself(S: Any, o: int) -> None:
@@ -133,67 +137,78 @@ def looks_back(S: Any, o: int) -> None:
     S[o] = S[-1]
 
 
-@pytest.mark.parametrize("kernel", [lists, itself, shadows, turns_over_entries, moves_on, looks_back])
-def test_what_no_kernel_may_hold_is_said_with_file_and_line(kernel: object) -> None:
-    with pytest.raises(InputError, match=r"test_compile_specialise\.py:\d+"):
-        Program().add(kernel, [Memory("MEM", 0), Static(0)])  # type: ignore[arg-type]
+def shifts(S: Any, o: int) -> None:
+    S[o] = S[o] * (o << 1)
 
 
-@pytest.mark.parametrize("unroll", [1, 4])
-@pytest.mark.parametrize("x", [0.0, -0.0, 3.0])
-def test_folding_changes_no_value_and_drops_no_effect(x: float, unroll: int) -> None:
-    program: Any = Program(unroll)
-    program.add(edges, [Memory("MEM", 0), Static(1), Static(1), Static(0.0)])
-    source = program.source()
-    A = np.arange(16.0) / 8.0
-    A[2] = x
+def misses(S: Any, o: int) -> None:
+    same_for_all()  # type: ignore[call-arg]
+
+
+def asks_for_much(S: Any, o: int) -> None:
+    same_for_all(1.0, b=2.0)  # type: ignore[call-arg]
+
+
+def holds_a_function(S: Any, o: int) -> None:
+    f = math.sqrt
+    S[o] = f(S[o])
+
+
+@pytest.mark.parametrize(
+    "kernel", [lists, itself, turns_over_entries, looks_back, shifts, misses, asks_for_much, holds_a_function]
+)
+def test_what_no_kernel_may_hold_is_said_with_file_and_line(kernel: Any) -> None:
+    with pytest.raises(InputError, match=r"test_linked_programs\.py:\d+"):
+        Program().add(kernel)
+
+
+def agree(kernel: Any, call: str, A: np.ndarray, *arguments: float) -> None:
+    """As written, linked and compiled a kernel leaves the same bits in a buffer."""
+    source = linked(call, kernel=kernel)
     B, C = A.copy(), A.copy()
-    edges(memoryview(A), 1, 1, 0.0)
+    kernel(memoryview(A), *arguments)
     interpreted(source).bind(B).brief()
     compiled(source).bind(C).brief()
     np.testing.assert_array_equal(A.view(np.int64), B.view(np.int64))
     np.testing.assert_array_equal(A.view(np.int64), C.view(np.int64))
 
 
-def test_what_is_asked_for_its_effect_is_asked() -> None:
-    program: Any = Program()
-    program.add(asks_for_effect, [Memory("MEM", 0), Static(0)])
-    A, B = np.zeros(3), np.zeros(3)
-    asks_for_effect(memoryview(A), 0)
-    interpreted(program.source()).bind(B).brief()
-    assert A.tolist() == B.tolist() == [2.0, 2.0, 1.0]
+@pytest.mark.parametrize("x", [0.0, -0.0, 3.0])
+def test_logic_and_constants_keep_their_values(x: float) -> None:
+    A = np.arange(16.0) / 8.0
+    A[2] = x
+    agree(edges, "kernel(M, 1, 1, 0.0)", A, 1, 1, 0.0)
+
+
+@pytest.mark.parametrize("kernel", [asks_for_effect, shadows, moves_on])
+def test_effects_take_place_in_their_order(kernel: Any) -> None:
+    agree(kernel, "kernel(M, 0)", np.array([0.5, 0.25, 4.0]), 0)
 
 
 @pytest.mark.parametrize("kind", [0, 1, 2])
-def test_what_is_known_leaves_no_trace(kind: int) -> None:
-    program: Any = Program(unroll=4)
-    made = program.add(chooses, [Memory("MEM", 10), Static(0), Static(kind)])
-    assert isinstance(made.result, Static) and made.result.value == kind
-    source = program.source()
-    assert ("sqrt" in source, "-1.5" in source, "for" in source) == (kind == 1, kind == 2, False)
+def test_branches_on_constants(kind: int) -> None:
     A = np.arange(16.0) / 4.0
     A[14] = 3.0
-    B, C = A.copy(), A.copy()
-    chooses(memoryview(A), 10, kind)
-    interpreted(source).bind(B).brief()
-    compiled(source).bind(C).brief()
-    np.testing.assert_array_equal(A, B)
-    np.testing.assert_array_equal(A, C)
+    agree(chooses, f"kernel(M, 10, {kind})", A, 10, kind)
 
 
-def runs_over(S: Any, o: int, n: int) -> float:
-    total = 0.0
-    for i in range(n):
-        S[o + i] = 2.0 * S[o + i]
-        total += S[o + i]
-    return total
+def shared(a: float, b: float = 2.0, c: float = -0.0) -> float:
+    return a / b + c
 
 
-@pytest.mark.parametrize(("most", "loops"), [(7, 1), (8, 0)])
-def test_a_loop_is_written_out_if_that_is_little(most: int, loops: int) -> None:
-    program: Any = Program(unroll=most)
-    program.add(runs_over, [Memory("MEM", 0), Static(0), Static(4)])
-    assert program.source().count("for ") == loops
+def varies(S: Any, o: int) -> None:
+    x, y = (S[o], S[o + 1]) if S[o] > S[o + 1] else (S[o + 1], 0.0)
+    for factor in (1.0, -2.0, y):
+        x += factor * x
+    a = b = shared(x, c=y)
+    S[o], S[o + 1] = a + shared(x), b * shared(c=1.0, a=y)
+    inner: int = 1
+    S[o + 2] += shared(x, inner)
+
+
+@pytest.mark.parametrize("first", [0.5, -3.0])
+def test_defaults_keywords_and_tuples(first: float) -> None:
+    agree(varies, "kernel(M, 0)", np.array([first, 0.25, 4.0]), 0)
 
 
 def two_buffers(S: Any, Z: Any) -> float:
@@ -201,28 +216,27 @@ def two_buffers(S: Any, Z: Any) -> float:
     return S[1]
 
 
-def test_arrays_share_the_functions_of_one_array() -> None:
+def one_buffer(S: Any) -> float:
+    S[1] = 2.0 * S[0]
+    return S[1]
+
+
+def test_functions_are_shared_and_unused_buffers_left_out() -> None:
     text = """
 def run(k):
     value = two(A, F) + one(A) + one(B) + two(A, B)
-    F[1] = value
+    F[1] = value + k
 """
-    program: Any = Program()
-    names = {name: Memory(name, 0) for name in "ABF"}
-    entry = [Dynamic(ast.Name("k", ast.Load()))]
-    program.add_text(text, {**names, "two": two_buffers, "one": one_buffer}, entry)
+    program = Program()
+    program.add_text(text, {"two": two_buffers, "one": one_buffer}, "AUBF")
     source = program.source()
-    assert (source.count("def two_buffers"), source.count("def one_buffer")) == (2, 1)
+    assert (source.count("def two_buffers"), source.count("def one_buffer")) == (1, 1)
     blocks = {name: np.array([number, 7.0]) for name, number in zip("ABF", (1.0, 2.0, 0.5), strict=True)}
     namespace: dict[str, Any] = {}
     exec(source, namespace)
     native = compiled(source)
+    assert native.arrays == [*"ABF"]
     for run in (lambda *b: namespace["run"](*b, 0), lambda *b: native.bind(*b).brief(0)):
         these = {name: block.copy() for name, block in blocks.items()}
         run(*(these[name] for name in native.arrays))
         assert [these[name][1] for name in "ABF"] == [5.0, 4.0, 3.5 + 2.0 + 4.0 + 5.0]
-
-
-def one_buffer(S: Any) -> float:
-    S[1] = 2.0 * S[0]
-    return S[1]

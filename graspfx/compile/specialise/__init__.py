@@ -1,1 +1,0 @@
-"""Kernels specialised for one scene."""

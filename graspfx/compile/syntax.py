@@ -1,0 +1,67 @@
+"""Construction, inspection and search of syntax trees."""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Iterable, Iterator, Sequence
+
+
+def constant(value: bool | int | float) -> ast.expr:
+    """Write a number so that it is parsed to the same bits."""
+    if isinstance(value, float) and math.isnan(value):
+        return ast.Name("nan", ast.Load())
+    if isinstance(value, float) and math.isinf(value):
+        infinity = ast.Name("inf", ast.Load())
+        return infinity if value > 0.0 else ast.UnaryOp(ast.USub(), infinity)
+    if value < 0 or (value == 0 and math.copysign(1.0, value) < 0.0):
+        return ast.UnaryOp(ast.USub(), ast.Constant(-value))  # a negative base of a power needs brackets
+    return ast.Constant(value)
+
+
+def nodes(roots: Iterable[ast.AST]) -> Iterator[ast.AST]:
+    """Yield all nodes of some trees in no particular order, in a third of the time of `ast.walk`."""
+    left = list(roots)
+    while left:
+        node = left.pop()
+        yield node
+        if type(node) is ast.Name or type(node) is ast.Constant:
+            continue
+        for value in vars(node).values():
+            if isinstance(value, list):
+                left += value
+            elif isinstance(value, ast.AST):
+                left.append(value)
+
+
+def unparsed_statements(statements: Sequence[ast.stmt]) -> Iterator[ast.stmt]:
+    """Yield the statement of each line of `ast.unparse`'s output."""
+    for statement in statements:
+        yield statement
+        if isinstance(statement, ast.If | ast.For | ast.While):
+            yield from unparsed_statements(statement.body)
+            other = statement.orelse
+            if other and not (isinstance(statement, ast.If) and len(other) == 1 and isinstance(other[0], ast.If)):
+                yield statement  # else:
+            yield from unparsed_statements(other)
+
+
+def place(statement: ast.stmt) -> None:
+    """Set the line numbers that `ast.unparse` needs in a statement and its nested statements."""
+    statement.lineno = 0
+    for part in [*getattr(statement, "body", ()), *getattr(statement, "orelse", ())]:
+        place(part)
+
+
+def assigned(statements: Sequence[ast.stmt]) -> set[str]:
+    return {n.id for n in nodes(statements) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+
+
+def leaves(statements: Sequence[ast.stmt]) -> bool:
+    """Tell whether a loop's body has a `break` or `continue` of this loop."""
+    for statement in statements:
+        if isinstance(statement, ast.Break | ast.Continue):
+            return True
+        if isinstance(statement, ast.If) and (leaves(statement.body) or leaves(statement.orelse)):
+            return True
+    return False
