@@ -111,16 +111,6 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf
         names = ("fingers", "dimensions") + (() if self.live else ("still",))
         return np.array([layout(PointPlantState)[name].place(self._block) for name in names])
 
-    @property
-    def grouping(self) -> Index:
-        """Entries that depend on masses and gains: groups of coupled fingers, their table and their members."""
-        block = self._block
-        if self.live:
-            return np.zeros(0, dtype=np.intp)
-        count = layout(PointPlantState)["group_count"].place(block)
-        groups = np.arange(block.groups.offset, block.groups[block.group_count].offset)
-        return np.concatenate([[count], groups, block.members.offset + np.arange(self.position.size)])
-
     def adopt(self, other: PointPlant) -> None:
         """Adopt the masses and dampings of another plant of the same structure; call `hold` afterwards."""
         self.mechanics = other.mechanics

@@ -1,12 +1,10 @@
-"""Executable programs: machine code by LLVM, or interpreted Python."""
+"""Executable programs: machine code by LLVM."""
 
 from __future__ import annotations
 
 import ctypes
 import hashlib
 import json
-import linecache
-import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -23,7 +21,6 @@ from graspfx.errors import InputError
 if TYPE_CHECKING:
     from graspfx.compile.llvm.llvm import LlvmProgram
 
-OUTSIDE = -(2**63)
 
 Run = Callable[..., int]
 
@@ -57,7 +54,6 @@ class Native:
     def __init__(self, description: dict[str, Any], engine: Any, *, size: int, place: str = "", note: str = "") -> None:
         self.size, self.place, self.note = size, place, note
         self.arrays: list[str] = description["arrays"]
-        self.checked: bool = description["checked"]
         self._engine = engine  # keeps the code alive
         self.entry = entry = address(self._engine, ENTRY)  # address of the code: its buffers, then its numbers
         pointers = [ctypes.c_void_p] * len(self.arrays)
@@ -93,66 +89,13 @@ class Native:
     def _bound(self, pointers: dict[str, ctypes.c_void_p]) -> Bound:
         brief: Run = method(self._method, list(pointers.values()), self._engine)
         long: Run = partial(self._long, *pointers.values())
-        if self.checked:
-            lengths = {name: len(pointer.memory) for name, pointer in pointers.items()}  # type: ignore[attr-defined]
-            brief, long = self._watched(brief, lengths), self._watched(long, lengths)
-            return Bound(brief, long, pointers)
         return Bound(brief, long, pointers)
-
-    def _watched(self, run: Run, lengths: dict[str, int]) -> Run:
-        """Check every index of a program; an index outside its buffer is an error."""
-        places = {name: ctypes.c_int64.from_address(self._global(f"length.{name}")) for name in lengths}
-        outside = ctypes.c_int64.from_address(self._global("graspfx_outside"))
-
-        def checked(*numbers: float) -> int:
-            for name, length in lengths.items():
-                places[name].value = length
-            outside.value = OUTSIDE
-            result = run(*numbers)
-            if outside.value != OUTSIDE:
-                raise IndexError(f"entry {outside.value} of a buffer: {lengths}")
-            return result
-
-        return checked
-
-    def _global(self, name: str) -> int:
-        return int(self._engine.get_global_value_address(name))
-
-
-class Interpreted:
-    """A program that Python runs."""
-
-    def __init__(self, source: str) -> None:
-        from graspfx.compile.llvm.llvm_expressions import NAMES
-
-        name = f"<program {hashlib.sha256(source.encode()).hexdigest()[:12]}>"
-        linecache.cache[name] = len(source), None, source.splitlines(keepends=True), name  # for tracebacks
-        namespace: dict[str, Any] = {"math": math, **NAMES}
-        exec(compile(source, name, "exec"), namespace)
-        self.arrays: list[str] = []
-        self._entry = [f for f in namespace.values() if getattr(f, "__code__", None) is not None][-1]
-
-    def bind(self, *buffers: Any) -> Bound:
-        """Bind the program to buffers, as memoryviews, which Python reads faster."""
-        views = [memoryview(buffer) for buffer in buffers]
-
-        def run(*numbers: float) -> int:
-            result = self._entry(*views, *numbers)
-            return 0 if result is None else int(result)
-
-        return Bound(run, run)
-
-
-def interpreted(source: str) -> Interpreted:
-    """Make a program that Python runs."""
-    return Interpreted(source)
 
 
 def compiled(
     source: str,
     floats: Collection[str] = (),
     *,
-    checked: bool = False,
     apart: bool = True,
     make: bool = True,
 ) -> Native:
@@ -162,7 +105,6 @@ def compiled(
         source: Program in Python. Its last function is the entry, which takes buffers of floats, then numbers, and
             returns an integer or nothing.
         floats: float parameters of the entry; its other numbers are integers.
-        checked: whether an index outside its buffer is an error (`IndexError` after the call) instead of a crash.
         apart: whether all buffers are distinct memory.
         make: whether to compile a program that is not cached; otherwise a LookupError is raised.
 
@@ -171,7 +113,7 @@ def compiled(
         InputError: the program has unsupported statements.
     """
     require_llvm()
-    parts = [str(apart), *platform(), ",".join(sorted(floats)), str(checked), source]
+    parts = [str(apart), *platform(), ",".join(sorted(floats)), source]
     key = hashlib.sha256("\0".join(parts).encode()).hexdigest()
     native = from_cache(key)
     if native is not None:
@@ -181,7 +123,7 @@ def compiled(
     began = perf_counter()
     from graspfx.compile.llvm.llvm import llvm_program
 
-    program = llvm_program(source, floats, checked=checked, apart=apart)
+    program = llvm_program(source, floats, apart=apart)
     description = description_of(program)
     machine = emitted(text_of(program))
     log.info("program %s: compiled in %.2f s, %d kB", key[:12], perf_counter() - began, len(machine) // 1000)
@@ -203,9 +145,7 @@ def from_cache(key: str) -> Native | None:
 
 def description_of(program: LlvmProgram) -> dict[str, Any]:
     """Return the description of a program's arguments that is cached with its machine code."""
-    return {
-        "arrays": list(program.arrays), "numbers": program.numbers, "libm": program.libm, "checked": program.checked
-    }  # fmt: skip
+    return {"arrays": list(program.arrays), "numbers": program.numbers, "libm": program.libm}
 
 
 def text_of(program: LlvmProgram) -> str:

@@ -14,7 +14,7 @@ import json
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from inspect import Parameter, signature
+from inspect import signature
 from types import FunctionType, ModuleType
 from typing import Any
 
@@ -28,7 +28,7 @@ from graspfx.compile.syntax import assigned, constant, leaves, nodes
 from graspfx.errors import GraspFXError, InputError, KernelError
 
 STATEMENTS = (
-    ast.FunctionDef, ast.Assign, ast.AnnAssign, ast.AugAssign, ast.If, ast.For, ast.While, ast.Return, ast.Expr,
+    ast.Assign, ast.AnnAssign, ast.AugAssign, ast.If, ast.For, ast.While, ast.Return, ast.Expr,
     ast.Break, ast.Continue, ast.Pass,
 )  # fmt: skip
 EXPRESSIONS = (
@@ -209,20 +209,25 @@ class Function(ast.NodeTransformer):
     def visit_Call(self, node: ast.Call) -> ast.expr:
         called: Any = self.meaning(node.func)
         if isinstance(called, FunctionType):
-            late = hasattr(called, BOUND_LATE)  # defined by the program itself
-            name = called.__name__ if late else self._program.add(called)
-            arguments = node.args if late else self._arguments(node, source_function(called))
-            return self._call(node, ast.Name(name, ast.Load()), arguments)
-        if called in BUILTINS:
-            return self._call(node, node.func, node.args)
+            if hasattr(called, BOUND_LATE):  # defined by the program itself
+                return self._call(node, called.__name__)
+            name = self._program.add(called)
+            return self._call(node, name, self._arguments(node, source_function(called)))
         known = getattr(called, "__name__", "")
+        if called in BUILTINS:
+            return self._call(node, known)
         if called is not None and getattr(math, known, None) is called:
-            return self._call(node, ast.Attribute(ast.Name("math", ast.Load()), known, ast.Load()), node.args)
+            return self._call(node, f"math.{known}")
         if called is None or isinstance(called, ModuleType):
             raise self.cannot(node, "does not call a function")
         raise self.cannot(node, f"calls {called!r}, which kernels do not support")
 
-    def _call(self, node: ast.Call, function: ast.expr, arguments: Sequence[ast.expr]) -> ast.expr:
+    def _call(self, node: ast.Call, name: str, arguments: Sequence[ast.expr] | None = None) -> ast.expr:
+        if arguments is None:
+            arguments = node.args
+            if node.keywords:
+                raise self.cannot(node, "has a keyword argument")
+        function = ast.parse(name, mode="eval").body
         return ast.copy_location(ast.Call(function, [self.visit(argument) for argument in arguments], []), node)
 
     def _arguments(self, node: ast.Call, function: FunctionType) -> list[ast.expr]:
@@ -233,7 +238,7 @@ class Function(ast.NodeTransformer):
         for parameter in [*parameters][len(arguments) :]:
             if parameter.name in keywords:
                 arguments.append(keywords.pop(parameter.name))
-            elif parameter.default is not Parameter.empty:
+            elif isinstance(parameter.default, bool | int | float):
                 arguments.append(constant(parameter.default))
         if len(arguments) != len(parameters) or keywords:
             given = len(node.args) + len(node.keywords)

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-import numpy as np
-
 from graspfx.errors import InputError
 from graspfx.experiment.displayed_stiffness import SHARES, displayed_stiffness
 from graspfx.experiment.experiment_table import ExperimentTable, Observer
@@ -53,24 +51,3 @@ def simulated_observer(table: ExperimentTable, participant: str, session: str) -
 def value_for(value: float | Mapping[str, float], condition: str, otherwise: float) -> float:
     """Return the value for a condition, from one value per condition or one for all."""
     return float(value.get(condition, otherwise)) if isinstance(value, Mapping) else float(value)
-
-
-def physical_chance(increment: float, noise: float, lapse: float) -> float:
-    """Compute the probability of a correct answer: l + (1 - 2 l) F(x / (w sqrt(1 + (1 + x)^2))).
-
-    The physical observer perceives the stiffnesses k and k (1 + x) with standard deviations w k and w k (1 + x). F is
-    the normal distribution function.
-
-    Args:
-        increment: Relative increment x.
-        noise: Weber fraction w of one stiffness.
-        lapse: Lapse rate l.
-    """
-    from math import erf, sqrt
-
-    return float(
-        lapse
-        + (1.0 - 2.0 * lapse)
-        * 0.5
-        * (1.0 + erf(increment / (noise * np.sqrt(1.0 + (1.0 + increment) ** 2) * sqrt(2.0))))
-    )

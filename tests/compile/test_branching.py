@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from graspfx.compile.native import compiled, interpreted
+from graspfx.compile.native import compiled
 from tests.support.branching_programs import SIZE, Writer
+from tests.support.plain_programs import plain
 
 SPECIAL = [0.0, -0.0, 1.0, -1.0, 0.5, 3.0, 1e300, -1e-300, float("inf"), float("nan")]
 
@@ -31,7 +32,7 @@ def test_random_programs_are_what_python_does() -> None:
         for row in beginnings(seed, 2):
             expected = row.copy()
             try:
-                interpreted(source).bind(expected).brief(3)
+                plain(source, expected)(3)
             except (ArithmeticError, ValueError):
                 continue  # where Python raises a program has no bits to keep
             found = row.copy()
@@ -65,6 +66,6 @@ def test_loops_are_left_as_python_leaves_them() -> None:
     rng, program = np.random.default_rng(5), compiled(PARTING)
     for expected in rng.normal(size=(400, 8)):
         found = expected.copy()
-        interpreted(PARTING).bind(expected).brief(8)
+        plain(PARTING, expected)(8)
         program.bind(found).long(8)
         require_same_bits(found, expected)

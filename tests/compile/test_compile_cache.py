@@ -51,7 +51,7 @@ def test_another_program_is_another_entry(folder: Path) -> None:
     ways = [
         compiled(SOURCE),
         compiled(SOURCE.replace("sin", "cos")),
-        compiled(SOURCE, checked=True),
+        compiled(SOURCE, apart=False),
     ]
     assert not any(way.cached for way in ways)
     assert len(list(folder.iterdir())) == len(ways)
@@ -129,7 +129,6 @@ def test_without_llvm_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setitem(sys.modules, "llvmlite", None)
     with pytest.raises(MissingPackageError, match="pip install llvmlite"):
         compiled(SOURCE)
-    assert native.interpreted(SOURCE).bind(np.ones(1)).brief(3) == 3
 
 
 def test_where_the_folder_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -10,11 +10,12 @@ import pytest
 
 import graspfx as gx
 from graspfx.assembly.build import build
-from graspfx.compile.native import compiled, interpreted
+from graspfx.compile.native import compiled
 from graspfx.compile.program import Program
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.sample import sample
 from graspfx.errors import InputError
+from tests.support.plain_programs import plain
 
 
 def linked(call: str, arrays: str = "M", **kernels: Any) -> str:
@@ -44,8 +45,8 @@ def test_a_sample_is_the_same_linked_and_compiled(name: str) -> None:
         S = grasped.block
         source = linked("return sample(M, 0)", sample=sample)
         blocks = [S.copy() for _ in range(3)]
-        plain = GraspState(memoryview(blocks[0]))
-        runs = [lambda: sample(plain), interpreted(source).bind(blocks[1]).brief]
+        written = GraspState(memoryview(blocks[0]))
+        runs = [lambda: sample(written), plain(source, blocks[1])]
         runs.append(compiled(source).bind(blocks[2]).brief)
         n, d = grasped.fingers, grasped.dimensions
         contacts = grasped.array(FingerState.contact)[:, :d].copy()
@@ -60,7 +61,7 @@ def test_a_sample_is_the_same_linked_and_compiled(name: str) -> None:
                 grasp.body.motion.position[0] = offset[0, 0]
             faults = {run() for run in runs}
             assert len(faults) == 1
-            pressed += bool(np.any(plain.fingers.array(FingerState.force)))
+            pressed += bool(np.any(written.fingers.array(FingerState.force)))
             for block in blocks[1:]:
                 np.testing.assert_array_equal(block, blocks[0])
         assert pressed > states // 2
@@ -149,13 +150,36 @@ def asks_for_much(S: Any, o: int) -> None:
     same_for_all(1.0, b=2.0)  # type: ignore[call-arg]
 
 
+def names_an_argument(S: Any, o: int) -> None:
+    S[o] = min(S[o], S[o + 1], key=abs)
+
+
+def holds_another(S: Any, o: int) -> None:
+    def inner(x: float) -> float:
+        return x
+
+    S[o] = inner(S[o])
+
+
 def holds_a_function(S: Any, o: int) -> None:
     f = math.sqrt
     S[o] = f(S[o])
 
 
 @pytest.mark.parametrize(
-    "kernel", [lists, itself, turns_over_entries, looks_back, shifts, misses, asks_for_much, holds_a_function]
+    "kernel",
+    [
+        lists,
+        itself,
+        turns_over_entries,
+        looks_back,
+        shifts,
+        misses,
+        asks_for_much,
+        names_an_argument,
+        holds_another,
+        holds_a_function,
+    ],
 )
 def test_what_no_kernel_may_hold_is_said_with_file_and_line(kernel: Any) -> None:
     with pytest.raises(InputError, match=r"test_linked_programs\.py:\d+"):
@@ -167,7 +191,7 @@ def agree(kernel: Any, call: str, A: np.ndarray, *arguments: float) -> None:
     source = linked(call, kernel=kernel)
     B, C = A.copy(), A.copy()
     kernel(memoryview(A), *arguments)
-    interpreted(source).bind(B).brief()
+    plain(source, B)()
     compiled(source).bind(C).brief()
     np.testing.assert_array_equal(A.view(np.int64), B.view(np.int64))
     np.testing.assert_array_equal(A.view(np.int64), C.view(np.int64))

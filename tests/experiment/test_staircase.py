@@ -14,7 +14,6 @@ import graspfx as gx
 from graspfx.errors import InputError
 from graspfx.experiment.displayed_stiffness import displayed_stiffness
 from graspfx.experiment.experiment_table import Span, Staircase
-from graspfx.experiment.simulated_observers import physical_chance
 from graspfx.experiment.staircase import Stair, chance, information
 from tests.support.experiments import COMPARED, experiment, table_of
 
@@ -27,6 +26,16 @@ TABLE = Staircase(
 )  # fmt: skip
 SESSIONS, TRIALS = 12, 40
 RARE = 1e-4  # chance of a fixed seed that fails although all is right
+
+
+def physical_chance(increment: float, noise: float, lapse: float) -> float:
+    """Chance of a right answer of a physical observer: l + (1 - 2 l) F(x / (w sqrt(1 + (1 + x)^2))).
+
+    It perceives the stiffnesses k and k (1 + x) with standard deviations w k and w k (1 + x); F is the normal
+    distribution function.
+    """
+    perceived = increment / (noise * math.sqrt(1.0 + (1.0 + increment) ** 2))
+    return lapse + (1.0 - 2.0 * lapse) * 0.5 * (1.0 + math.erf(perceived / math.sqrt(2.0)))
 
 
 def test_the_information_is_that_of_the_chance() -> None:

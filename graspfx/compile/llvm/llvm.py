@@ -28,22 +28,19 @@ class LlvmProgram(NamedTuple):
         arrays: Parameters of the entry that are buffers of floats; they come first.
         numbers: Types of its other parameters, INT or FLOAT.
         libm: Functions of the platform's library that it calls, with the prefix `graspfx_`.
-        checked: Whether indices are checked.
     """
 
     text: str
     arrays: tuple[str, ...]
     numbers: tuple[str, ...]
     libm: tuple[str, ...]
-    checked: bool = False
 
 
 class Module:
     """Functions of a program, written when they are first called."""
 
-    def __init__(self, trees: Sequence[ast.FunctionDef], *, checked: bool = False) -> None:
+    def __init__(self, trees: Sequence[ast.FunctionDef]) -> None:
         self.trees = {tree.name: tree for tree in trees}
-        self.checked = checked
         self.functions: dict[object, LlvmFunction | None] = {}
         self.texts: list[str] = []
         self.libm: set[str] = set()
@@ -59,8 +56,7 @@ class Module:
             late = self.functions[name] = LlvmFunction(name, LATE[name].result)
             return late
         roots = [a.root for a in arguments if isinstance(a, Array)]
-        # which buffers are identical; checked buffers are known by their names
-        arrays = tuple(roots if self.checked else map(roots.index, roots))
+        arrays = tuple(map(roots.index, roots))  # which buffers are identical
         key = name, arrays, tuple(None if isinstance(a, Array) else type_of(a) for a in arguments)
         if key not in self.functions:
             tree = self.trees[name]
@@ -81,7 +77,6 @@ def llvm_program(
     source: str,
     floats: Collection[str] = (),
     *,
-    checked: bool = False,
     apart: bool = True,
 ) -> LlvmProgram:
     """Write a program as LLVM text; its last function becomes `graspfx_entry`, which returns an integer.
@@ -89,7 +84,6 @@ def llvm_program(
     Args:
         source: Program in Python, for example from `Program.source()`.
         floats: Float parameters of the entry. Indexed parameters are buffers, and the others are integers.
-        checked: Whether to check each index; `graspfx_outside` then holds the first index outside its buffer.
         apart: Whether all buffers are distinct memory.
 
     Raises:
@@ -102,7 +96,7 @@ def llvm_program(
         raise InputError("floats", sorted(unknown), f"numbers among the parameters of {tree.name}")
     numbers = tuple(FLOAT if name in floats else INT for name in entry.numbers)
 
-    module = Module(entry.trees, checked=checked)
+    module = Module(entry.trees)
     parameters: list[Array | Number] = [Array(name if apart else "any", f"%p{k}") for k, name in enumerate(arrays)]
     parameters += [Number(type_, f"%p{k}") for k, type_ in enumerate(numbers, start=len(arrays))]
 
@@ -116,10 +110,8 @@ def llvm_program(
         *module.texts,
         _entry(function, parameters, "noalias " if apart else ""),
     ]
-    if checked:
-        texts.insert(0, _checking(arrays))
     libm = tuple(sorted(module.libm))
-    return LlvmProgram("\n".join(texts) + "\n", arrays, numbers, libm, checked)
+    return LlvmProgram("\n".join(texts) + "\n", arrays, numbers, libm)
 
 
 def function_text(source: str, symbol: str, types: Sequence[str]) -> LlvmProgram:
@@ -168,29 +160,6 @@ def _entry(function: LlvmFunction, values: Sequence[Array | Number], alone: str)
         case _:
             raise InputError(function.name, function.result, "an entry that returns an integer or nothing")
     return "\n".join([f"define i64 @{ENTRY}({parameters}) nounwind {{", *body, "}"])
-
-
-def _checking(arrays: Sequence[str]) -> str:
-    """Write the lengths of the buffers, and a function that replaces an index outside by 0."""
-    lengths = [f'@"length.{name}" = global i64 0' for name in arrays]
-    return "\n".join([*lengths, _INSIDE])
-
-
-_INSIDE = """
-@graspfx_outside = global i64 -9223372036854775808
-define internal i64 @inside(i64 %index, ptr %length) nounwind alwaysinline {
-start:
-  %n = load i64, ptr %length
-  %good = icmp ult i64 %index, %n
-  br i1 %good, label %end, label %bad
-bad:
-  store i64 %index, ptr @graspfx_outside
-  br label %end
-end:
-  %safe = phi i64 [ %index, %start ], [ 0, %bad ]
-  ret i64 %safe
-}
-"""
 
 
 @dataclass(frozen=True)

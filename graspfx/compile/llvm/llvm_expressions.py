@@ -56,8 +56,6 @@ Variables = dict[str, Type | Array]
 class Functions(Protocol):
     """Source of called functions."""
 
-    checked: bool
-
     def has(self, name: str) -> bool: ...
 
     def function_for(
@@ -175,8 +173,6 @@ class Expressions:
         if number.type == FLOAT:
             raise self.cannot(index, "is not an integer, as an index must be")
         number = convert(self.code, number, INT)
-        if self.functions.checked:
-            number = self.code.op(INT, f'call i64 @inside(i64 {number.text}, ptr @"length.{array.root}")')
         return self.code.op("ptr", f"getelementptr inbounds double, ptr {array.text}, i64 {number.text}").text
 
     def value_of_branches(self, ways: Iterable[tuple[str, ast.expr]], scope: Variables) -> Number:
