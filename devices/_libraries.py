@@ -11,7 +11,7 @@ from graspfx.protocols import DeviceError, InputError
 
 
 def load_library(library: object, title: str, names: Mapping[str, Sequence[str]], others: Sequence[str]) -> Any:
-    """Load a library; return an object that is not a path unchanged, which must have the library's functions.
+    """Load a library from its path; return any other object unchanged, which must have the library's functions.
 
     Args:
         library: Path of the library; None for its usual names.
@@ -30,7 +30,7 @@ def load_library(library: object, title: str, names: Mapping[str, Sequence[str]]
         except OSError as error:
             reason = error
     raise DeviceError(
-        f"{title} cannot be loaded ({reason}): install the vendor's SDK, or set its path as `library`"
+        f"{title} cannot be loaded ({reason}): install the vendor's SDK, or set the library's path as `library`"
     ) from reason
 
 

@@ -1,4 +1,4 @@
-"""Common parts of simulated plants: the beginning of their block, their time, and their hand."""
+"""Common parts of simulated plants: the first fields of the block, the time, and the hand."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ NOT_FINITE = 1  # code of a kernel for non-finite inputs
 
 
 class PlantState(Record):
-    """Beginning of the block of every plant: n fingers in d dimensions; arrays are (n, d), finger by finger."""
+    """First fields of the block of every plant: n fingers in d dimensions; arrays are (n, d), one row per finger."""
 
     fingers: int  # n
     dimensions: int  # d
@@ -52,7 +52,7 @@ class PlantState(Record):
 
 
 class MiddlePlantState(PlantState):
-    """Beginning of the block of a plant that needs the target in the middle of a sample."""
+    """First fields of the block of a plant that needs the target in the middle of a sample."""
 
     middle: Floats = floats("fingers * dimensions")
     middle_rate: Floats = floats("fingers * dimensions")
@@ -65,7 +65,7 @@ ARRAYS = "position", "velocity", "effort", "start", "start_rate", "end", "end_ra
 class HeldPlant(ABC):
     """Fingers held by a hand and moved by a kernel that works on one block.
 
-    Gains of the hand are copied again when other arrays replace those of the hand.
+    The hand's gains are copied again when the hand has new arrays of gains.
 
     Args:
         kind: Record of the plant's block.
@@ -104,7 +104,7 @@ class HeldPlant(ABC):
 
     @property
     def time(self) -> float:
-        """Time since `place` [s]: samples times the period, counted from the last change of the period."""
+        """Time since `place` [s]: the time at the last change of the period, plus the samples since then times it."""
         S = self._entries
         now: float = S[SINCE] + S[TICKS] * S[PERIOD]
         return now
@@ -129,7 +129,7 @@ class HeldPlant(ABC):
             raise InputError("T", T, "a finite time above zero [s]")
         for name, gain in (("hand.stiffness", K), ("hand.damping", B)):
             if gain.shape != (d, n, n) or not np.isfinite(gain).all():
-                raise InputError(name, gain, f"finite gains {(d, n, n)}, for {n} fingers in {d} dimensions")
+                raise InputError(name, gain, f"finite gains of shape {(d, n, n)}, for {n} fingers in {d} dimensions")
         now = self.time
         self._grip(K, B, T)
         if S[PERIOD] != T:
@@ -185,7 +185,7 @@ class HeldPlant(ABC):
 
     @abstractmethod
     def _put(self, position: FloatArray) -> None:
-        """Place further parts; raise DeviceError, and change nothing, if that is impossible."""
+        """Place the parts behind the fingertips; raise DeviceError, and change nothing, if that is impossible."""
 
     @abstractmethod
     def _grip(self, K: FloatArray, B: FloatArray, T: float) -> None:

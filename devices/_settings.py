@@ -15,7 +15,7 @@ def number(name: str, value: object, least: float, most: float = LARGEST) -> flo
 
 
 def pair(name: str, value: object, least: float) -> tuple[float, float]:
-    """Return two finite numbers that are not below a bound."""
+    """Return two finite numbers that are at least `least`."""
     expected = f"two numbers of at least {least:g}"
     both = finite(name, value, expected)
     if both.shape != (2,) or (both < least).any():

@@ -49,7 +49,7 @@ def request(direction: int, number: int, size: int) -> int:
 
 
 class EventPort:
-    """The port of an input device, used by one GraspFX program at a time; others, such as a desktop, may read it too.
+    """The port of an input device, for one GraspFX program at a time; other programs, such as the desktop, may read it.
 
     Args:
         path: Path such as /dev/input/by-id/usb-Maker_Mouse-event-mouse.
@@ -72,7 +72,7 @@ class EventPort:
         try:
             self._descriptor = os.open(self.path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         except OSError as error:
-            hint = "; members of the group input may read it" if error.errno == errno.EACCES else ""
+            hint = "; add the user to the group input" if error.errno == errno.EACCES else ""
             raise DeviceError(f"{self.path} cannot be opened: {error.strerror}{hint}") from error
         try:
             fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -83,7 +83,9 @@ class EventPort:
         except OSError as error:
             self.close()
             busy = error.errno in (errno.EWOULDBLOCK, errno.EBUSY)
-            text = "is taken by another program; end it first" if busy else f"cannot be opened: {error.strerror}"
+            text = (
+                "is taken by another program; end that program first" if busy else f"cannot be opened: {error.strerror}"
+            )
             raise DeviceError(f"{self.path} {text}") from error
         except DeviceError:
             self.close()

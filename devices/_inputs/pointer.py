@@ -162,7 +162,7 @@ def box(workspace: object, size: float, dimensions: object) -> FloatArray:
         raise InputError("dimensions", dimensions, "1, 2 or 3")
     if workspace is None:
         return np.array([[-size] * dimensions, [size] * dimensions])
-    expected = f"two corners of {dimensions} coordinates [m], each of the first below the second's"
+    expected = f"two corners of {dimensions} coordinates [m], each of the first below that of the second"
     corners = finite("workspace", workspace, expected)
     if corners.shape != (2, dimensions) or not (corners[0] < corners[1]).all():
         raise InputError("workspace", workspace, expected)

@@ -75,14 +75,14 @@ class PlainDelta:
             self._estimator = VelocityEstimator(period, (3,), 0.5 * self.resolution, self._window)
             self._time, self._began = 0.0, self.now()
             if not self._refresh():
-                raise DeviceError("the device returns no initial position")
+                raise DeviceError("the device returned no initial position")
             self._follow()
         except DeviceError:
             self.close()
             raise
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Return position (1, 3) [m], velocity (1, 3) [m/s] and time [s]; the last sample without new data."""
+        """Return position (1, 3) [m], velocity (1, 3) [m/s] and time [s]; the last sample if there are no new data."""
         self._opened().call("dhdGetStatus", self._status, self._id)
         if not self._status[FORCE]:
             raise DeviceError(f"the device has switched its force off: {self._cause}")
@@ -144,11 +144,11 @@ class PlainDelta:
         """Read the position and tell whether it is new."""
         fresh: bool = self._opened().call("dhdGetPosition", *self._places, self._id) != NO_NEW_DATA
         if fresh and not np.isfinite(self._xyz).all():
-            raise DeviceError(f"the device returned the position {list(self._xyz)}")
+            raise DeviceError(f"the device returned the position {list(self._xyz)}, which is not finite")
         return fresh
 
     def _follow(self) -> None:
-        """Use the position; missed samples are interpolated linearly between the last sample and this one."""
+        """Use the new position; missed samples are interpolated linearly between the last sample and this one."""
         self._position[0] = self._xyz
         self._velocity[0] = self._estimator.update(self._position[0])
 
@@ -163,7 +163,7 @@ class PlainDelta:
 
 
 class Delta(PlainDelta):
-    """A device with its library's C functions, so that its loop needs no Python."""
+    """A device that calls its library's C functions directly, so that its loop needs no Python."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)

@@ -20,7 +20,7 @@ OFF = {
     0: "no cause reported: its force may not have been switched on, or its encoders not initialised",
     1: "the button on the device",
     2: "the velocity was above the device's safety threshold",
-    3: "the device's watchdog: no force came in time",
+    3: "the device's watchdog: no force arrived in time",
     4: "a program",
     5: "the USB cable",
     6: "the deadman switch was released",
@@ -51,7 +51,7 @@ class Dhd:
     """The library's functions with their argument types; a failed call raises a DeviceError.
 
     Args:
-        library: Path of the library; None for its usual names; or an object with functions of these names.
+        library: Path of the library, None for its usual names, or an object with functions of these names.
 
     Attributes:
         library: Library as loaded.
@@ -66,7 +66,7 @@ class Dhd:
             self._functions |= {name: self._function(loaded, name, kinds) for name, kinds in EXPERT.items()}
 
     def call(self, name: str, *arguments: object) -> int:
-        """Call a function and return its result, which is not negative.
+        """Call a function and return its non-negative result.
 
         Raises:
             DeviceError: If the result is negative.
@@ -74,7 +74,7 @@ class Dhd:
         code = int(self._functions[name](*arguments))
         if code < 0:
             text = (self._last() or b"").decode(errors="replace")
-            raise DeviceError(f"{name} of Force Dimension's library returns {code}: {text}")
+            raise DeviceError(f"{name} of Force Dimension's library returned {code}: {text}")
         return code
 
     @staticmethod
@@ -82,7 +82,9 @@ class Dhd:
         try:
             function = getattr(library, name)
         except AttributeError as error:
-            raise DeviceError(f"Force Dimension's library has no {name}: it is another library, or too old") from error
+            raise DeviceError(
+                f"Force Dimension's library has no {name}: the library is another one, or too old"
+            ) from error
         if isinstance(library, ctypes.CDLL):
             function.argtypes, function.restype = kinds, gives
         return function

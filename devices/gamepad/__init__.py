@@ -29,7 +29,7 @@ class Gamepad(Pointer):  # type: ignore[misc] # mypy does not see the shelf from
     Args:
         sticks: Code and sign for each axis.
         rate: Whether a stick sets the velocity instead of the position.
-        dead: Fraction of a stick's range that counts as the middle.
+        dead: Fraction of a stick's range that is treated as its middle.
     """
 
     def __init__(
@@ -91,11 +91,11 @@ def connect(
         port: Event file, such as /dev/input/by-id/usb-Maker_Pad-event-joystick; `graspfx devices` lists them.
         dimensions: Number of dimensions of the scene.
         mode: "position": a stick sets the position between `start` and the limits of the workspace. "rate": a stick
-            sets the velocity, and the finger stays where it is when the stick returns.
-        sticks: One of x, y, z, rx, ry, rz for each axis, with a minus to reverse it; further axes are unused.
-        workspace: Corners of the workspace (2, d) [m]; 0.1 m to every side if None.
+            sets the velocity, and the finger stays in place when the stick returns.
+        sticks: Stick (x, y, z, rx, ry or rz) for each axis, with a minus sign to reverse it; further names are unused.
+        workspace: Corners of the workspace (2, d) [m]; 0.1 m to every side of zero if None.
         start: Position of the finger when the device is opened (d,) [m]; the middle of the workspace if None.
-        dead: Fraction of a stick's range that counts as the middle.
+        dead: Fraction of a stick's range that is treated as its middle.
         lag: Time constant of the finger, which lags a steady motion by twice this time [s].
         speed: Largest speed of the finger [m/s].
         grab: Whether to withhold the events from other programs.
@@ -124,6 +124,6 @@ def _sticks(names: object, dimensions: int) -> list[tuple[int, float]]:
     for name in names[:dimensions]:
         stick = name.removeprefix("-") if isinstance(name, str) else ""
         if stick not in STICKS:
-            raise InputError("sticks", name, f"one of {', '.join(STICKS)}, with or without a minus")
+            raise InputError("sticks", name, f"one of {', '.join(STICKS)}, with or without a minus sign")
         codes.append((STICKS[stick], -1.0 if name.startswith("-") else 1.0))
     return codes

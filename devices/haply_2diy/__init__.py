@@ -55,7 +55,7 @@ def connect(
         torque_limit: Torque limit of a motor; the limit in the firmware is 0.123 [N m].
         margin: Smallest distance of the handle from the stretched posture [m].
         device: Number of the device on its line.
-        timeout: Time after which the last sample is kept instead of an answer; less than the period [s].
+        timeout: Longest wait for an answer, after which the last sample is kept; less than the period [s].
         velocity_window: Longest window of the velocity estimate [samples].
     """
     inner, outer = pair("links", links, SMALLEST)
@@ -81,7 +81,7 @@ def quench(*, port: str, device: int = 5, **_: object) -> None:
     """Remove the torques from a board whose program has died: send zeros until it answers two successive frames.
 
     This needs no set-up, so that the offsets of the encoders are kept. A board that waits for the rest of a truncated
-    frame interprets the first zeros as that rest, and so as zero torques, too.
+    frame interprets the first zeros as that rest, and so sets zero torques, too.
 
     Args:
         port, device: Same as for `connect`; other settings are ignored.

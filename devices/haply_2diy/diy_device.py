@@ -30,8 +30,8 @@ class Haply2Diy:
     The board answers a frame of torques with its angles. Therefore `ask` repeats the last torques, so that a reading is
     as old as one exchange; the answer to `write` is discarded. Torques beyond the limit are scaled by a common factor,
     so that the force keeps its direction. An answer is rejected if it has the wrong length, comes from another device,
-    or is too far from the last answer for the speed and acceleration of a link. In that case the line is flushed, the
-    last sample is kept, and the next reading asks again.
+    or differs too much from the last answer for the speed and acceleration of a link. In that case the line is flushed,
+    the last sample is kept, and the next reading asks again.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class Haply2Diy:
         self._waiting, self._asked_at = True, self.port.now()
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Return position (1, 2) [m], velocity (1, 2) [m/s] and time [s]; the last sample without a new answer."""
+        """Return position (1, 2) [m], velocity (1, 2) [m/s] and time [s]; the last sample if there is no new answer."""
         self._opened()
         if not self._waiting:
             self.ask()
@@ -120,7 +120,7 @@ class Haply2Diy:
             self._silent += 1
             if self._silent > SILENCE and now - self._time > SILENCE * self._period:
                 self._abandon()
-                raise DeviceError(f"the board at {self.port.path} gave no answer to {self._silent} readings in a row")
+                raise DeviceError(f"the board at {self.port.path} did not answer {self._silent} readings in a row")
             return self._position, self._velocity, self._time
         self._silent, self._time = 0, now
         try:

@@ -31,7 +31,7 @@ class DiyWire(SerialWire):
     Args:
         links: Lengths of the links at the motors, and from these to the handle [m].
         distance: Distance between the motors [m].
-        inertia: Inertia of each link at a motor with the parts that it moves [kg m^2]; None for links that keep their
+        inertia: Inertia of each link at a motor with the parts that it moves [kg m^2]; None for links that stay in
             place.
         friction: Viscous friction at each motor [N m s/rad]; with an inertia, encoders report integer counts.
         seed: Seed of random damage by failures.

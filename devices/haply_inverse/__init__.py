@@ -4,7 +4,7 @@ Tested against an emulator only (`graspfx.testing.wire.InverseWire`); the servic
 mount, damping and force gate are assumptions. The service answers each message once and sends nothing else. All
 devices of a program share one connection, and one message contains the forces of all.
 
-It is unknown whether the service removes a force when its program dies; `quench` connects again and sets zero.
+It is unknown whether the service removes a force when the program dies; `quench` connects again and sets zero.
 """
 
 from __future__ import annotations
@@ -42,12 +42,12 @@ def connect(
     Args:
         url: Address of the service.
         device: Id of the device, as shown by the service's tools; None for the only device.
-        basis: Axes of the device in the service, such as "XYZ"; any other setting is rejected.
-        damping: Damping that the service adds, treated as the device's b; any other setting is rejected [N s/m].
+        basis: Axes of the device that the service must have, such as "XYZ".
+        damping: Damping that the service must add, treated as the device's b [N s/m].
         force_limit: Largest force at the handle; the service documents no limit [N].
         resolution: Resolution of a position [m].
         velocity_window: Longest window of the velocity estimate [samples].
-        timeout: Time after which the last sample is kept instead of an answer; less than the period [s].
+        timeout: Longest wait for an answer, after which the last sample is kept; less than the period [s].
 
     Raises:
         MissingPackageError: If websockets is not installed; `pip install graspfx[inverse]` installs it.
@@ -69,7 +69,7 @@ def connect(
 
 
 def quench(*, url: str = URL, device: str | None = None, **_: object) -> None:
-    """Remove the force from a device whose program has died: open a new connection and send zero until answered.
+    """Remove the force from a device whose program has died: connect again, and send zero until the service answers.
 
     Args:
         url, device: Same as for `connect`; other settings are ignored.

@@ -78,7 +78,7 @@ class Inverse:
                 self.service.ask(name)
                 sample = self.service.sample(name, self.service.now() + 0.05)
             if sample is None:
-                raise DeviceError(f"{name} reports no initial position")
+                raise DeviceError(f"{name} reported no initial position")
             (self._position[0], self._time), self._velocity[0] = sample, 0.0
         except DeviceError:
             self.close()
@@ -92,7 +92,7 @@ class Inverse:
         self.service.ask(self._name)
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Return position (1, 3) [m], velocity (1, 3) [m/s] and time [s]; the last sample without a new one."""
+        """Return position (1, 3) [m], velocity (1, 3) [m/s] and time [s]; the last sample if there is no new one."""
         self._opened()
         if not self._waiting:
             self.ask()

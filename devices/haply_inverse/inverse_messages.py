@@ -69,13 +69,13 @@ def check_config(device: Mapping[str, Any], basis: str, damping: float) -> None:
         config = {}
     own = _part(config.get("basis"), "permutation", IDENTITY)
     if own != basis:
-        raise _other(name, "basis", own, basis, "rotate its axes by the device's `frame`")
+        raise _other(name, "basis", own, basis, "rotate the axes with the device's `frame`")
     mount = config.get("mount")
     if mount and not _is_identity(mount):
-        raise _other(name, "mount", mount, "none", "set its position by the device's `frame`")
+        raise _other(name, "mount", mount, "none", "set the position with the device's `frame`")
     viscous = _part(config.get("damping"), "scalar", 0.0)
     if isinstance(viscous, bool) or not isinstance(viscous, int | float) or abs(viscous - damping) > 1e-9:
-        raise _other(name, "damping", viscous, f"{damping:g} N s/m", "it is counted as the device's own b")
+        raise _other(name, "damping", viscous, f"{damping:g} N s/m", "set the device's `damping` to it")
     gate = _part(config.get("force_gate"), "enabled", True)
     if gate is False or (isinstance(gate, int | float) and gate == 0):
         raise DeviceError(f"the service blocks the force of {name}: open its force gate")

@@ -105,12 +105,12 @@ class Service:
         """Return the newest sample of a device, after an answer to the last request or a deadline; None without one.
 
         Raises:
-            DeviceError: If the service is gone, or reports that the device is.
+            DeviceError: If the service is gone, or no longer lists the device.
         """
         if self._sent:
             self._drain(deadline)
         if self._missing[name] >= ABSENT:
-            raise DeviceError(f"{name} is gone: the service at {self.url} no longer has it")
+            raise DeviceError(f"{name} is gone: the service at {self.url} no longer lists it")
         return self.samples.get(name)
 
     def write(self, name: str, force: Force) -> None:
@@ -137,7 +137,7 @@ class Service:
                 self._inventory = devices
                 return
         self._line.close()
-        raise DeviceError(f"the service at {self.url} sends no inventory")
+        raise DeviceError(f"the service at {self.url} sent no list of devices")
 
     def _choose(self, name: str | None) -> str:
         names = ", ".join(self._inventory) or "none"
@@ -148,7 +148,7 @@ class Service:
         if name not in self._inventory:
             raise DeviceError(f"the service at {self.url} has no device {name!r}; it has {names}")
         if name in self.forces:
-            raise DeviceError(f"{name} is in use: only one may drive a device")
+            raise DeviceError(f"{name} is in use: only one driver may use a device")
         return name
 
     def _send(self) -> None:
@@ -168,7 +168,7 @@ class Service:
             self._sent.popleft()
 
     def _take(self, text: str, keep: bool) -> None:
-        """Process an answer to the oldest request; if that was lost, times of samples are too early, never too late."""
+        """Process an answer to the oldest request; after a lost answer, sample times are too early, never too late."""
         when = self._sent.popleft() if self._sent else self._question
         devices = devices_in(text)
         if devices is None:

@@ -94,7 +94,9 @@ class WebSocket:
             self._take()
             return
         error = protocol.handshake_exc
-        raise DeviceError(f"the server at {self.url} is no WebSocket{f': {error}' if error else ''}"[:200]) from error
+        raise DeviceError(
+            f"the server at {self.url} is not a WebSocket server{f': {error}' if error else ''}"[:200]
+        ) from error
 
     def send(self, text: str) -> None:
         """Send a text, even if the service has closed or violated the protocol, because zero force must be sent.
@@ -113,10 +115,10 @@ class WebSocket:
             raise DeviceError(f"the service at {self.url} accepts no more data: a message was truncated")
 
     def receive(self, deadline: float) -> str | None:
-        """Wait for a text until a deadline of `now` [s]; return None without one.
+        """Wait for a text until a deadline on the clock `now` [s]; return None if none arrives.
 
         Raises:
-            DeviceError: If the connection is lost, or the data are not a WebSocket's.
+            DeviceError: If the connection is lost, or the data violate the WebSocket protocol.
         """
         while not self._texts:
             if not self._more(deadline):
@@ -163,9 +165,9 @@ class WebSocket:
         if error is None:
             text = f"the service at {self.url} has closed the connection"
         elif isinstance(error, PayloadTooBig):
-            text = f"the service at {self.url} sends a message of more than {MOST} bytes"
+            text = f"the service at {self.url} sent a message of more than {MOST} bytes"
         else:
-            text = f"the data from {self.url} are not a WebSocket's: {error}"
+            text = f"the data from {self.url} violate the WebSocket protocol: {error}"
         end = DeviceError(text)
         end.__cause__ = error
         return end

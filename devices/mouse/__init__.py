@@ -1,4 +1,4 @@
-"""A mouse as one finger without force feedback: its motion on the table moves the finger, the wheel is the third axis.
+"""A mouse as one finger without force feedback: its motion moves the finger, and its wheel is the third axis.
 
 Intended for users without haptic hardware. Tested against an emulator only (`graspfx.testing.wire.EventWire`). Works
 on Linux, from /dev/input/event*, and needs no further packages. The desktop's pointer also moves unless `grab` is set.
@@ -57,9 +57,9 @@ def connect(
     Args:
         port: Event file, such as /dev/input/by-id/usb-Maker_Mouse-event-mouse; `graspfx devices` lists them.
         dimensions: Number of dimensions of the scene.
-        dpi: Counts of the mouse per inch; twice the value halves the finger's motion.
+        dpi: Resolution of the mouse [counts/inch]; doubling this value halves the finger's motion.
         wheel: Motion along the third axis per notch [m].
-        workspace: Corners of the workspace (2, d) [m]; 0.1 m to every side if None.
+        workspace: Corners of the workspace (2, d) [m]; 0.1 m to every side of zero if None.
         start: Position of the finger when the device is opened (d,) [m]; the middle of the workspace if None.
         lag: Time constant of the finger, which lags a steady motion by twice this time [s].
         speed: Largest speed of the finger [m/s].

@@ -86,7 +86,7 @@ class EventWire(Wire):
             self._place = REACH * np.sign(part) * (np.abs(part) - DEAD) / (1.0 - DEAD)
 
     def home(self) -> None:
-        """Move the sticks to their middle; do nothing for a mouse, which is at home everywhere."""
+        """Move the sticks to their middle; do nothing for a mouse, which has no home position."""
         self._place = np.zeros(2)
         if self.kind == "gamepad":
             self.send((ABSOLUTE, 0, 0), (ABSOLUTE, 1, 0))

@@ -18,7 +18,7 @@ RATE = 1000  # rate of the scheduler [Hz]
 ERRORS = {
     0x102: "an operation that is not allowed there",
     0x200: "the motors are warm: let them cool down",
-    0x201: "the force was above the device's largest",
+    0x201: "the force was above the device's maximum",
     0x202: "the force changed by more than the device allows",
     0x203: "the handle was faster than the device allows",
     0x204: "the force cannot be displayed",
@@ -56,7 +56,7 @@ class Hd:
     """The library's functions with their argument types; an error on its stack after a call raises a DeviceError.
 
     Args:
-        library: Path of the library; None for its usual names; or an object with ctypes functions of these names.
+        library: Path of the library, None for its usual names, or an object with ctypes functions of these names.
 
     Attributes:
         library: Library as loaded.
@@ -68,7 +68,7 @@ class Hd:
         for name, kinds in {**SIGNATURES, "hdGetError": (_Error,)}.items():
             function = getattr(loaded, name, None)
             if function is None:
-                raise DeviceError(f"the OpenHaptics library has no {name}: it is another one, or too old")
+                raise DeviceError(f"the OpenHaptics library has no {name}: the library is another one, or too old")
             if isinstance(loaded, ctypes.CDLL):
                 function.restype, function.argtypes = kinds[0], kinds[1:]
             self._functions[name] = function

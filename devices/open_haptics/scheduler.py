@@ -1,4 +1,4 @@
-"""The library's scheduler, one per process: starts when all devices are added, and calls one function per period."""
+"""The library's scheduler, one per process: it starts when all devices are added, and calls one function per period."""
 
 from __future__ import annotations
 
@@ -95,7 +95,9 @@ class Scheduler:
                 hd.call("hdSetSchedulerRate", RATE)
                 hd.call("hdStartScheduler")
                 if not mailbox.wait(SETTLED, LONGEST):
-                    raise DeviceError("the scheduler of OpenHaptics does not call back: its driver may not run")
+                    raise DeviceError(
+                        "the scheduler of OpenHaptics does not call back: the vendor's driver may not be running"
+                    )
             except DeviceError:
                 self._halt()
                 raise
@@ -111,7 +113,7 @@ class Scheduler:
         return self._members.index(member)
 
     def _halt(self) -> None:
-        """Remove the callback and stop the scheduler, when forces are zero."""
+        """Remove the callback and stop the scheduler, once forces are zero."""
         mailbox, self._mailbox = self._mailbox, None
         if mailbox is None:
             return

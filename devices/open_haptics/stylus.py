@@ -25,8 +25,8 @@ class Stylus:
 
     The library's thread runs 1000 times a second. `read` waits for the thread's next sample, at most one period. A
     written force is displayed from the thread's next call on. If no message from this program arrives for 20 ms, the
-    thread displays zero force. A loop without Python runs in the thread. Velocities are estimated from positions. Every
-    error of the library is a fault.
+    thread displays zero force. A loop that needs no Python runs in this thread. Velocities are estimated from
+    positions. Every error of the library is a fault.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Stylus:
         self._velocity: FloatArray = np.zeros((1, 3))
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Return position (1, 3) [m], velocity (1, 3) [m/s] and time [s]; the last sample without a new one."""
+        """Return position (1, 3) [m], velocity (1, 3) [m/s] and time [s]; the last sample if there is no new one."""
         mailbox, i, end = self._started(), self._place, self.now() + self._period
         while True:
             if fault := mailbox.fault(i):
@@ -94,7 +94,7 @@ class Stylus:
             self.sleep(NAP)
         if count != self._count:
             if not np.isfinite(position).all():
-                raise DeviceError(f"the device returned the position {position[0].tolist()}")
+                raise DeviceError(f"the device returned the position {position[0].tolist()}, which is not finite")
             self._time += (count - self._count) / RATE
             self._count = count
             self._position[...] = position

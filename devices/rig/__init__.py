@@ -44,13 +44,13 @@ def connect(
 ) -> Rig:
     """Connect the rig: channel 0 is the first arm, channel 1 the second.
 
-    The other settings are as for `graspfx.devices.two_link.connect`, for each arm.
+    The other settings apply to each arm, as in `graspfx.devices.two_link.connect`.
 
     Args:
         port: Serial port of the controller, such as /dev/ttyACM0.
         arms: One or two tables, each with `base` [m], `elbow`, and optionally `zero`: directions of the links at zero
             counts [rad].
-        timeout: Time after which the last sample is kept instead of an answer; less than the period, at most 2.5 ms
+        timeout: Longest wait for an answer, after which the last sample is kept; less than the period, at most 2.5 ms
             [s].
     """
     tables = _tables(arms)

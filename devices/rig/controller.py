@@ -68,7 +68,7 @@ class Controller:
                 raise DeviceError(f"the controller at {self.port.path} limits its motors to {text}: reduce the setting")
             if about.watchdog > watchdog:
                 raise DeviceError(
-                    f"the controller at {self.port.path} waits {about.watchdog:g} s for torques: too long"
+                    f"the controller at {self.port.path} has a watchdog of {about.watchdog:g} s, which is too long"
                 )
             self._armed = True
             self._session = about.session
@@ -98,7 +98,7 @@ class Controller:
         for message in self._messages(deadline):
             state = state_in(message)
             if state is not None and state.mode not in (Mode.ARMED, Mode.RUNNING):
-                raise DeviceError(f"the controller at {self.port.path} is at rest; {self._fault(state)}")
+                raise DeviceError(f"the controller at {self.port.path} has disarmed; {self._fault(state)}")
             if state is not None and state.number == self._question & 0xFFFF:  # older numbers answer lost requests
                 return state
         return None
@@ -149,7 +149,7 @@ class Controller:
                 if answer is not None:
                     self._number = 0
                     return answer
-        raise DeviceError(f"nothing at {self.port.path} answers {kind.name} as a rig's controller does")
+        raise DeviceError(f"nothing at {self.port.path} answers {kind.name} like a rig's controller")
 
     def _messages(self, deadline: float) -> Iterator[bytes]:
         """Yield messages until a deadline of the port's clock [s], skipping damaged ones."""

@@ -93,7 +93,10 @@ class Rig:
     def open(self, period: float) -> None:
         if not 0.0 < period <= LONGEST:
             raise InputError(
-                "period", period, f"at most {LONGEST:g} s", f"the rig's watchdog removes its force after {WATCHDOG:g} s"
+                "period",
+                period,
+                f"a period of at most {LONGEST:g} s",
+                f"the rig's watchdog removes its force after {WATCHDOG:g} s",
             )
         self.close()
         state = self.controller.open(max(max(arm.wiring.torque_limit) for arm in self.arms), WATCHDOG)
@@ -119,14 +122,14 @@ class Rig:
             self._silent += 1
             if self._silent > SILENCE and self.controller.port.now() - self._heard > SILENCE * period:
                 self._abandon()
-                text = f"gave no answer to {self._silent} readings in a row"
+                text = f"did not answer {self._silent} readings in a row"
                 raise DeviceError(f"the controller at {self.controller.port.path} {text}")
             return self._position, self._velocity, self._time
         step = (state.microseconds - self._clock) % WRAP
         if step >= WRAP // 2:
             self._abandon()
             back = 1e-6 * (WRAP - step)
-            raise DeviceError(f"the clock of the controller at {self.controller.port.path} ran back by {back:g} s")
+            raise DeviceError(f"the clock of the controller at {self.controller.port.path} ran backwards by {back:g} s")
         since = 1e-6 * step
         self._clock, self._silent, self._heard = state.microseconds, 0, self.controller.port.now()
         self._time += since

@@ -39,12 +39,12 @@ class Mode(IntEnum):
 
 FAULTS = (
     "no fault",
-    "watchdog: no torques came for 5 ms, or for 5 s after the motors were switched on",
+    "watchdog: no torques arrived for 5 ms, or for 5 s after the motors were switched on",
     "overspeed: a joint turned faster than the controller allows",
     "overcurrent: a motor driver has switched itself off",
     "encoder: a sensor returns no counts",
-    "emergency stop: pressed, deadman switch released, or no supply of the motors",
-    "noise: ten bad frames in a row",
+    "emergency stop: button pressed, deadman switch released, or motor supply off",
+    "noise: ten damaged frames in a row",
 )
 
 

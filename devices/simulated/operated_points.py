@@ -56,7 +56,7 @@ class OperatedPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the sh
 
     @property
     def structure(self) -> Index:
-        """Counts, and the size of the delay line."""
+        """Numbers of fingers and dimensions, and the size of the delay line."""
         return np.array(
             [layout(OperatedPlantState)[name].place(self._block) for name in ("fingers", "dimensions", "room")]
         )
@@ -110,7 +110,9 @@ class OperatedPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the sh
             finger.command_share = elementary.exp(-T / own.command_lag) if own.command_lag > 0.0 else 0.0
             finger.delay = samples_of(own.delay, T)
             if self._block.room and finger.delay >= self._block.room:
-                raise InputError("delay", own.delay, f"less than {self._block.room} samples, the delay line's size")
+                raise InputError(
+                    "delay", own.delay, f"a delay of less than {self._block.room} samples, the delay line's size"
+                )
 
     def fault_text(self, code: int) -> str:
         """Explain a code of the kernel."""
@@ -129,5 +131,5 @@ def samples_of(delay: float, T: float) -> int:
 
 
 def room_for(delay: float, T: float) -> int:
-    """Return the size of a line for a delay [s]: a power of two, so that similar delays share a program; 0 without."""
+    """Return the size of the line for a delay [s]: 0, or a power of two, so that similar delays share a program."""
     return 0 if delay <= 0.0 else 1 << samples_of(delay, T).bit_length()

@@ -107,7 +107,7 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf
 
     @property
     def structure(self) -> Index:
-        """Counts, and, unless the plant is `live`, whether targets are constant."""
+        """Numbers of fingers and dimensions, and, unless the plant is `live`, whether targets are constant."""
         names = ("fingers", "dimensions") + (() if self.live else ("still",))
         return np.array([layout(PointPlantState)[name].place(self._block) for name in names])
 

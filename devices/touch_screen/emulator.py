@@ -86,7 +86,7 @@ class ScreenWire(Wire):
             self.touch(finger, *place.tolist())
 
     def home(self) -> None:
-        """Lift the fingers from the screen; a device that is opened begins at its start."""
+        """Lift the fingers from the screen; the device's fingers are at `start` when it is opened."""
         self.leave()
         self._place = np.array(START)
 

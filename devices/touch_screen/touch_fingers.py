@@ -21,7 +21,7 @@ class TouchFingers:
     """Fingers without force feedback: forces are checked and shown on the page.
 
     A touch is a goal. The target moves to the goal at most at `speed`, and the finger follows the target with critical
-    damping. When the finger is lifted or the screen is lost, the finger stays in place, and yields to its displayed
+    damping. When the finger is lifted or the screen is lost, the finger stays in place, or yields to its displayed
     force until this force is zero. The switch of a finger is closed while the finger is touched.
 
     Args:

@@ -141,7 +141,7 @@ class TwoLinkArm(ABC):
         """Explain a code of a kernel with the values in the block."""
         counts, links, force = self._block.counts, self._block.links, self._block.command
         if code == sample.NO_COUNTS:
-            return f"the arm's board gave counts {counts.first:.17g}, {counts.second:.17g}: check encoders and cables"
+            return f"the arm's board returned {counts.first:.17g}, {counts.second:.17g}: check encoders and cables"
         if code == sample.OUT_OF_REACH:
             return str(self.arm.reach_fault(links.x1 + links.x2, links.y1 + links.y2))
         if code == sample.OTHER_ELBOW:

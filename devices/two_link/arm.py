@@ -156,8 +156,8 @@ class Arm:
         side = "right" if self.elbow == "left" else "left"
         return (
             f"the elbow of the arm at ({self.base[0]:.4f}, {self.base[1]:.4f}) m is on the {side}, expected on the "
-            f"{self.elbow}: the arm went through its stretched or folded posture, or the encoders' zero is not "
-            "that of `zero`; bring the elbow back and open the device again"
+            f"{self.elbow}: the arm went through its stretched or folded posture, or `zero` does not match the "
+            "encoders; bring the elbow back and open the device again"
         )
 
 
@@ -165,8 +165,8 @@ class Arm:
 class Mechanics:
     """Mass and damping matrices M(a) = [[I1, c m + r], [c m + r, I2]], D = [[d1, d], [d, d2]], c = cos(a2 - a1).
 
-    Both matrices refer to the directions of the links: the kinetic energy is w'M w/2, w = da/dt. Of a rotor's motion,
-    only the spin, which is multiplied by the gear ratio, contributes to the kinetic energy.
+    Both matrices refer to the directions of the links: the kinetic energy is w'M w/2, w = da/dt. A rotor's kinetic
+    energy is that of its spin only, at the joint's rate times the gear ratio.
 
     Args:
         arm: Geometry of the arm.
@@ -190,8 +190,8 @@ class Mechanics:
             raise InputError(
                 "link_masses",
                 self.masses,
-                "masses and inertias with a positive inertia of both joints in every posture",
-                "a link needs a mass and an inertia about its centre, or its joint a rotor",
+                "masses and inertias that give both joints a positive inertia in every posture",
+                "give each link a mass and an inertia about its centre, or each joint a rotor inertia",
             )
 
     @property

@@ -106,7 +106,7 @@ def late_device(
             samples, both polynomials are bit-identical to those of `discrete.device`.
 
     Raises:
-        InputError: The delay is not the same number of whole samples for all periods.
+        InputError: If the delay is not the same number of whole samples for all periods.
     """
     periods = np.unique(np.asarray(period, dtype=float))
     counts = [samples_and_part(latency, each) for each in periods.tolist()]

@@ -177,8 +177,8 @@ class Linearisation(Carded):
         operator: Operator models in addition to springs and dampers; None if there are none.
 
     Raises:
-        InputError: An argument does not fit; the error names it.
-        UnknownNameError: No integrator or rate has that name.
+        InputError: If an argument does not fit; the error names it.
+        UnknownNameError: If no integrator or rate has that name.
     """
 
     period: float
@@ -307,8 +307,8 @@ class Linearisation(Carded):
                 of the coupling.
 
         Raises:
-            MissingPackageError: python-control is missing; `pip install 'graspfx[control]'` installs it.
-            UnknownNameError: No loop has that name.
+            MissingPackageError: If python-control is missing; `pip install 'graspfx[control]'` installs it.
+            UnknownNameError: If no loop has that name.
         """
         from graspfx.show.conversions import to_control
 
@@ -348,7 +348,8 @@ def linear_of(subject: Subject, recording: object = None) -> Linearisation:
         recording: Recording of the scene, or its path, at whose end the grasp is linearised.
 
     Raises:
-        InputError: The subject or the recording is of another kind; and the errors of `gx.load` and `Scene.linearise`.
+        InputError: If the subject or the recording is of another kind; and the errors of `gx.load` and
+            `Scene.linearise`.
     """
     if isinstance(subject, Linearisation):
         if recording is not None:

@@ -70,7 +70,7 @@ def response(pushes: Sequence[Push], drag: float, longest: float) -> Response:
         longest: Largest delay that is considered [s].
 
     Raises:
-        InputError: An axis has no pushes, or too few.
+        InputError: If an axis has no pushes, or too few.
     """
     d = pushes[0].position.shape[1] if pushes else 0
     counts = [sum(push.axis == axis for push in pushes) for axis in range(d)]
@@ -179,7 +179,7 @@ def drag_matrix(runs: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArr
         P (d, d) [1/s], and P without each run in turn, (runs, d, d).
 
     Raises:
-        InputError: There are fewer than two runs.
+        InputError: If there are fewer than two runs.
     """
     if len(runs) < 2:
         raise InputError("runs", len(runs), "two or more")

@@ -91,8 +91,8 @@ class Plant:
         """Check every parameter and convert it to an array, or to a number if `single`.
 
         Raises:
-            InputError: A parameter is invalid; the error names it.
-            UnknownNameError: No integrator has that name.
+            InputError: If a parameter is invalid; the error names it.
+            UnknownNameError: If no integrator has that name.
         """
         check: Any = number if single else numbers
         values: dict[str, Any] = {}
@@ -159,7 +159,7 @@ class Plant:
         """Common shape of the parameters.
 
         Raises:
-            InputError: The arrays do not broadcast.
+            InputError: If the arrays do not broadcast.
         """
         shapes = [np.shape(getattr(self, name)) for name in self._names]
         try:

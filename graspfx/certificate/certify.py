@@ -101,11 +101,11 @@ def certify(
         touches even with the hands closed is not stable; its `gap` is the distance to the nearest finger.
 
     Raises:
-        InputError: `quick` is neither True nor False, or True with a recording; the recording is of another scene, or a
-            device does not state its mass or friction.
-        NoRestError: No rest of a grasp is found, or the recording ends without one.
-        SceneError: A scene that is loaded has faults.
-        RecordingError: The path leads to no recording.
+        InputError: If `quick` is neither True nor False, or True with a recording; the recording is of another scene,
+            or a device does not state its mass or friction.
+        NoRestError: If no rest of a grasp is found, or the recording ends without one.
+        SceneError: If a scene that is loaded has faults.
+        RecordingError: If the path leads to no recording.
     """
     scene_ = to_scene(scene)
     if not isinstance(quick, bool):
@@ -130,7 +130,7 @@ def certificates(scene: Scene, at: str = "squeezed", recording: Recording | None
     stable at those values, the other gains are at half the common limit.
 
     Raises:
-        InputError: A device does not state its mass or damping.
+        InputError: If a device does not state its mass or damping.
     """
     touched = sorted(set(scene.finger_objects))
     return [_certificate_of(scene, at, scene.object[i].name, recording) for i in touched]

@@ -251,9 +251,9 @@ def certify_operators(
         `OperatorCertificate`, whose `.sentence` states in whose hands the scene is stable.
 
     Raises:
-        InputError: Ranges are invalid, a device does not state its mass or friction, samples are below 1, or the seed
-            is not a non-negative integer.
-        SceneError: The scene does not accept a key or a value.
+        InputError: If ranges are invalid, a device does not state its mass or friction, samples are below 1, or the
+            seed is not a non-negative integer.
+        SceneError: If the scene does not accept a key or a value.
     """
     scene_ = to_scene(scene)
     count("samples", samples, 1)
@@ -345,8 +345,8 @@ def operator_region(
     """Judge a grid over one or two of the ranges; one range, or one key, gives a line.
 
     Raises:
-        InputError: The number of keys, or of points, is out of range.
-        UnknownNameError: A key is not in the set.
+        InputError: If the number of keys, or of points, is out of range.
+        UnknownNameError: If a key is not in the set.
     """
     if not 2 <= points <= MOST_POINTS:
         raise InputError("points", points, f"from 2 to {MOST_POINTS}")
@@ -413,7 +413,7 @@ def gain_region(scene: Scene, hands: Sequence[Mapping[str, float]], points: int 
         span: End of the grid, as a multiple of the scene's gain.
 
     Raises:
-        InputError: Gains are not numbers above zero, or points or span are out of range.
+        InputError: If gains are not numbers above zero, or points or span are out of range.
     """
     present = tuple(part.stiffness for part in (scene.coupling.external, scene.coupling.internal))
     if not all(isinstance(gain, int | float) and gain > 0.0 for gain in present):

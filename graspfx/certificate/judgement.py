@@ -135,8 +135,8 @@ class Judge:
         """Judge the scene with these values in full; fingers that push alone only on request.
 
         Raises:
-            SceneError: The scene does not accept a key or a value.
-            InputError: A device does not state its mass or damping.
+            SceneError: If the scene does not accept a key or a value.
+            InputError: If a device does not state its mass or damping.
         """
         self.count += 1
         try:

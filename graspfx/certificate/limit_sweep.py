@@ -58,7 +58,7 @@ class Sweep:
         """Parse KEY=FROM:TO:COUNT, evenly spaced values including both ends.
 
         Raises:
-            InputError: The text has another form.
+            InputError: If the text has another form.
         """
         form = "KEY=FROM:TO:COUNT, as in object.viscosity=0.8:1.5:15"
         key, equals, span = text.partition("=")
@@ -126,9 +126,9 @@ def swept_limits(scene: Scene, sweeps: Sequence[Sweep], at: str = "squeezed") ->
     points at once. Otherwise a scene is created and linearised for each point.
 
     Raises:
-        InputError: There are more than two sweeps, a key twice, too many points, gains that are matrices, or several
+        InputError: If there are more than two sweeps, a key twice, too many points, gains that are matrices, or several
             objects.
-        SceneError: The scene does not accept a key, or a value at an end of its range.
+        SceneError: If the scene does not accept a key, or a value at an end of its range.
     """
     if not 1 <= len(sweeps) <= 2:
         raise InputError("--sweep", len(sweeps), "one or two of them")

@@ -131,10 +131,10 @@ def linearise(
             forces.
 
     Raises:
-        InputError: A device does not state its mass or damping; objects with different integrators are linearised
+        InputError: If a device does not state its mass or damping; objects with different integrators are linearised
             together; or no finger touches an object (`NotGraspingError`), unless at the start.
-        NoRestError: No rest of a grasp is found.
-        UnknownNameError: No object has that name.
+        NoRestError: If no rest of a grasp is found.
+        UnknownNameError: If no object has that name.
     """
     require_no_host(scene, "a certificate")
     if at not in WHERE:
@@ -156,8 +156,9 @@ def recorded_loop(scene: Scene, recording: Recording | str | PathLike[str]) -> L
     """Linearise a scene at the end of its recording, with the recorded lateness of the forces.
 
     Raises:
-        InputError: The recording is of another scene or has no rows, or a device does not state its mass or friction.
-        RecordingError: The path leads to no recording.
+        InputError: If the recording is of another scene or has no rows, or a device does not state its mass or
+            friction.
+        RecordingError: If the path leads to no recording.
     """
     return linearise(scene, "recorded", recording=recording_of(scene, recording)).linear
 
@@ -343,7 +344,7 @@ def _integrator(parts: Parts, table: Object, assumed: list[str]) -> str:
     """Return the integrator of an object's body; for a plug-in, the one that its module states, or an assumption.
 
     Raises:
-        InputError: A plug-in states an integrator that its kind of body does not have.
+        InputError: If a plug-in states an integrator that its kind of body does not have.
     """
     if table.dynamics == "native":
         return table.integrator

@@ -154,7 +154,7 @@ def squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) ->
     For hands that stiffen with the grip, iteration finds the stiffness that matches the forces at rest.
 
     Raises:
-        NoRestError: No rest is found, or a finger does not touch at rest.
+        NoRestError: If no rest is found, or a finger does not touch at rest.
     """
     first, force = grip.changing.copy(), np.zeros((grip.n, grip.d))
     point = _squeezed(parts, index, grip, fingers, force)
@@ -261,7 +261,7 @@ def require_contact(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.in
     Fingers on hardware are exempt, because they may be moved anywhere.
 
     Raises:
-        NotGraspingError: No finger touches on the way.
+        NotGraspingError: If no finger touches on the way.
     """
     if parts.scene.coupling.contact == "attached" or led(parts).intersection(fingers.tolist()):
         return
@@ -309,7 +309,7 @@ def at_start(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], po
     """Return the start as the state if the fingers that do not touch are on hardware.
 
     Raises:
-        NoRestError: Simulated hands leave a finger away from the object.
+        NoRestError: If simulated hands leave a finger away from the object.
     """
     apart = fingers[grip.grasped.touching == 0.0]
     if not led(parts).issuperset(apart.tolist()):

@@ -58,8 +58,8 @@ class OperatorRange:
         law: Distribution of the population. The search for the worst case covers the whole range for every law.
 
     Raises:
-        InputError: The ends are not finite numbers in ascending order, or not above zero for a logarithmic law.
-        UnknownNameError: No law has that name.
+        InputError: If the ends are not finite numbers in ascending order, or not above zero for a logarithmic law.
+        UnknownNameError: If no law has that name.
     """
 
     key: str
@@ -83,8 +83,8 @@ class OperatorRange:
         """Parse KEY=FROM:TO or KEY=FROM:TO:LAW; the default law is "log" if both ends are above zero, else "uniform".
 
         Raises:
-            InputError: The text has another form.
-            UnknownNameError: No law has that name.
+            InputError: If the text has another form.
+            UnknownNameError: If no law has that name.
         """
         key, equals, span = text.partition("=")
         parts = [part.strip() for part in span.split(":")]
@@ -198,7 +198,8 @@ def operator_set(scene: Scene, ranges: Ranges | None = None) -> OperatorSet:
         ranges: Ranges by key, (low, high) or (low, high, law); or texts "KEY=FROM:TO" and `OperatorRange`s.
 
     Raises:
-        InputError: There are no ranges, a key twice, too many, or invalid ranges; or the scene has no simulated hand.
+        InputError: If there are no ranges, a key twice, too many, or invalid ranges; or the scene has no simulated
+            hand.
         UnknownNameError, SceneError: The scene does not have a key.
     """
     source = "as asked for"
@@ -235,7 +236,7 @@ def range_of(key: str, value: Any) -> OperatorRange:
     """Read (low, high) or (low, high, law) of a key.
 
     Raises:
-        InputError: The value has another form.
+        InputError: If the value has another form.
     """
     if isinstance(value, OperatorRange):
         return value

@@ -25,7 +25,7 @@ def engine_plan(scene: Scene) -> list[PlanRow]:
     The scene is assembled, but nothing moves, and the program of all scenes is not compiled.
 
     Raises:
-        SceneError: The scene cannot be assembled, so that no run can begin.
+        SceneError: If the scene cannot be assembled, so that no run can begin.
     """
     try:
         with build(scene, engine="interpreted") as servo:

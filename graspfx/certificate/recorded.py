@@ -40,8 +40,8 @@ def recording_of(scene: Scene, source: Recording | str | PathLike[str]) -> Recor
     """Return a recording, loaded if it is a path, after checking that it is of this scene.
 
     Raises:
-        InputError: The recording has other fingers, objects or dimensions, or no rows.
-        RecordingError: The path leads to no recording.
+        InputError: If the recording has other fingers, objects or dimensions, or no rows.
+        RecordingError: If the path leads to no recording.
     """
     recording = source if isinstance(source, Recording) else Recording.load(source)
     layout = recording.layout
@@ -67,7 +67,7 @@ def recorded(
     gains; `assumed` reports if the computed forces differ from the recorded ones, or if the recording is not at rest.
 
     Raises:
-        NoRestError: A finger does not touch in the last row.
+        NoRestError: If a finger does not touch in the last row.
     """
     g, name = grip.grasped, scene.object[index].name
     place = OperatingPoint("recorded", None, np.full(grip.n, np.nan))

@@ -129,9 +129,9 @@ def check(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | Non
         Report; for a scene with faults, a report that lists them.
 
     Raises:
-        UnknownNameError: No scene has that name.
-        InputError: The file does not exist, or does not contain a scene.
-        PluginError: A Python file cannot be imported, or its `scene()` raises.
+        UnknownNameError: If no scene has that name.
+        InputError: If the file does not exist, or does not contain a scene.
+        PluginError: If a Python file cannot be imported, or its `scene()` raises.
     """
     from graspfx.scene.load import to_scene
 
@@ -145,8 +145,8 @@ def report(scene: Scene) -> Report:
     """Report on a valid scene.
 
     Raises:
-        SceneError: The scene cannot be assembled, for example because a device cannot reach its start; or a preset has
-            faults.
+        SceneError: If the scene cannot be assembled, for example because a device cannot reach its start; or a preset
+            has faults.
     """
     from graspfx.assembly.checks.units import unit_notes
     from graspfx.assembly.grasps import axes_notes

@@ -26,7 +26,7 @@ def add_options(parser: ArgumentParser, *rows: tuple[Any, ...]) -> None:
 
 def add_scene(parser: ArgumentParser) -> None:
     """Add SCENE, --preset and --set."""
-    text = "scene: its name, or the path of a .toml or .py file"
+    text = "name of a scene, or path of its .toml or .py file"
     parser.add_argument("scene", metavar="SCENE", type=scene, help=text)
     add_overrides(parser)
 
@@ -41,14 +41,14 @@ def add_overrides(parser: ArgumentParser) -> None:
 def add_values(parser: ArgumentParser) -> None:
     """Add --set and --trust."""
     values = parser.add_argument(SET, metavar="KEY=VALUE", type=override, action="append", default=[])
-    values.dest, values.help = "overrides", "value of the scene to replace, by its dotted key; takes several"
-    whole = "let the scene use files outside its folder; Python files among them are run"
+    values.dest, values.help = "overrides", "new value of a scene key, such as object.mass=0.2; accepts several"
+    whole = "allow the scene to use files outside its folder; Python files among them are executed"
     parser.add_argument("--trust", action="store_true", help=whole)
 
 
 def add_operators(parser: ArgumentParser, more: str = "") -> None:
     """Add --operators; `more` is appended to its help."""
-    text = "range of a key over operators; KEY=FROM:TO:LAW with log, uniform, normal or lognormal; takes several"
+    text = "range of a key over operators; KEY=FROM:TO:LAW sets log, uniform, normal or lognormal; accepts several"
     usual = "without a range: the scene's table [operators], or the default operators"
     parser.add_argument(
         "--operators",
@@ -62,9 +62,9 @@ def add_operators(parser: ArgumentParser, more: str = "") -> None:
 
 def add_style(parser: ArgumentParser) -> None:
     """Add --format and --width."""
-    formats = "format of the figure: pixels (png), or editable lines and text (svg, pdf)"
+    formats = "format of the figure: raster (png), or vector with editable text (svg, pdf)"
     parser.add_argument("--format", choices=FORMATS, default=None, help=formats)
-    widths = "width of the figure: a screen, a journal's page (7.2 inches) or column (3.5 inches)"
+    widths = "width of the figure: screen, journal page (7.2 inches) or journal column (3.5 inches)"
     parser.add_argument("--width", choices=WIDTHS, default="screen", help=widths)
 
 
@@ -77,8 +77,8 @@ def scene(text: str) -> str:
     """Accept a scene's name or path; refuse a recording, and name the commands that read recordings."""
     path = Path(text)
     if text.endswith((".h5", ".part")) or (path.name != text and path.is_dir()):
-        drawn = f"`graspfx plot {text}` draws it over time, `graspfx picture {text}` one instant"
-        raise ArgumentTypeError(f"{text} is a recording, or the folder of one, not a scene: {drawn}")
+        drawn = f"`graspfx plot {text}` plots it over time, `graspfx picture {text}` draws one instant"
+        raise ArgumentTypeError(f"{text} is a recording or its folder, expected a scene; {drawn}")
     return text
 
 
@@ -89,7 +89,7 @@ def recording(text: str) -> Path:
     path = Path(text)
     if is_file_name(text) or (not path.exists() and path.name == text and text in names("scenes")):
         calls = f"`graspfx run {text}` records it, `graspfx picture {text}` runs it and draws one instant"
-        raise ArgumentTypeError(f"{text} is a scene, not a recording: run it first; {calls}")
+        raise ArgumentTypeError(f"{text} is a scene, expected a recording; {calls}")
     return path
 
 
@@ -105,10 +105,10 @@ def separate(words: Sequence[str]) -> Iterator[str]:
 
 
 def override(text: str) -> tuple[str, Any]:
-    """Parse KEY=VALUE. The value is read as TOML; if it is not valid TOML, it is a string.
+    """Parse KEY=VALUE. The value is parsed as TOML; if it is not valid TOML, it is a string.
 
     Raises:
-        ArgumentTypeError: The key or `=` is missing, the value is nested too deeply, or there are several values.
+        ArgumentTypeError: If the key or `=` is missing, the value is nested too deeply, or there are several values.
     """
     import tomllib
 
@@ -126,4 +126,4 @@ def override(text: str) -> tuple[str, Any]:
     except tomllib.TOMLDecodeError:
         return key.strip(), value
     except InputError as error:
-        raise ArgumentTypeError(f"{key.strip()} takes {error.expected}: {error.do}; given {text!r}") from None
+        raise ArgumentTypeError(f"{key.strip()}: expected {error.expected}; {error.do}; given {text!r}") from None

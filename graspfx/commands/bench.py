@@ -23,14 +23,14 @@ PICTURE = "bench"
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    meaning = "benchmarks (default: all), or one scene: its name, or the path of a .toml or .py file"
+    meaning = "names of benchmarks (default: all), or one scene: its name, or the path of its .toml or .py file"
     parser.add_argument("names", metavar="NAME", nargs="*", help=meaning)
     add_overrides(parser)
     add_options(
         parser,
         ("--duration S", "simulated time [s] (default: the scene's, at most 2)", float),
-        ("--quick", "measure for a few seconds each, less accurately"),
-        ("--json", "print rows as JSON only"),
+        ("--quick", "measure each benchmark for a few seconds, less accurately"),
+        ("--json", "print the results as JSON only"),
     )
     add_style(parser)
     add_destination(parser, "DIR", "folder of a scene's bench.png")
@@ -45,18 +45,18 @@ def execute(options: Namespace) -> int:
             return bench_scene(name, options)
         if options.overrides or options.preset or options.duration is not None or options.out is not None:
             given = " ".join(options.names) or "no name"
-            raise InputError("--set, --preset, --duration and --out", given, "the name of a scene before them")
+            raise InputError("--set, --preset, --duration and --out", given, "the name of a scene before these options")
         return bench(options.names, options)
 
 
 def scene_among(names: Sequence[str]) -> str | None:
     """Return the scene among the names; None if all of them are benchmarks.
 
-    A benchmark's name always means the benchmark: name a scene of the same name by its path.
+    A name that a benchmark and a scene share means the benchmark; give the scene by its path instead.
 
     Raises:
-        InputError: A scene is named together with something else, or a benchmark exists only in a checkout.
-        UnknownNameError: No benchmark or scene has that name.
+        InputError: If a scene is given together with other names, or a benchmark exists only in a checkout.
+        UnknownNameError: If no benchmark or scene has that name.
     """
     from graspfx.bench.benchmarks import BENCHMARKS, BESIDE_TESTS, CHECKOUT
     from graspfx.plugins import is_file_name
@@ -69,15 +69,15 @@ def scene_among(names: Sequence[str]) -> str | None:
             expected = f"{', '.join(BENCHMARKS)}, or a scene; {name} compares with other programs"
             raise InputError("NAME", name, expected, f"{CHECKOUT} {name}")
         if name not in scenes and not is_file_name(name):
-            do = f"benchmarks are {', '.join(BENCHMARKS)}; the others are scenes"
+            do = f"the benchmarks are {', '.join(BENCHMARKS)}; all other names are scenes"
             raise UnknownNameError("benchmark or scene", name, [*BENCHMARKS, *BESIDE_TESTS, *scenes], do)
     if others and len(names) > 1:
-        raise InputError("NAME", " ".join(names), "benchmarks, or one scene alone")
+        raise InputError("NAME", " ".join(names), "names of benchmarks, or of one scene only")
     return others[0] if others else None
 
 
 def bench(names: Sequence[str], options: Namespace) -> int:
-    """Run the named benchmarks, or all of them, and print their rows."""
+    """Run the named benchmarks, or all of them, and print their results."""
     from graspfx.bench.benchmarks import BENCHMARKS, benchmark, measured
     from graspfx.bench.measurements import lines, to_dict
 

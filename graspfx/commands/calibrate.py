@@ -22,7 +22,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         ("--pulses N", "pulses for each device (default: 200)", int, 200),
         ("--share SHARE", "pulse force as a share of the device's largest force (default: 0.02)", float, 0.02),
         ("--overwrite", "replace an existing file"),
-        ("--yes", "run without questions while the devices are not held; axes and zero are not checked"),
+        ("--yes", "run without prompts, with nobody holding the devices; axes and zero are not checked"),
     )
 
 
@@ -33,14 +33,14 @@ def execute(options: Namespace) -> int:
 
     file = options.out or Path(f"{Path(options.scene).stem}-measures.toml")
     if file.exists() and not options.overwrite:
-        raise InputError("out", str(file), "a file that does not exist yet", "choose another name, or add --overwrite")
+        raise InputError("--out", str(file), "a new file", "choose another name, or add --overwrite")
     with waiting(f"reading {options.scene}"):
         scene = load(options.scene, dict(options.overrides), preset=options.preset)
     require_hardware(resolve(scene))
     if not options.yes:
         if not sys.stdin.isatty():
-            raise InputError("yes", False, "--yes without a terminal", "or start the command in a terminal")
-        input("The devices will move a few millimetres on their own. Clear their way, then press Enter. ")
+            raise InputError("--yes", False, "True without a terminal", "add --yes, or start the command in a terminal")
+        input("The devices will move by a few millimetres. Clear the space around them, then press Enter. ")
     result = calibrate(
         scene, pulses=options.pulses, share=options.share, prompt=None if options.yes else _prompt
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""graspfx check: print the faults of a scene, whether it is stable, and the limits of its gains; with -v the plan."""
+"""graspfx check: print a scene's faults, its stability and the limits of its gains; with -v also the plan."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def _operators(options: Namespace) -> int:
 
 
 def _tick(scene: Scene) -> list[str]:
-    """List the steps that a tick of the scene runs, and skipped steps."""
+    """List the steps that a tick of the scene runs, and the steps that it skips."""
     from graspfx.assembly.build import build
     from graspfx.loop.tick_listing import listing
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from graspfx.commands.output import SUCCESS, add_loudness
 
 EXAMPLE = """  graspfx completion fish > ~/.config/fish/completions/graspfx.fish
-for bash and zsh this line in ~/.bashrc or ~/.zshrc, with the name of the shell:
+for bash or zsh, add this line to ~/.bashrc or ~/.zshrc, with the shell's name:
   eval "$(graspfx completion bash)"
 """
 SCRIPTS = {

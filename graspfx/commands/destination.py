@@ -38,7 +38,7 @@ def require_room(options: Namespace, files: Iterable[Path]) -> None:
     """Require that no output file exists, unless --overwrite is given.
 
     Raises:
-        RecordingError: One exists.
+        RecordingError: If one exists.
     """
     if not options.overwrite:
         require_vacancy(files, REMEDY)
@@ -48,7 +48,7 @@ def require_room_of(options: Namespace, recording: Path) -> None:
     """Require that no recording or part file exists, unless --overwrite is given.
 
     Raises:
-        RecordingError: One exists.
+        RecordingError: If one exists.
     """
     if not options.overwrite:
         require_vacancy_of(recording, REMEDY)
@@ -63,7 +63,7 @@ def destination(options: Namespace, name: str, *, latest: bool = False) -> Itera
     Args:
         options: Parsed arguments with `out` and `overwrite`.
         name: Name of the scene.
-        latest: Whether out/latest points to the new folder.
+        latest: Whether to point out/latest to the new folder.
     """
     if options.out is not None:
         yield options.out
@@ -100,7 +100,7 @@ def _point_to(folder: Path | None) -> Path | None:
             draft.write_text(folder.name + "\n", encoding="utf-8")
         draft.replace(link)
     except OSError as error:
-        note([f"{link}: cannot point to {folder.name}; {error.strerror}"])
+        note([f"{link} cannot point to {folder.name}: {error.strerror}"])
     return previous
 
 

@@ -33,13 +33,13 @@ def add_arguments(parser: ArgumentParser) -> None:
         ("--period S", "period of the loop [s] (default: the scene's, or 0.001)", float),
         ("--json", "print the findings as JSON only"),
     )
-    add_destination(parser, "FILE", "file of a report to send to others; it names neither ports nor this machine")
+    add_destination(parser, "FILE", "file of a report to share; it contains neither ports nor this machine's name")
     add_overrides(parser)
 
 
 def execute(options: Namespace) -> int:
     if options.period is not None and not 1e-5 <= options.period <= 1.0:
-        raise InputError("--period", options.period, "from 1e-5 to 1 s")
+        raise InputError("--period", options.period, "a period from 1e-5 to 1 s")
     if options.out is not None:
         require_place(options.out)
         require_room(options, [options.out])
@@ -51,7 +51,7 @@ def execute(options: Namespace) -> int:
         findings += timing_checks.Jitter(subject.period, timing_checks.WAKE_DURATION).findings()
     if subject.stations:
         if not options.json:
-            note([f"opening {', '.join(name for name, _ in subject.features)} at zero force: keep it still"])
+            note([f"opening {', '.join(name for name, _ in subject.features)} at zero force: do not move the handles"])
         findings += subject.round_trips()
     if options.out is not None:
         from graspfx.machine.findings import lab_report
@@ -103,7 +103,7 @@ class _Subject:
             raise InputError(".".join(map(str, place)), settings.get(str(place[0])), f"a setting of {name!r}", text)
         device = driver.connect(**settings)
         if not is_hardware(device):
-            raise InputError("device", name, "hardware: a simulation is always on time")
+            raise InputError("device", name, "hardware, because a simulation is always on time")
         self.names = [f"channel{i}" for i in range(device.features.fingers)]
         self.stations = [DeviceWiring(device, np.arange(device.features.fingers))]
         self._note(name, device.features, settings)
@@ -123,7 +123,7 @@ class _Subject:
                 self.stations.append(DeviceWiring(wire.device, wire.fingers, wire.fitting))
                 self._note(table.name, wire.features, table.settings)
         if not self.stations:
-            raise InputError("scene", options.subject, "a scene with hardware: simulations are always on time")
+            raise InputError("scene", options.subject, "a scene with hardware, because simulations are always on time")
 
     def _note(self, name: str, features: Features, settings: dict[str, Any]) -> None:
         label = Path(name).stem if name.endswith(".py") else name

@@ -1,4 +1,4 @@
-"""graspfx experiment: run trials with a person or a simulated observer; each has a recording and a table row."""
+"""graspfx experiment: run trials with a person or a simulated observer; record each and add a table row."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FACTOR = 2.718281828459045
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    text = "path of an experiment's .toml file, or the name of a built-in one: stiffness-jnd"
+    text = "path of an experiment's .toml file, or name of a built-in experiment (stiffness-jnd)"
     parser.add_argument("experiment", metavar="EXPERIMENT", help=text)
     add_options(
         parser,
@@ -38,8 +38,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         ("--session LABEL", "label of the session (default: 01)", str, "01"),
         ("--run N", "number of the run in the session (default: 1)", int, 1),
         ("--resume", "continue an interrupted session"),
-        ("--simulate", "let the file's [observer] answer; runs are as fast as they compute"),
-        ("--plan", "print the order of the trials, and run none"),
+        ("--simulate", "let the file's [observer] answer; runs do not wait for real time"),
+        ("--plan", "print the order of the trials without running them"),
         ("--page", "also take answers from a page in a browser on this machine"),
         ("--port N", "port of the page (default: the first free one from 8080)", int),
         ("--stream", "stream states to other programs over a WebSocket"),
@@ -47,7 +47,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         ("--out DIR", "folder of the study (default: out/NAME)", Path),
         (
             "--trust",
-            "let the experiment and its scene use files outside their folders; Python files are run",
+            "allow the experiment and its scene to use files outside their folders; Python files are executed",
         ),
     )
 
@@ -57,7 +57,7 @@ def execute(options: Namespace) -> int:
     from graspfx.experiment.session_files import SessionFiles
 
     if options.simulate and (options.page or options.lsl or options.stream):
-        raise InputError("--simulate", "with --page, --lsl or --stream", "a person, or a simulated observer alone")
+        raise InputError("--simulate", "with --page, --lsl or --stream", "--simulate without options for a person")
     experiment = load(options.experiment)
     if options.plan:
         return _print_plan(experiment, options)
@@ -143,7 +143,7 @@ def _page(experiment: Experiment, keys: Keys, options: Namespace, stack: ExitSta
 
 
 def _sum_up(experiment: Experiment, files: SessionFiles) -> None:
-    """Print the correct answers for each condition, the thresholds, and the path of the table."""
+    """Print the number of correct answers per condition, the thresholds, and the path of the table."""
     from graspfx.experiment.staircase import thresholds
     from graspfx.experiment.trial_table import read_table
 
@@ -160,7 +160,7 @@ def _sum_up(experiment: Experiment, files: SessionFiles) -> None:
             if each.trials:
                 low, high = (100.0 * each.value * FACTOR ** (sign * each.spread) for sign in (-1.0, 1.0))
                 print(f"{each.condition}: threshold {100.0 * each.value:.1f} % ({low:.1f} to {high:.1f} %)")
-    print(f"wrote {files.table}" if table else f"{files.table}: has no trial yet")
+    print(f"wrote {files.table}" if table else f"{files.table} has no trial yet")
 
 
 def _print_plan(experiment: Experiment, options: Namespace) -> int:

@@ -23,7 +23,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("recording", metavar="RECORDING", type=recording_argument, help="recording, or its folder")
     formats = "csv: one row per tick, one column per component (default); nc: netCDF, for xarray and others"
     bags = "mcap (or rosbag), db3: ROS 2 bag; bag: ROS 1 bag"
-    add_options(parser, ("--format FORMAT", f"{formats}; {bags}. Without --format the ending of FILE decides"))
+    add_options(parser, ("--format FORMAT", f"{formats}; {bags}. The ending of FILE sets the default"))
     add_file(parser, "output file, or its folder (default: recording.csv, recording.nc, ... beside the recording)")
 
 
@@ -58,7 +58,7 @@ def _require_ending(path: Path, kind: str) -> None:
     """Require that the file does not have the ending of another format or of a recording."""
     ending = path.suffix[1:].lower()
     if f".{ending}" != FORMATS[kind] and (ending in ENDINGS or ending in RECORDINGS):
-        raise InputError("--out", str(path), f"a file that ends in {FORMATS[kind]}", "or name another --format")
+        raise InputError("--out", str(path), f"a file that ends in {FORMATS[kind]}", "or choose another --format")
 
 
 def _format(options: Namespace) -> str:

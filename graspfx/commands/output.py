@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 SUCCESS, REFUSED, WRONG, FAULTS, INTERRUPTED = 0, 1, 2, 3, 130
 CODES = f"""exit codes:
   {SUCCESS}    done
-  {REFUSED}    `check --strict`: the scene is not stable; `replay`: other bits; `doctor`: something to remedy
+  {REFUSED}    `check --strict`: the scene is not stable; `replay`: different bits; `doctor`: a finding needs a remedy
   {WRONG}    an error, described on standard error: invalid arguments or scene, an existing file, a full disk
-  {FAULTS}    the run has faults, such as a lost device: all forces are zero from then on
+  {FAULTS}    the run has a fault, such as a lost device, after which all forces are zero
   {INTERRUPTED}  interrupted by Ctrl-C; the recording holds the rows so far"""
 
 _quiet: ContextVar[bool] = ContextVar("quiet", default=False)
@@ -36,7 +36,7 @@ _quiet: ContextVar[bool] = ContextVar("quiet", default=False)
 def add_loudness(parser: ArgumentParser) -> None:
     """Add -v and -q."""
     group = parser.add_mutually_exclusive_group()
-    meaning = "log to standard error: the engine, programs compiled or cached, files; -vv logs details"
+    meaning = "log the engine, compiled or cached programs, and files to standard error; -vv logs details"
     group.add_argument("-v", "--verbose", action="count", default=0, help=meaning)
     meaning = "print errors and requested answers only: no notes, warnings, file names or summary of a run"
     group.add_argument("-q", "--quiet", action="store_true", help=meaning)
@@ -81,7 +81,7 @@ def _listening(verbose: int) -> Iterator[None]:
 def interruptible() -> Iterator[Callable[[], bool]]:
     """Yield a function that tells whether Ctrl-C was pressed; a second Ctrl-C ends the process.
 
-    This is a flag because an exception raised by the signal can be lost inside a library's callback.
+    The signal sets a flag, because an exception raised by its handler can be lost inside a library's callback.
     """
 
     def ask(number: int, frame: object) -> None:
@@ -150,10 +150,10 @@ def say_source(request: Path, file: Path, recording: Recording) -> None:
     """Note which file was read if it is a part file, or if a newer part file exists beside it."""
     if is_part(file):
         seconds = recording.end
-        text = f"read {seconds:g} s from {file}, of a run that is not finished or was killed"
+        text = f"read {seconds:g} s from {file}, from a run that has not finished or was killed"
         note([text + _instead_of(request, file)])
     elif part_of(file).is_file():
-        note([f"read {file}; {part_of(file).name} beside it is of a later run that is not finished or was killed"])
+        note([f"read {file}; {part_of(file).name} beside it is from a later run that has not finished or was killed"])
 
 
 def _instead_of(request: Path, file: Path) -> str:
@@ -163,4 +163,4 @@ def _instead_of(request: Path, file: Path) -> str:
 def require_place(picture: Path) -> None:
     """Require, before the run, that the picture's path is not a folder."""
     if picture.is_dir():
-        raise RecordingError(f"{picture}: is a folder, but the picture needs this name; choose another --out")
+        raise RecordingError(f"{picture} is a folder, but the picture needs this name; choose another --out")

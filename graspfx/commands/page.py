@@ -1,4 +1,4 @@
-"""graspfx page: write a page that runs a scene in a browser, without an installation and without a server."""
+"""graspfx page: write a page that runs a scene in a browser, without installation or server."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ EXAMPLE = """  graspfx page paper-waving --out waving.html
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("scene", metavar="SCENE", help="scene (its name, or the path of a .toml or .py file)")
+    parser.add_argument("scene", metavar="SCENE", help="name of a scene, or path of its .toml or .py file")
     add_overrides(parser)
     add_file(parser, "output file, which ends in .html (default: SCENE.html)")
 

@@ -60,9 +60,9 @@ def _draw_recording(source: Path, options: Namespace) -> int:
     from graspfx.recording.record import Recording
 
     if options.overrides:
-        raise InputError("--set", dict(options.overrides), "a scene to set values in", f"{source} has been run")
+        raise InputError("--set", dict(options.overrides), "a scene instead of a recording", f"{source} is a recording")
     if options.preset:
-        raise InputError("--preset", options.preset, "a scene with this preset", f"{source} has been run")
+        raise InputError("--preset", options.preset, "a scene with this preset", f"{source} is a recording")
     file = recording_file(source if source.suffix == ".h5" or is_part(source) or source.is_dir() else source / NAME)
     path = file_in(options, file.parent, picture_name(PICTURE, options))
     _require_room(path, options)

@@ -1,4 +1,4 @@
-"""graspfx replay: move the fingers as recorded, compute forces and objects again, and compare them."""
+"""graspfx replay: move the fingers as recorded, recompute forces and objects, and compare them."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def _reasons(replay: Replay) -> Iterator[str]:
             yield f"recorded with {name} {version}; this is {now.versions[name]}"
     for name, value in then.machine.items():
         if now.machine.get(name, value) != value:
-            yield f"recorded on {name} {value}; this is {now.machine[name]}: other libraries round otherwise"
+            yield f"recorded on {name} {value}; this is {now.machine[name]}: other libraries may round differently"
 
 
 def _table(replay: Replay) -> dict[str, object]:

@@ -93,7 +93,7 @@ def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool
         simulated, duration = recording.end, options.duration or scene.duration
         is_asked_for = recording.outcome.cause in ("", *SIGNALS)
         how = "interrupted" if is_asked_for else "ended"
-        print(f"{how} after {simulated:g} of {duration:g} s; {folder / NAME} holds them", file=sys.stderr)
+        print(f"{how} after {simulated:g} of {duration:g} s; the recording is {folder / NAME}", file=sys.stderr)
         return INTERRUPTED if is_asked_for else say_faults(recording) or INTERRUPTED, False
     file = folder / NAME
     if options.json:
@@ -105,7 +105,9 @@ def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool
         name_files([file])
     note(remarks(recording))
     if recording.outcome.engine == "interpreted" and find_spec("llvmlite") is None and scene.engine == "auto":
-        note(["ticks are interpreted, to the same bits: the package 'llvmlite' is not installed; pip install llvmlite"])
+        note(
+            ["ticks are interpreted, with equal results: the package 'llvmlite' is not installed; pip install llvmlite"]
+        )
     code = say_faults(recording)
     if options.no_figure:
         return code, True
@@ -113,7 +115,7 @@ def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool
         note(["no figure: the package 'matplotlib' is not installed; pip install matplotlib, or add --no-figure"])
     else:  # last, because loading matplotlib takes longer than most runs
         sys.stdout.flush()
-        draw([recording], picture, f"; the run is in {file}", width=options.width)
+        draw([recording], picture, f"; the recording is in {file}", width=options.width)
         if not options.json:
             name_files([picture])
     return code, True

@@ -53,11 +53,11 @@ def diagram(text: str) -> str:
     """Return the name of a diagram.
 
     Raises:
-        UnknownNameError: No diagram has that name.
-        ArgumentTypeError: The name is missing.
+        UnknownNameError: If no diagram has that name.
+        ArgumentTypeError: If the name is missing.
     """
     if not text:
-        raise ArgumentTypeError(f"which one? {', '.join(PLOTS[:-1])} or {PLOTS[-1]}")
+        raise ArgumentTypeError(f"expected a diagram: {', '.join(PLOTS[:-1])} or {PLOTS[-1]}")
     if text not in PLOTS:
         raise UnknownNameError("diagram", text, PLOTS)
     return text

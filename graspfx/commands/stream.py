@@ -34,7 +34,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_options(
         parser,
         ("--rate HZ", "rate of states [Hz], 1 to 120 (default: 60)", float, RATE),
-        ("--goals", "let clients move the hands of simulated fingers"),
+        ("--goals", "allow clients to move the hands of simulated fingers"),
     )
     add_stream(parser)
     add_options(
@@ -53,7 +53,7 @@ def add_stream(parser: ArgumentParser) -> None:
         ("--lan", "accept programs on other machines in the network"),
         (
             "--token TEXT",
-            f"token of clients, 16 letters or more (default: ${TOKEN}, which other users cannot see, or a new one)",
+            f"token for clients, at least 16 letters (default: ${TOKEN}, which other users cannot see, or a new one)",
         ),
     )
     pages = "origin of a web page that may open the stream, such as http://localhost:5000"
@@ -96,7 +96,7 @@ def execute(options: Namespace) -> int:
         stack.callback(stream.detach)
         if options.lsl:
             _stream_rows(scene, run, stack)
-        _tell(f"{address}\nwhoever has the token can open the stream; Ctrl-C ends it")
+        _tell(f"{address}\nanyone with the token can open the stream; Ctrl-C ends it")
         _wait(run, stop, options.seconds)
         fault = str(run.fault.message) if run.fault is not None else run.cause
     if options.out is not None:

@@ -32,20 +32,20 @@ def add_arguments(parser: ArgumentParser) -> None:
     )  # fmt: skip
     add_options(
         parser,
-        ("--zip", "combine the first values of all keys, then the second ones, ..."),
+        ("--zip", "pair the values of all keys instead of making a grid: the first values, then the second, ..."),
         ("--sample lhs:N", "N variants from a Latin hypercube instead of a grid", str, ""),
         ("--seed N", "seed of the sample (default: 0)", int, 0),
         ("--duration SECONDS", "simulated time [s] (default: the scene's)", float),
     )
     parser.add_argument(
         "--measure", metavar="NAME", action="append", default=[],
-        help="quantity, such as finger_force, or its statistic, as finger_force.peak; the first one ranks the table",
+        help="quantity, such as finger_force, or its statistic, as in finger_force.peak; the first one ranks the table",
     )  # fmt: skip
     add_options(
         parser,
         ("--executor KIND", "threads:N or processes:N (default: this process, on all processors)"),
         ("--cluster ADDRESS", "dask cluster: local:N, or a scheduler tcp://HOST:PORT"),
-        ("--chunk N", "variants in a chunk (default: one or two seconds of computation)", int),
+        ("--chunk N", "variants per chunk (default: one or two seconds of computation)", int),
         ("--resume", "continue an interrupted sweep"),
     )
     add_destination(
@@ -70,7 +70,7 @@ def execute(options: Namespace) -> int:
         except KeyboardInterrupt as error:
             clear()
             done = str(error).partition(":")[0]
-            print(f"interrupted: {done}; the same command with --out {folder} --resume continues", file=sys.stderr)
+            print(f"interrupted: {done}; repeat the command with --out {folder} --resume to continue", file=sys.stderr)
             return INTERRUPTED
         notes = dict.fromkeys(result.notes)
         files = [folder / "sweep.nc", *_draw(result, folder, options, notes)]
@@ -173,7 +173,7 @@ def _ranked(result: SweepResult, options: Namespace) -> str:
 
 
 def table(result: SweepResult, measure: str = "") -> Iterator[str]:
-    """Write the variants with the smallest and largest values of a measure, and the failures with their reasons."""
+    """List the variants with the smallest and largest values of a measure, and the failures with their reasons."""
     from shutil import get_terminal_size
 
     from graspfx.show.summary_table import ASCII, RULES, Column, lines

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 EXAMPLE = """  graspfx touch paper-waving
   graspfx touch paper-waving --lan"""
 LOG = "touches.csv"
-INVITATION = "hold the object with two fingers on the page; its force is shown, not felt. Ctrl-C ends it"
+INVITATION = "hold the object with two fingers on the page; the force is shown, not felt. Ctrl-C ends the run"
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -79,14 +79,14 @@ def _scene(options: Namespace) -> tuple[Scene, list[str]]:
 
 
 def _invite(line: socket, gate: Gate) -> None:
-    """Print the address of the page; in a network, with a token for one screen and as a QR code."""
+    """Print the address of the page; in a network, also print a QR code, and add a token for one screen."""
     from graspfx.screen.touch_address import code, url
 
     if not gate.locked:
         print(url(line), flush=True)
         return
     address = url(line, gate.renew())
-    print(f"{code(address)}\n{address}\nvalid for one screen and ten minutes; Enter prints another", flush=True)
+    print(f"{code(address)}\n{address}\nvalid for one screen and ten minutes; press Enter for another code", flush=True)
 
 
 def _looks(stop: Callable[[], bool], line: socket, gate: Gate, seconds: float | None) -> Callable[[], bool]:

@@ -35,9 +35,9 @@ def add_arguments(parser: ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--over", metavar="KEY=FROM:TO", action="append", default=[],
-        help="key to vary, with its range; takes several (default: the gains in the formula)",
+        help="key to vary, with its range; may be repeated (default: the gains in the formula)",
     )  # fmt: skip
-    add_operators(parser, "own: only the operator in the scene")
+    add_operators(parser, "own: only the scene's operator")
     add_options(parser, ("--seed N", "seed of the operators that verify the result (default: 0)", int, 0))
     add_destination(parser, "DIR", f"folder of {FILE}, a preset with the tuned values (default: write nothing)")
     add_options(parser, ("--json", "print the result as JSON only"))

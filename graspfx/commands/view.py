@@ -38,7 +38,7 @@ EXAMPLE = """  graspfx view paper-waving
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    text = "scene (its name, or the path of a .toml or .py file) or recording"
+    text = "scene (its name, or the path of its .toml or .py file) or recording"
     parser.add_argument("scene", metavar="SCENE_OR_RECORDING", help=text)
     add_overrides(parser)
     add_page(parser)
@@ -120,7 +120,7 @@ def _add_html(parser: ArgumentParser) -> None:
         parser,
         (
             "--html FILE",
-            "write the recording, or a run of the scene, as one standalone page that opens offline",
+            "write the recording, or a run of the scene, as a standalone page that opens offline",
             Path,
         ),
         ("--overwrite", "overwrite an existing page"),
@@ -139,7 +139,7 @@ def _show_recording(options: Namespace, stop: Callable[[], bool], tell: Callable
     """Write the page of a recording to --html, or serve it until Ctrl-C; return the exit code."""
     for option, value in (("--set", dict(options.overrides)), ("--preset", options.preset)):
         if value:
-            raise InputError(option, value, "a scene to set values in", f"{options.scene} has been run")
+            raise InputError(option, value, "a scene instead of a recording", f"{options.scene} is a recording")
     subject = Path(options.scene)
     file = _file_of(subject)
     if options.html is not None:

@@ -36,8 +36,8 @@ class AnswerPage(RunLook):
         server: Server of the page.
 
     Raises:
-        MissingPackageError: websockets is not installed.
-        InputError: The port is in use.
+        MissingPackageError: If websockets is not installed.
+        InputError: If the port is in use.
     """
 
     def __init__(

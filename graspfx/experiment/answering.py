@@ -88,7 +88,7 @@ class Keys:
         """Wait for a new press of Enter or the space bar; repeats of a key that is held down are ignored.
 
         Raises:
-            Stopped: The session should end.
+            Stopped: If the session should end.
         """
         self._clear()
         self._tell(text)
@@ -115,7 +115,7 @@ class Keys:
         """Wait for the answer.
 
         Raises:
-            Stopped: The session should end.
+            Stopped: If the session should end.
         """
         while self._answer is None:
             press = self._next(LOOK)
@@ -181,7 +181,7 @@ class Function:
         """Return the function's answer.
 
         Raises:
-            InputError: The answer is not one of the question's.
+            InputError: If the answer is not one of the question's.
         """
         response = self._respond(presentation)
         if response not in self._answers:

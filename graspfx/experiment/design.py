@@ -63,8 +63,8 @@ class Experiment(Study):
         """Plan a participant's session. The plan depends only on the file, the participant and the session.
 
         Raises:
-            InputError: A label has other characters than letters and digits, or a Latin square needs a number.
-            MissingPackageError: A staircase needs questplus, which is not installed.
+            InputError: If a label has other characters than letters and digits, or a Latin square needs a number.
+            MissingPackageError: If a staircase needs questplus, which is not installed.
         """
         for name, label in (("participant", participant), ("session", session)):
             require_label(name, label)
@@ -114,10 +114,10 @@ class Experiment(Study):
             One row for each trial of this call.
 
         Raises:
-            InputError: Hardware is used without `real_time` or `ready`, or has failed; a label has other characters
+            InputError: If hardware is used without `real_time` or `ready`, or has failed; a label has other characters
                 than letters and digits; or an answer is unknown.
-            RecordingError: The session exists already, or does not exist and cannot be resumed.
-            GraspFXError: A run raises it.
+            RecordingError: If the session exists already, or does not exist and cannot be resumed.
+            GraspFXError: If a run raises it.
         """
         answerer = Function(respond or simulated_observer(self.table, participant, session), ready)
         show = RealTime if real_time else Simulated
@@ -161,7 +161,7 @@ def require_label(name: str, label: str) -> None:
     """Require a label that can be part of a file name.
 
     Raises:
-        InputError: The label has other characters than letters and digits.
+        InputError: If the label has other characters than letters and digits.
     """
     if re.fullmatch(WORD, str(label)) is None:
         raise InputError(name, label, "letters and digits only", "such as 03")
@@ -171,7 +171,7 @@ def require_certified(experiment: Study, plan: SessionPlan) -> None:
     """Require that every stimulus of a session has the margin that hardware needs: at least 1/0.9.
 
     Raises:
-        InputError: A stimulus is not stable, is too close to a limit, or cannot be judged.
+        InputError: If a stimulus is not stable, is too close to a limit, or cannot be judged.
     """
     stimuli = list(_stimuli(plan))
     judged: list[Mapping[str, Any]] = []

@@ -26,7 +26,7 @@ def displayed_stiffness(recording: Recording, share: Share) -> float:
         share: Part of the force, "internal" or "external".
 
     Raises:
-        InputError: The share is unknown, or the recording has no such displacement.
+        InputError: If the share is unknown, or the recording has no such displacement.
     """
     if share not in SHARES.values():
         raise InputError("share", share, "'internal' or 'external'")

@@ -38,7 +38,7 @@ def scene_of(table: ExperimentTable, source: Source) -> Scene:
     """Load the scene of an experiment, with the values that all trials share.
 
     Raises:
-        GraspFXError: As in `graspfx.load`.
+        GraspFXError: If `graspfx.load` raises it.
     """
     text = table.scene
     place = (source.folder or Path()) / text if plugins.is_file_name(text) else text

@@ -37,9 +37,9 @@ def load(name: str | PathLike[str]) -> Experiment:
         name: Name, such as "stiffness-jnd", or path.
 
     Raises:
-        SceneError: The experiment, or its scene with the experiment's values, has faults; all are listed with lines.
-        UnknownNameError: No experiment has that name.
-        InputError: The file does not exist.
+        SceneError: If the experiment, or its scene with the experiment's values, has faults; all are listed with lines.
+        UnknownNameError: If no experiment has that name.
+        InputError: If the file does not exist.
     """
     if not isinstance(name, str | PathLike):
         raise InputError("experiment", name, "a name or the path of a .toml file")
@@ -63,7 +63,7 @@ def read(text: str, name: str, path: Path | None = None) -> Experiment:
         path: Path of the file; the scene's path is relative to its folder.
 
     Raises:
-        SceneError: The experiment has faults; all are listed.
+        SceneError: If the experiment has faults; all are listed.
     """
     data = parse(text, name)
     source = Source(name, text, path)

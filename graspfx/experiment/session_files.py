@@ -91,8 +91,9 @@ class RowFile(Resource):
         rows: Existing rows by column; an incomplete last row is dropped.
 
     Raises:
-        RecordingError: The file exists, or is missing for `resume`; its columns differ; or another process writes it.
-        InputError: The file is not UTF-8.
+        RecordingError: If the file exists, or is missing for `resume`; its columns differ; or another process writes
+            it.
+        InputError: If the file is not UTF-8.
     """
 
     def __init__(self, path: Path, columns: list[str], *, resume: bool = False) -> None:
@@ -156,7 +157,7 @@ def text_of(path: Path, data: bytes) -> str:
     """Decode a table.
 
     Raises:
-        InputError: The table is not UTF-8.
+        InputError: If the table is not UTF-8.
     """
     try:
         return data.decode("utf-8")
@@ -180,7 +181,7 @@ def place_file(path: Path, text: str) -> None:
     """Write a small file atomically, and wait until it is on the disk.
 
     Raises:
-        RecordingError: The file exists or cannot be written.
+        RecordingError: If the file exists or cannot be written.
     """
     make_folder(path.parent)
     draft = path.with_name(f".{path.name}.{os.getpid()}")

@@ -64,8 +64,8 @@ class SessionOfTrials:
         hardware again.
 
         Raises:
-            InputError: The hardware has failed.
-            RecordingError: The disk cannot be written; the trial has no row and will be repeated.
+            InputError: If the hardware has failed.
+            RecordingError: If the disk cannot be written; the trial has no row and will be repeated.
         """
         if self.plan.done:
             self.markers.mark(Event(time.monotonic(), 0, "resume"))

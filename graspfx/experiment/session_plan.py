@@ -37,7 +37,7 @@ def williams_square(count: int) -> IntArray:
         count: Number of conditions, n.
 
     Raises:
-        InputError: The count is not a positive integer.
+        InputError: If the count is not a positive integer.
     """
     if type(count) is not int or count < 1:
         raise InputError("count", count, "one condition or more")
@@ -63,7 +63,7 @@ def trial_order(
         participant: Participant's number, which selects the row: 1 has the first row, and rows are reused cyclically.
 
     Raises:
-        InputError: The order is "latin-square" and the participant is not a number.
+        InputError: If the order is "latin-square" and the participant is not a number.
     """
     if order == "fixed":
         return [(condition, k) for k in range(repetitions) for condition in range(count)]
@@ -202,8 +202,8 @@ def session_plan(table: ExperimentTable, participant: str, session: str) -> Sess
     """Plan a session. The plan depends only on the file, the participant and the session.
 
     Raises:
-        InputError: The order is "latin-square" and the participant is not a number.
-        MissingPackageError: A staircase needs questplus, which is not installed.
+        InputError: If the order is "latin-square" and the participant is not a number.
+        MissingPackageError: If a staircase needs questplus, which is not installed.
     """
     design = cells(table)
     rng = random_of(table.seed, table.name, participant, session)

@@ -28,7 +28,7 @@ class Stair:
         table: Domains, slope and lapse rate.
 
     Raises:
-        MissingPackageError: questplus is not installed.
+        MissingPackageError: If questplus is not installed.
     """
 
     def __init__(self, table: Staircase) -> None:
@@ -123,8 +123,8 @@ def thresholds(experiment: Study, rows: Sequence[Mapping[str, str]]) -> list[Thr
         rows: Rows of the table of trials, from `read_table`; practice trials are ignored.
 
     Raises:
-        InputError: The experiment has no staircase.
-        MissingPackageError: questplus is not installed.
+        InputError: If the experiment has no staircase.
+        MissingPackageError: If questplus is not installed.
     """
     table = experiment.table
     if table.staircase is None:

@@ -85,7 +85,7 @@ def begin(experiment: Study, files: SessionFiles, mode: str) -> tuple[RowFile, f
     """Create the table of a session; return it with the start of the session, time of day [s].
 
     Raises:
-        RecordingError: The table exists or cannot be written.
+        RecordingError: If the table exists or cannot be written.
     """
     about = describe(experiment, files, mode)
     if not files.study.exists():
@@ -106,7 +106,7 @@ def resume(experiment: Study, files: SessionFiles, mode: str, plan: SessionPlan)
     """Open the table of an interrupted session, and advance the plan past its trials.
 
     Raises:
-        RecordingError: There is no session, or its experiment, scene, files, version, order or mode differ.
+        RecordingError: If there is no session, or its experiment, scene, files, version, order or mode differ.
     """
     try:
         about = json.loads(files.table_description.read_text("utf-8"))
@@ -170,7 +170,7 @@ def read_table(path: Path) -> list[dict[str, str]]:
     """Read the rows of a table of trials by column; n/a stays n/a, and an incomplete last row is dropped.
 
     Raises:
-        InputError: The table is not UTF-8, or the number of cells in a row differs from the number of columns.
+        InputError: If the table is not UTF-8, or the number of cells in a row differs from the number of columns.
     """
     text = text_of(path, path.read_bytes())
     head, *lines = text[: text.rfind("\n") + 1].splitlines() or [""]
@@ -213,7 +213,7 @@ def require_same(about: Mapping[str, Any], experiment: Study, files: SessionFile
         experiment, files, mode: Those of the session to resume.
 
     Raises:
-        RecordingError: The identity differs; the message lists the differences.
+        RecordingError: If the identity differs; the message lists the differences.
     """
     own = session_identity(experiment, files, mode)
     is_whole = FILES in about

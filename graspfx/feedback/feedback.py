@@ -55,8 +55,8 @@ class Feedback(Carded):
         engine: "auto", "compiled" or "interpreted".
 
     Raises:
-        InputError: An argument is invalid.
-        MissingPackageError: The engine is "compiled" and llvmlite is missing.
+        InputError: If an argument is invalid.
+        MissingPackageError: If the engine is "compiled" and llvmlite is missing.
     """
 
     def __init__(
@@ -258,7 +258,7 @@ class Feedback(Carded):
             timeout: Time to wait for the loop [s].
 
         Raises:
-            DeviceError: No loop with this name runs.
+            DeviceError: If no loop with this name runs.
         """
         from graspfx.feedback.host_link import HostLink
 

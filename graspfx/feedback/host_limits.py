@@ -87,7 +87,7 @@ def gain_limits(
         model: Ratio r of the model's stiffness to g k.
 
     Raises:
-        InputError: An argument is invalid.
+        InputError: If an argument is invalid.
     """
     m, T = number("mass", mass, "a mass [kg]", zero=False), number("period", period, "a time [s]", zero=False)
     b, k_h = number("damping", damping, "N s/m"), number("hand_stiffness", hand_stiffness, "N/m")

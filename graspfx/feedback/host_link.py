@@ -85,7 +85,7 @@ class HostLink:
         dimensions: Number of dimensions d.
 
     Raises:
-        DeviceError: No loop with this name runs.
+        DeviceError: If no loop with this name runs.
     """
 
     def __init__(self, name: str, *, timeout: float = 10.0) -> None:
@@ -120,7 +120,7 @@ class HostLink:
                 with a time. By default the call returns immediately.
 
         Raises:
-            DeviceError: The loop has ended, or has a fault.
+            DeviceError: If the loop has ended, or has a fault.
         """
         if time is not None:
             self._wait(time)
@@ -163,8 +163,8 @@ class HostLink:
             time: Time on the host's clock [s].
 
         Raises:
-            DeviceError: The loop has ended, or has a fault.
-            InputError: The host's hand has more fingers than the device, which has more than two.
+            DeviceError: If the loop has ended, or has a fault.
+            InputError: If the host's hand has more fingers than the device, which has more than two.
         """
         external, internal = self._external, self._internal
         n, count = self.fingers, len(shown.external)

@@ -219,7 +219,7 @@ class LiveRun(Resource):
             finger: Index of the finger, among those of a hand, to which the offset applies; None for all of them.
 
         Raises:
-            InputError: The guide does not exist, or a goal is not finite, has the wrong shape or is too far away.
+            InputError: If the guide does not exist, or a goal is not finite, has the wrong shape or is too far away.
         """
         guide = self._guide_of(number)
         self._end_release(number)
@@ -229,7 +229,7 @@ class LiveRun(Resource):
         """Return the last goals of a guide: mean offset of its fingers (d,) [m], and additional squeeze [m].
 
         Raises:
-            InputError: The guide does not exist.
+            InputError: If the guide does not exist.
         """
         offsets, squeeze = self.goals(number)
         return offsets.mean(axis=0), squeeze
@@ -238,7 +238,7 @@ class LiveRun(Resource):
         """Return the last goals of a guide: offset of each of its fingers (k, d) [m], and additional squeeze [m].
 
         Raises:
-            InputError: The guide does not exist.
+            InputError: If the guide does not exist.
         """
         guide = self._guide_of(number)
         offsets, squeeze = self._session.goals.values(guide.hand)
@@ -248,7 +248,7 @@ class LiveRun(Resource):
         """Withdraw a guide's fingers along their forces until they are free; afterwards fingers stay until moved again.
 
         Raises:
-            InputError: The guide does not exist.
+            InputError: If the guide does not exist.
         """
         guide = self._guide_of(number)
         self._end_release(number)
@@ -271,7 +271,7 @@ class LiveRun(Resource):
         """Pause before the next tick; values and goals can still be changed.
 
         Raises:
-            InputError: The scene has hardware.
+            InputError: If the scene has hardware.
         """
         self._session.require_no_hardware("pause")
         self._conductor.do(lambda: self._session.pause())
@@ -280,7 +280,7 @@ class LiveRun(Resource):
         """Continue after a pause, without catching up on the paused time.
 
         Raises:
-            InputError: The scene has hardware.
+            InputError: If the scene has hardware.
         """
         self._session.require_no_hardware("resume")
         self._conductor.do(lambda: self._session.resume())
@@ -289,7 +289,7 @@ class LiveRun(Resource):
         """Run a number of ticks in real time, then pause.
 
         Raises:
-            InputError: The scene has hardware, or the number is not a positive integer.
+            InputError: If the scene has hardware, or the number is not a positive integer.
         """
         self._session.require_no_hardware("step")
         self._conductor.do(lambda: self._session.advance(ticks))
@@ -306,7 +306,7 @@ class LiveRun(Resource):
         """Start a new run that is recorded in a folder from its first tick; wait until it runs.
 
         Raises:
-            RecordingError: The folder already has a recording, or cannot be written.
+            RecordingError: If the folder already has a recording, or cannot be written.
         """
         self._conductor.do(lambda: self._renew(folder)).result()
         assert self._out is not None
@@ -316,7 +316,7 @@ class LiveRun(Resource):
         """End the recording and start a new run without one; return the recording's file.
 
         Raises:
-            InputError: The run is not recorded.
+            InputError: If the run is not recorded.
         """
         out = self._out
         if out is None:
@@ -347,7 +347,7 @@ class LiveRun(Resource):
         """Require that hardware has not failed: a button on a page must not arm it again.
 
         Raises:
-            InputError: The hardware has failed; the recording is closed with this object.
+            InputError: If the hardware has failed; the recording is closed with this object.
         """
         if not self.has_hardware or (self.fault is None and not self._session.outcome.get("cause")):
             return

@@ -27,7 +27,7 @@ def load_lsl() -> Any:
     """Load pylsl and its library.
 
     Raises:
-        MissingPackageError: pylsl is not installed, or its library cannot be loaded.
+        MissingPackageError: If pylsl is not installed, or its library cannot be loaded.
     """
     try:
         import pylsl
@@ -47,7 +47,7 @@ class MarkerStream:
         name: Name of the stream.
 
     Raises:
-        MissingPackageError: pylsl or its library is missing.
+        MissingPackageError: If pylsl or its library is missing.
     """
 
     def __init__(self, name: str) -> None:
@@ -80,8 +80,8 @@ class RowStream(RunLook):
         samples: Number of samples sent.
 
     Raises:
-        InputError: The rate is not positive; on attaching, the run lacks a column.
-        MissingPackageError: pylsl or its library is missing.
+        InputError: If the rate is not positive; on attaching, the run lacks a column.
+        MissingPackageError: If pylsl or its library is missing.
     """
 
     def __init__(self, name: str, *, rate: float = RATE, columns: Sequence[str] = COLUMNS) -> None:

@@ -121,7 +121,7 @@ def read_bytes(path: Path, name: str) -> bytes:
     """Read a scene's file, if it is not too large.
 
     Raises:
-        InputError: The file is too large, or cannot be read.
+        InputError: If the file is too large, or cannot be read.
     """
     try:
         with path.open("rb") as file:

@@ -39,10 +39,10 @@ def load(name: str | PathLike[str], overrides: Mapping[str, Any] | None = None, 
         preset: Name of one of the scene's presets, whose values are applied before `overrides`.
 
     Raises:
-        SceneError: The scene has faults; the error lists all of them, with their lines.
-        UnknownNameError: No scene has that name, or the scene has no such preset.
-        InputError: The file does not exist, or does not contain a scene.
-        PluginError: A Python file cannot be imported, or its `scene()` raises.
+        SceneError: If the scene has faults; the error lists all of them, with their lines.
+        UnknownNameError: If no scene has that name, or the scene has no such preset.
+        InputError: If the file does not exist, or does not contain a scene.
+        PluginError: If a Python file cannot be imported, or its `scene()` raises.
     """
     path = plugins.find("scenes", name)
     text = file_text(path)
@@ -58,8 +58,8 @@ def to_scene(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | 
     """Return a given scene, or load a scene by name or path; apply overrides by dotted key.
 
     Raises:
-        InputError: The argument is not a scene, name or path; and the errors of `load`.
-        SceneError: The scene with its overrides has faults; the error lists all of them.
+        InputError: If the argument is not a scene, name or path; and the errors of `load`.
+        SceneError: If the scene with its overrides has faults; the error lists all of them.
     """
     if isinstance(scene, str | PathLike):
         return load(scene, overrides)
@@ -73,7 +73,7 @@ def file_text(path: Path) -> str:
     """Read a TOML file.
 
     Raises:
-        SceneError: The file is not UTF-8; the error states the line.
+        SceneError: If the file is not UTF-8; the error states the line.
     """
     name = plugins.shown_path(path)
     data = read_bytes(path, name)
@@ -89,7 +89,7 @@ def parse(text: str, name: str) -> dict[str, Any]:
     """Parse the text of a file into tables.
 
     Raises:
-        SceneError: The text is not TOML, or exceeds the limits; the error states the line.
+        SceneError: If the text is not TOML, or exceeds the limits; the error states the line.
     """
     if fault := excess(text):
         raise SceneError(name, [fault])
@@ -161,8 +161,8 @@ def with_preset(source: Source, table: Mapping[str, Any], name: str | None) -> S
     An invalid preset has no values; the validation of the scene reports its faults.
 
     Raises:
-        UnknownNameError: The scene has no preset of that name.
-        InputError: The name is not a string.
+        UnknownNameError: If the scene has no preset of that name.
+        InputError: If the name is not a string.
     """
     if name is None:
         return source

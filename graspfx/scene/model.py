@@ -36,7 +36,7 @@ class Scene(Carded, SceneTable):
     tuples.
 
     Raises:
-        SceneError: The scene has faults; the error lists all of them.
+        SceneError: If the scene has faults; the error lists all of them.
     """
 
     _source: Source = PrivateAttr(default_factory=Source)
@@ -106,7 +106,7 @@ class Scene(Carded, SceneTable):
         """Return the scene as nested tables that `Scene(**table)` accepts, without defaults.
 
         Raises:
-            InputError: The scene holds an object that cannot be written as data.
+            InputError: If the scene holds an object that cannot be written as data.
         """
         if self._written is not None:
             return deepcopy(self._written)
@@ -121,7 +121,7 @@ class Scene(Carded, SceneTable):
         """Find faults that appear only when simulated devices are placed, as at the start of a run.
 
         Raises:
-            SceneError: Fingers start where their devices cannot reach; the error lists all of them.
+            SceneError: If fingers start where their devices cannot reach; the error lists all of them.
         """
         from graspfx.assembly.resolve import reach_faults
 
@@ -146,7 +146,7 @@ class Scene(Carded, SceneTable):
                 assumptions.
 
         Raises:
-            InputError: A device does not state its mass or friction.
+            InputError: If a device does not state its mass or friction.
         """
         from graspfx.certificate.linearise import linearise
 
@@ -171,10 +171,10 @@ class Scene(Carded, SceneTable):
             overwrite: Whether to replace an existing file.
 
         Raises:
-            InputError: The path does not end in .html; a part of the scene is plain Python, PyBullet, MuJoCo or
+            InputError: If the path does not end in .html; a part of the scene is plain Python, PyBullet, MuJoCo or
                 hardware; a preset has a key without a slider, or a value beyond its range.
-            RecordingError: The file exists or cannot be written.
-            MissingPackageError: In a checkout, `ziglang` is not installed.
+            RecordingError: If the file exists or cannot be written.
+            MissingPackageError: If `ziglang` is not installed in a checkout.
         """
         from graspfx.live.page.document import write_running_page
 
@@ -200,7 +200,7 @@ def make_scene(
     """Create a scene from nested tables with overrides; faults get the lines of the TOML text `lines_from`.
 
     Raises:
-        SceneError: The scene has faults; the error lists all of them.
+        SceneError: If the scene has faults; the error lists all of them.
     """
     data, _, faults = overridden(table, overrides)
     try:

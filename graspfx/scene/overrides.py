@@ -16,7 +16,7 @@ def by_key(overrides: Mapping[str, Any] | None) -> dict[str, Any]:
     """Copy overrides into a new dictionary.
 
     Raises:
-        InputError: The overrides are not values by dotted key, or are nested too deeply.
+        InputError: If the overrides are not values by dotted key, or are nested too deeply.
     """
     values = {} if overrides is None else overrides
     if not isinstance(values, Mapping):
@@ -35,14 +35,14 @@ def toml_value(text: str, argument: str) -> Any:
         argument: Name of the argument in messages.
 
     Raises:
-        InputError: Other keys follow the value on their own lines.
-        TOMLDecodeError: The text is not TOML.
+        InputError: If other keys follow the value on their own lines.
+        TOMLDecodeError: If the text is not TOML.
     """
     import tomllib
 
     table = tomllib.loads(f"value = {text}")
     if len(table) > 1:
-        raise InputError(argument, text, "one value", "give each KEY=VALUE as an argument of its own")
+        raise InputError(argument, text, "one value", "give each KEY=VALUE as a separate argument")
     return table["value"]
 
 

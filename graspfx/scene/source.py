@@ -57,7 +57,7 @@ class Source:
         """True if a path, with links resolved, lies in the folder of the scene's file, or an override names it.
 
         Raises:
-            InputError: The path does not exist.
+            InputError: If the path does not exist.
         """
         if self.folder is None or self.is_of_user(text):
             return True

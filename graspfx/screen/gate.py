@@ -177,7 +177,7 @@ class StreamGate(Gate):
         token: Token that requests need.
 
     Raises:
-        InputError: The token is too short or has characters not allowed in addresses, or an origin is invalid.
+        InputError: If the token is too short or has characters not allowed in addresses, or an origin is invalid.
     """
 
     def __init__(

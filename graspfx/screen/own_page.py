@@ -31,7 +31,7 @@ def listen_at(host: str, port: int | None, first: int, name: str = "port") -> so
         name: Name of the setting, for errors.
 
     Raises:
-        InputError: The port is in use or not permitted.
+        InputError: If the port is in use or not permitted.
     """
     if port is not None and not 0 <= port < 1 << 16:
         raise InputError(name, port, "a port from 0 (any free one) to 65535")

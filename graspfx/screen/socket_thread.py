@@ -34,7 +34,7 @@ class SocketThread:
         name: Name of the thread.
 
     Raises:
-        DeviceError: On entering: the socket cannot be served.
+        DeviceError: If the socket cannot be served, on entering the block.
     """
 
     def __init__(self, line: socket.socket, name: str) -> None:
@@ -100,7 +100,7 @@ def require_websockets(wanted_by: str = "a touch screen", extra: str = "touch") 
         extra: Extra of GraspFX that installs the package.
 
     Raises:
-        MissingPackageError: websockets is not installed.
+        MissingPackageError: If websockets is not installed.
     """
     try:
         import websockets.asyncio.server  # noqa: F401 (whether it is there)

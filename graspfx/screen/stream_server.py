@@ -129,7 +129,7 @@ class StreamServer(ClaimServer):
         led: Hands that clients move.
 
     Raises:
-        MissingPackageError: websockets is not installed.
+        MissingPackageError: If websockets is not installed.
     """
 
     def __init__(self, line: socket.socket, gate: StreamGate, led: Led) -> None:

@@ -21,7 +21,7 @@ def listen(host: str, port: int | None = None) -> socket.socket:
         port: Port to bind, 0 for any free one; None for the first free one from 8765.
 
     Raises:
-        InputError: The port is in use or not permitted.
+        InputError: If the port is in use or not permitted.
     """
     return listen_at(host, port, FIRST)
 
@@ -30,7 +30,7 @@ def network_address() -> str:
     """Return this machine's address in the network, of the interface with the default route; sends nothing.
 
     Raises:
-        InputError: The machine is not in a network.
+        InputError: If the machine is not in a network.
     """
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
@@ -57,7 +57,7 @@ def code(text: str) -> str:
     """Return a text as a QR code of terminal characters.
 
     Raises:
-        MissingPackageError: segno is not installed.
+        MissingPackageError: If segno is not installed.
     """
     try:
         import segno

@@ -54,8 +54,8 @@ class TouchScreen:
         """Serve the page; if it is open, restart it.
 
         Raises:
-            MissingPackageError: websockets is not installed, or segno for `lan`.
-            DeviceError: The page cannot be served, for example because the port is in use.
+            MissingPackageError: If websockets is not installed, or segno for `lan`.
+            DeviceError: If the page cannot be served, for example because the port is in use.
         """
         from graspfx.screen.socket_thread import require_websockets  # loads asyncio: 36 ms of every run
 
@@ -92,7 +92,7 @@ class TouchScreen:
         """Read the touches; there are none while the server gives no sign of life.
 
         Raises:
-            DeviceError: The process of the page has ended.
+            DeviceError: If the process of the page has ended.
         """
         assert self._board is not None
         now = time.monotonic()

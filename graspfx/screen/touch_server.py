@@ -74,7 +74,7 @@ class TouchServer(ClaimServer):
         last: Number of the last order received.
 
     Raises:
-        MissingPackageError: websockets is not installed.
+        MissingPackageError: If websockets is not installed.
     """
 
     def __init__(

@@ -41,7 +41,7 @@ def limits_figure(
     """Draw curves of the three limits over one key, or maps over two keys with the line k_ep = k_ip.
 
     Raises:
-        InputError: the width or format is unknown.
+        InputError: If the width or format is unknown.
     """
     return style.save(limits_sheet(limits, title, width=width), path, form)
 

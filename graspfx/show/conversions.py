@@ -93,7 +93,7 @@ def quantities(recording: Recording, works: Mapping[str, NDArray[Any]] | None = 
     object's column gets NaN.
 
     Args:
-        recording: complete recording, or a part.
+        recording: Complete recording, or a part.
         works: `works_of` the complete recording in the rows of a part, because they accumulate from the beginning.
     """
     layout = recording.layout
@@ -239,9 +239,9 @@ class Labels(NamedTuple):
     """Labelled arrays for xarray and netCDF.
 
     Attributes:
-        variables: names of the dimensions, values, and attributes such as `units`, by name.
-        coordinates: the same for coordinates; a coordinate named like a dimension contains the dimension's entries.
-        attributes: global attributes.
+        variables: Names of the dimensions, values, and attributes such as `units`, by name.
+        coordinates: The same for coordinates; a coordinate named like a dimension contains the dimension's entries.
+        attributes: Global attributes.
     """
 
     variables: dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]
@@ -253,8 +253,8 @@ def batch_dataset(batch: Batch, labels: Labels | None = None) -> xarray.Dataset:
     """Convert a batch; see `Batch.to_xarray`.
 
     Args:
-        batch: batch to convert.
-        labels: labels; by default the labels of the batch.
+        batch: Batch to convert.
+        labels: Labels; by default the labels of the batch.
     """
     xr = _package("xarray", "Batch.to_xarray")
     if labels is None:

@@ -21,8 +21,8 @@ class Drawing:
     """A figure that notebooks display without pyplot. `figure` is matplotlib's figure, and `save` writes it.
 
     Args:
-        sheet: panels of the figure.
-        notes: reasons for omitted parts.
+        sheet: Panels of the figure.
+        notes: Reasons for omitted parts.
     """
 
     def __init__(self, sheet: Sheet, notes: Sequence[str] = ()) -> None:
@@ -37,7 +37,7 @@ class Drawing:
         """Write the figure. The path's suffix selects the format, unless `form` is "png", "svg" or "pdf".
 
         Raises:
-            InputError: the suffix has no known format.
+            InputError: If the suffix has no known format.
         """
         return style.save(self.sheet, path, form, dpi)
 

@@ -164,8 +164,8 @@ def rows(columns: Sequence[View], strokes: Mapping[str, Stroke]) -> list[Row]:
     """List the recorded rows of the figure, or one empty row if nothing is recorded.
 
     Args:
-        columns: views to show side by side.
-        strokes: strokes by finger name.
+        columns: Views to show side by side.
+        strokes: Strokes by finger name.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         axes = _axes_worth_showing([_ranges(view) for view in columns])

@@ -33,10 +33,10 @@ class Topic(NamedTuple):
     """A topic with a message for each row.
 
     Attributes:
-        name: name of the topic, such as "/fingers/thumb/wrench".
-        kind: type of its messages.
-        linear: position [m], velocity [m/s] or force [N] (N, 3).
-        angular: quaternion x, y, z, w (N, 4), angular velocity [rad/s] or moment [N m] (N, 3).
+        name: Name of the topic, such as "/fingers/thumb/wrench".
+        kind: Type of its messages.
+        linear: Position [m], velocity [m/s] or force [N] (N, 3).
+        angular: Quaternion x, y, z, w (N, 4), angular velocity [rad/s] or moment [N m] (N, 3).
     """
 
     name: str
@@ -85,15 +85,15 @@ def write_bag(recording: Recording, path: str | PathLike[str], kind: str, *, ove
     """Write a recording as a bag.
 
     Args:
-        recording: recording with all columns.
-        path: path of the file.
+        recording: Recording with all columns.
+        path: Path of the file.
         kind: "bag" for ROS 1, "mcap" or "db3" for ROS 2.
-        overwrite: whether to replace an existing file.
+        overwrite: Whether to replace an existing file.
 
     Raises:
-        MissingPackageError: rosbags is not installed.
-        RecordingError: the file exists or cannot be written, or the recording lacks required columns.
-        UnknownNameError: the kind is unknown.
+        MissingPackageError: If rosbags is not installed.
+        RecordingError: If the file exists or cannot be written, or the recording lacks required columns.
+        UnknownNameError: If the kind is unknown.
     """
     if kind not in BAGS:
         raise UnknownNameError("kind of bag", kind, BAGS)

@@ -35,9 +35,9 @@ class Thinned(Recording):
     """Unevenly spaced rows of a recording.
 
     Args:
-        whole: complete recording.
-        rows: some of its rows.
-        numbers: indices of these rows in the recording.
+        whole: Complete recording.
+        rows: Some of its rows.
+        numbers: Indices of these rows in the recording.
     """
 
     def __init__(self, whole: Recording, rows: FloatArray, numbers: NDArray[np.intp]) -> None:
@@ -158,19 +158,19 @@ def figure(
     """Draw one recording, or several side by side, as by `sheet`, and write the figure.
 
     Args:
-        recordings: one or more recordings.
-        path: path of the figure, whose suffix selects the format.
-        titles: titles, one per recording; by default the settings of each recording.
-        labels: labels, one per recording, before its settings.
-        brief: whether to draw only depth, squeeze and push.
+        recordings: One or more recordings.
+        path: Path of the figure, whose suffix selects the format.
+        titles: Titles, one per recording; by default the settings of each recording.
+        labels: Labels, one per recording, before its settings.
+        brief: Whether to draw only depth, squeeze and push.
         width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
-        form: format "png", "svg" or "pdf", which overrides the suffix.
+        form: Format "png", "svg" or "pdf", which overrides the suffix.
 
     Returns:
         The path.
 
     Raises:
-        InputError: there are no recordings, a recording has no ticks, the number of titles differs, or the width or
+        InputError: If there are no recordings, a recording has no ticks, the number of titles differs, or the width or
             format is unknown.
     """
     return style.save(sheet(recordings, titles, labels=labels, brief=brief, width=width), path, form)
@@ -201,14 +201,14 @@ def sheet(
     recording of several objects gets a column for each object that fingers touch.
 
     Args:
-        recordings: one or more recordings.
-        titles: titles, one per recording; by default the settings of each recording.
-        labels: labels, one per recording, before its settings.
-        brief: whether to draw only depth, squeeze and push.
+        recordings: One or more recordings.
+        titles: Titles, one per recording; by default the settings of each recording.
+        labels: Labels, one per recording, before its settings.
+        brief: Whether to draw only depth, squeeze and push.
         width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
 
     Raises:
-        InputError: there are no recordings, a recording has no ticks, the number of titles or labels differs, or the
+        InputError: If there are no recordings, a recording has no ticks, the number of titles or labels differs, or the
             width is unknown; in brief, recordings of earlier formats, which do not say how forces divide.
     """
     for each in recordings:

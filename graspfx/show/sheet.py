@@ -32,11 +32,11 @@ class Width:
     """A width on paper or screen, and font sizes that are legible at this width.
 
     Attributes:
-        inches: width of the figure [inches]; on a screen it grows with the number of columns.
-        text: font size of labels, names and numbers [points].
-        share: factor on panel heights relative to a screen.
-        weight: factor on line widths and markers relative to a screen.
-        dpi: resolution of raster images.
+        inches: Width of the figure [inches]; on a screen it grows with the number of columns.
+        text: Font size of labels, names and numbers [points].
+        share: Factor on panel heights relative to a screen.
+        weight: Factor on line widths and markers relative to a screen.
+        dpi: Resolution of raster images.
     """
 
     inches: float
@@ -55,12 +55,12 @@ class Sheet:
     """Panels in rows and columns, with a strip above each row for its letter and legend.
 
     Attributes:
-        figure: matplotlib's figure.
-        panels: axes, (rows, columns).
-        bar: axes for a colour bar, or None.
-        width: sizes of fonts and paper.
-        arranged: whether the layout is complete.
-        shares_x: whether all panels have the same abscissa.
+        figure: Matplotlib's figure.
+        panels: Axes, (rows, columns).
+        bar: Axes for a colour bar, or None.
+        width: Sizes of fonts and paper.
+        arranged: Whether the layout is complete.
+        shares_x: Whether all panels have the same abscissa.
     """
 
     def __init__(

@@ -17,10 +17,10 @@ class Modes(NamedTuple):
     """Internal and external part of forces or displacements as signed numbers.
 
     Attributes:
-        squeeze: internal part of each finger towards the centre of the contacts (N, n); NaN for a free finger, or if no
+        squeeze: Internal part of each finger towards the centre of the contacts (N, n); NaN for a free finger, or if no
             other finger touches. For two fingers it is that of Kawai and Yoshikawa's eqs. (16) and (19),
             (e_1 - e_2)/2 along the line from finger 1 to finger 2, and equal for both.
-        push: mean of the touching fingers' external parts (N, d), as in eqs. (13) and (15); NaN if none touches.
+        push: Mean of the touching fingers' external parts (N, d), as in eqs. (13) and (15); NaN if none touches.
     """
 
     squeeze: FloatArray
@@ -36,10 +36,10 @@ def modes(internal: FloatArray, external: FloatArray, inward: FloatArray, touchi
     """Compute signed modes from vectors.
 
     Args:
-        internal: internal parts of forces on the object, or of displacements (N, n, d).
-        external: external parts (N, n, d).
-        inward: unit vectors (N, n, d), from `directions`.
-        touching: mask of touching fingers (N, n).
+        internal: Internal parts of forces on the object, or of displacements (N, n, d).
+        external: External parts (N, n, d).
+        inward: Unit vectors (N, n, d), from `directions`.
+        touching: Mask of touching fingers (N, n).
     """
     grasped = touching & (touching.sum(axis=1, keepdims=True) > 1)
     squeeze = np.where(grasped, (internal * inward).sum(axis=2), np.nan)
@@ -53,8 +53,8 @@ def directions(contacts: FloatArray, displacement: FloatArray) -> FloatArray:
     distance over the run, with a positive squeeze if finger 1 enters from below. More fingers get no direction.
 
     Args:
-        contacts: contact points (N, n, d) [m].
-        displacement: displacement of each finger from its contact (N, n, d) [m].
+        contacts: Contact points (N, n, d) [m].
+        displacement: Displacement of each finger from its contact (N, n, d) [m].
     """
     n = contacts.shape[1]
     away = contacts.mean(axis=1, keepdims=True) - contacts

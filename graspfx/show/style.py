@@ -47,7 +47,7 @@ def width_of(name: str, columns: int = 1) -> Width:
     """Return a width by its name.
 
     Raises:
-        InputError: no width has that name.
+        InputError: If no width has that name.
     """
     if name not in WIDTHS:
         raise InputError("width", name, f"one of {', '.join(WIDTHS)}")
@@ -139,7 +139,7 @@ def require_matplotlib() -> ModuleType:
     """Import matplotlib.
 
     Raises:
-        MissingPackageError: matplotlib is not installed.
+        MissingPackageError: If matplotlib is not installed.
     """
     try:
         return import_module("matplotlib")
@@ -152,7 +152,7 @@ def look(width: str = "screen") -> Iterator[Width]:
     """Apply the style within the block, on top of matplotlib's defaults instead of the user's settings.
 
     Raises:
-        MissingPackageError: matplotlib is not installed.
+        MissingPackageError: If matplotlib is not installed.
     """
     mpl = require_matplotlib()
     size = width_of(width)
@@ -192,17 +192,17 @@ def figure(
     A notebook displays it as the result of a cell.
 
     Args:
-        heights: heights of the panels by row on a screen [inches]; smaller on paper.
-        columns: number of panels side by side.
+        heights: Heights of the panels by row on a screen [inches]; smaller on paper.
+        columns: Number of panels side by side.
         width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
-        share_x: whether all panels share the abscissa, which is labelled below the last row.
-        share_y: whether the panels of a row share the ordinate, which is labelled on the left.
-        widths: relative widths of the columns; equal if None.
-        bar: whether to leave room for a colour bar on the right, `sheet.bar`.
-        inches: width of the paper, if it differs from the named width.
+        share_x: Whether all panels share the abscissa, which is labelled below the last row.
+        share_y: Whether the panels of a row share the ordinate, which is labelled on the left.
+        widths: Relative widths of the columns; equal if None.
+        bar: Whether to leave room for a colour bar on the right, `sheet.bar`.
+        inches: Width of the paper, if it differs from the named width.
 
     Raises:
-        InputError: the width is unknown.
+        InputError: If the width is unknown.
     """
     paper = width_of(width, columns)
     paper = replace(paper, inches=inches) if inches else paper
@@ -223,14 +223,14 @@ def save(drawing: Sheet | Figure, path: str | PathLike[str], form: str = "", dpi
     """Write a figure; the same figure gives the same bytes.
 
     Args:
-        drawing: result of `figure`.
-        path: path of the file.
-        form: format "png", "svg" or "pdf"; by default the format of the path's suffix, which may be any format of
+        drawing: Result of `figure`.
+        path: Path of the file.
+        form: Format "png", "svg" or "pdf"; by default the format of the path's suffix, which may be any format of
             matplotlib.
-        dpi: resolution; by default the resolution for the figure's width.
+        dpi: Resolution; by default the resolution for the figure's width.
 
     Raises:
-        InputError: the suffix has no known format, or the folder does not exist.
+        InputError: If the suffix has no known format, or the folder does not exist.
     """
     target = Path(fspath(path))
     if not target.parent.is_dir():
@@ -296,8 +296,8 @@ def require_form(form: str, path: str | PathLike[str]) -> None:
     """Refuse a suffix without a known format.
 
     Raises:
-        InputError: the suffix has no known format.
-        MissingPackageError: matplotlib is not installed.
+        InputError: If the suffix has no known format.
+        MissingPackageError: If matplotlib is not installed.
     """
     require_matplotlib()
     from matplotlib.backend_bases import FigureCanvasBase
@@ -322,11 +322,11 @@ class Stroke:
     """Style of a line.
 
     Attributes:
-        colour: colour of the line and its markers.
-        width: width of the line [points].
-        dashes: name of a matplotlib style, or offset and lengths.
-        marker: name of a matplotlib marker; no markers if empty.
-        place: position of the first marker, as a fraction of the marker distance.
+        colour: Colour of the line and its markers.
+        width: Width of the line [points].
+        dashes: Name of a matplotlib style, or offset and lengths.
+        marker: Name of a matplotlib marker; no markers if empty.
+        place: Position of the first marker, as a fraction of the marker distance.
     """
 
     colour: str
@@ -348,7 +348,7 @@ def finger_strokes(groups: Iterable[Sequence[str]]) -> dict[str, Stroke]:
     """Assign a colour, a marker and dashes to each finger; alternate dashes fill each other's gaps.
 
     Args:
-        groups: names of the fingers in each column; repeated names keep their stroke.
+        groups: Names of the fingers in each column; repeated names keep their stroke.
     """
     half: dict[str, int] = {}
     for names in groups:

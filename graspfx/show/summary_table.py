@@ -35,11 +35,11 @@ def lines(columns: Sequence[Column], width: int, *, rules: str = RULES, bold: bo
     """Yield the table line by line.
 
     Args:
-        columns: columns with equal numbers of cells.
-        width: width of the terminal. Wrapping columns share the width that other columns leave. Cells are wrapped
+        columns: Columns with equal numbers of cells.
+        width: Width of the terminal. Wrapping columns share the width that other columns leave. Cells are wrapped
             between words only, so lines may be longer.
-        rules: separators in the form of RULES.
-        bold: whether the head is bold.
+        rules: Separators in the form of RULES.
+        bold: Whether the head is bold.
     """
     fixed = sum(_widest([each.title, *each.cells]) for each in columns if not each.folds)
     rest = width - fixed - 3 * (len(columns) - 1)  # a rule with a blank on both sides
@@ -162,8 +162,8 @@ def columns(recordings: Sequence[Recording], titles: Sequence[str] | None = None
     """Return the columns: row names, one column per recording, for two the relative change, and units.
 
     Args:
-        recordings: one or more recordings.
-        titles: titles of the columns; by default each recording's scene.
+        recordings: One or more recordings.
+        titles: Titles of the columns; by default each recording's scene.
     """
     return _columns([recording.summary() for recording in recordings], _names(recordings, titles), ROWS)
 

@@ -58,8 +58,8 @@ class Margins(NamedTuple):
     """Smallest margins of certificates at some points of maps.
 
     Attributes:
-        places: indices of the judged values of the first two keys.
-        values: margins (x, y, maps); NaN for points that are not judged.
+        places: Indices of the judged values of the first two keys.
+        values: Margins (x, y, maps); NaN for points that are not judged.
     """
 
     places: tuple[list[int], ...]
@@ -88,17 +88,17 @@ def variants_sheet(
     """Draw measures over keys.
 
     Args:
-        values: value of each variant by key, in the grid's shape.
-        surfaces: measures to draw; for maps, only the first.
-        bad: mask of variants without a valid number.
-        title: title of the figure.
+        values: Value of each variant by key, in the grid's shape.
+        surfaces: Measures to draw; for maps, only the first.
+        bad: Mask of variants without a valid number.
+        title: Title of the figure.
         width: "screen", "page" or "column".
-        slices: number of values of a third key that have their own map.
-        together: whether the keys' values are combined one to one, without a grid.
-        margins: margins whose line at 1 is drawn over maps, or None.
+        slices: Number of values of a third key that have their own map.
+        together: Whether the keys' values are combined one to one, without a grid.
+        margins: Margins whose line at 1 is drawn over maps, or None.
 
     Raises:
-        InputError: the width is unknown, or there is nothing to draw.
+        InputError: If the width is unknown, or there is nothing to draw.
     """
     if not surfaces or not bad.size:
         raise InputError("measures", len(surfaces), "at least one measure, of one variant")

@@ -57,17 +57,17 @@ class SceneOrder:
     """An order to run variants of a scene in any process.
 
     Attributes:
-        table: table of the scene.
-        source: source of the scene.
-        trusted: whether the scene may name files outside its folder.
-        duration: duration that replaces the scene's [s].
-        shapes: shapes of the measured quantities, by name.
-        statistics: statistics of each quantity.
-        native: whether a first variant consisted of kernels only.
-        files: digests of the scene's files, by path.
-        engines: versions of the physics engines, by distribution.
-        home: process that made the order.
-        version: version of GraspFX.
+        table: Table of the scene.
+        source: Source of the scene.
+        trusted: Whether the scene may name files outside its folder.
+        duration: Duration that replaces the scene's [s].
+        shapes: Shapes of the measured quantities, by name.
+        statistics: Statistics of each quantity.
+        native: Whether a first variant consisted of kernels only.
+        files: Digests of the scene's files, by path.
+        engines: Versions of the physics engines, by distribution.
+        home: Process that made the order.
+        version: Version of GraspFX.
     """
 
     table: Mapping[str, Any]
@@ -93,7 +93,7 @@ def take_order(content: bytes) -> tuple[SceneOrder, Scene]:
     """Make the scene of an order, once per process.
 
     Raises:
-        SweepError: this process has another GraspFX version or other files than the process of the order.
+        SweepError: If this process has another GraspFX version or other files than the process of the order.
     """
     from graspfx.scene.model import Scene
 
@@ -125,10 +125,10 @@ class Chunk:
     """Some variants of a sweep.
 
     Attributes:
-        number: index of the chunk in its sweep.
-        members: indices of the variants in the sweep, (V,).
-        lists: values of the variants by key.
-        numbers: index of each key's value in each variant, (V, keys).
+        number: Index of the chunk in its sweep.
+        members: Indices of the variants in the sweep, (V,).
+        lists: Values of the variants by key.
+        numbers: Index of each key's value in each variant, (V, keys).
     """
 
     number: int
@@ -154,11 +154,11 @@ class ChunkResult:
     """Results of variants.
 
     Attributes:
-        measures: measures by quantity and statistic, (V, *quantity); NaN for failed variants. Every zero is positive.
-        faults: tick of each variant's first fault, -1 for none, (V,).
-        failures: reason why a variant has no measures, otherwise empty, (V,).
-        notes: reasons for longer computing times.
-        seconds: computing time [s].
+        measures: Measures by quantity and statistic, (V, *quantity); NaN for failed variants. Every zero is positive.
+        faults: Tick of each variant's first fault, -1 for none, (V,).
+        failures: Reason why a variant has no measures, otherwise empty, (V,).
+        notes: Reasons for longer computing times.
+        seconds: Computing time [s].
     """
 
     measures: Measures
@@ -194,7 +194,7 @@ class ChunkResult:
         """Fill in some variants.
 
         Raises:
-            InputError: a quantity has another shape for these variants.
+            InputError: If a quantity has another shape for these variants.
         """
         for quantity, name, whole in self._entries():
             shape = measures[quantity][name].shape[1:]
@@ -220,13 +220,13 @@ def run_chunk(content: bytes, chunk: Chunk, threads: int | None = None) -> Chunk
     """Run the variants of a chunk, in this process.
 
     Args:
-        content: order as bytes.
-        chunk: variants to run.
-        threads: number of threads; by default all in the process of the order, otherwise one.
+        content: Order as bytes.
+        chunk: Variants to run.
+        threads: Number of threads; by default all in the process of the order, otherwise one.
 
     Raises:
-        SweepError: this process has other files or another GraspFX version.
-        MissingPackageError: a package that the whole sweep needs is missing.
+        SweepError: If this process has other files or another GraspFX version.
+        MissingPackageError: If a package that the whole sweep needs is missing.
     """
     began = perf_counter()
     order, scene = take_order(content)
@@ -344,7 +344,7 @@ def column_of(layout: Layout, quantity: str) -> Column:
     """Return the description of a quantity of a sweep.
 
     Raises:
-        UnknownNameError: the quantity does not exist.
+        UnknownNameError: If the quantity does not exist.
     """
     if quantity != RUN:
         return columns_of(layout, [quantity])[0][quantity]

@@ -51,10 +51,10 @@ class Crew:
     """Workers that accept calls; each call returns a future.
 
     Args:
-        executor: executor of the calls; None for this process, which runs each call at once.
-        workers: number of simultaneous calls.
-        threads: number of threads per call; None if its process decides.
-        anew: function that makes a new executor after a process has died; None if only the executor's owner can do so.
+        executor: Executor of the calls; None for this process, which runs each call at once.
+        workers: Number of simultaneous calls.
+        threads: Number of threads per call; None if its process decides.
+        anew: Function that makes a new executor after a process has died; None if only the executor's owner can do so.
     """
 
     def __init__(
@@ -99,8 +99,8 @@ def crew_of(executor: Any) -> Iterator[Crew]:
             processors); an executor of `concurrent.futures`, or a dask client.
 
     Raises:
-        InputError: the argument is something else.
-        MissingPackageError: `distributed` is not installed, for a cluster.
+        InputError: If the argument is something else.
+        MissingPackageError: If `distributed` is not installed, for a cluster.
     """
     with ExitStack() as stack:
         crew = _crew(stack, executor)
@@ -206,10 +206,10 @@ class ChunkLoop:
     """Runs chunks and delivers each complete result.
 
     Args:
-        crew: workers that run the chunks.
-        order: order of the sweep.
-        finish: function that receives a chunk and its result.
-        note: function that receives sentences about problems.
+        crew: Workers that run the chunks.
+        order: Order of the sweep.
+        finish: Function that receives a chunk and its result.
+        note: Function that receives sentences about problems.
     """
 
     def __init__(
@@ -227,7 +227,7 @@ class ChunkLoop:
         """Run all chunks.
 
         Raises:
-            SweepError: workers cannot start, or the caller's executor is broken.
+            SweepError: If workers cannot start, or the caller's executor is broken.
         """
         left, flying = deque(chunks), dict[Future[Any], Chunk]()
         most = 1 if self.crew.executor is None else DEPTH * self.crew.workers
@@ -292,7 +292,7 @@ class ChunkLoop:
         """Distinguish a chunk that kills workers from workers that cannot start.
 
         Raises:
-            SweepError: workers cannot start.
+            SweepError: If workers cannot start.
         """
         try:
             self.alive = self.alive or self.crew.submit(partial(int, 1)).result() == 1

@@ -78,32 +78,32 @@ def sweep(
 
     Args:
         scene: Scene, name or path, with simulated devices only.
-        values: values by dotted key, as for `scene.replace`: a list, an array, or a range such as "20:70:25" (25 values
+        values: Values by dotted key, as for `scene.replace`: a list, an array, or a range such as "20:70:25" (25 values
             from 20 to 70) or "1:1000:4:log". All combinations are run; the last key changes fastest.
-        out: folder of the results; None for a sweep in memory.
+        out: Folder of the results; None for a sweep in memory.
         executor: None for this process with all processors; "threads:N", "processes:N"; "local:N" for a dask cluster on
             this machine, "tcp://..." for the scheduler of a cluster; an executor of `concurrent.futures`, or a dask
             client. Scripts must start processes below `if __name__ == "__main__":`.
-        resume: whether to resume a sweep in `out`, if it is the same sweep.
-        overwrite: whether to remove any sweep in `out`; a warning describes it.
-        duration: duration that replaces the scene's [s]; rounded to whole periods.
-        zip: whether to combine the first values of all keys, then the second values, and so on.
-        measure, statistics: as for `run_batch`. The quantity "run" has its own statistics: `vibration`, the RMS of a
+        resume: Whether to resume a sweep in `out`, if it is the same sweep.
+        overwrite: Whether to remove any sweep in `out`; a warning describes it.
+        duration: Duration that replaces the scene's [s]; rounded to whole periods.
+        zip: Whether to combine the first values of all keys, then the second values, and so on.
+        measure, statistics: As for `run_batch`. The quantity "run" has its own statistics: `vibration`, the RMS of a
             finger's force above 5 Hz [N], and `unstable`, 1 if the run grows by the criterion of its summary. They
             require the rows of each variant, which takes some milliseconds per variant.
         sample: "lhs:N" for N variants of a Latin hypercube: ranges are sampled continuously, list values equally often.
-        seed: seed of the sample, which is recorded.
-        chunk: number of variants per chunk; by default as many as take a second or two. A resumed sweep keeps its
+        seed: Seed of the sample, which is recorded.
+        chunk: Number of variants per chunk; by default as many as take a second or two. A resumed sweep keeps its
             number.
 
     Raises:
-        SweepError: `out` has another sweep, another process is running it, or workers have other files.
-        SceneError: no variant is a valid scene.
-        InputError: values are invalid, the scene has hardware, or the executor is unknown.
-        UnknownNameError: a quantity or statistic does not exist.
-        MissingPackageError: a package that the scene or the cluster needs is missing.
-        RecordingError: the folder cannot be written.
-        KeyboardInterrupt: the sweep was interrupted; the message reports its progress and how to resume it.
+        SweepError: If `out` has another sweep, another process is running it, or workers have other files.
+        SceneError: If no variant is a valid scene.
+        InputError: If values are invalid, the scene has hardware, or the executor is unknown.
+        UnknownNameError: If a quantity or statistic does not exist.
+        MissingPackageError: If a package that the scene or the cluster needs is missing.
+        RecordingError: If the folder cannot be written.
+        KeyboardInterrupt: If the sweep was interrupted; the message reports its progress and how to resume it.
     """
     from graspfx.scene.load import to_scene
 
@@ -160,10 +160,10 @@ def look_at(scene: Scene, variants: VariantGrid, duration: float | None, measure
     """Examine the first valid variant among a few variants that are spread over the whole sweep.
 
     Raises:
-        SceneError: none of these variants is valid; the error describes the first variant and names its values.
-        InputError: the scene has hardware, or the duration is invalid.
-        UnknownNameError: a quantity does not exist.
-        MissingPackageError: a required package is missing.
+        SceneError: If none of these variants is valid; the error describes the first variant and names its values.
+        InputError: If the scene has hardware, or the duration is invalid.
+        UnknownNameError: If a quantity does not exist.
+        MissingPackageError: If a required package is missing.
     """
     first: SceneError | None = None
     for number in spread(len(variants)):
@@ -210,11 +210,11 @@ class Work:
     """A sweep's chunks, complete and missing.
 
     Args:
-        scene, variants: scene and variants of the sweep.
-        order: order for the workers.
-        prospect: preview of the sweep.
-        size: number of variants per chunk.
-        store: folder of the chunks; None for memory only.
+        scene, variants: Scene and variants of the sweep.
+        order: Order for the workers.
+        prospect: Preview of the sweep.
+        size: Number of variants per chunk.
+        store: Folder of the chunks; None for memory only.
     """
 
     scene: Scene
@@ -255,7 +255,7 @@ class Work:
         """Compute the missing chunks.
 
         Raises:
-            KeyboardInterrupt: the sweep was interrupted; the message reports the progress, and how to resume.
+            KeyboardInterrupt: If the sweep was interrupted; the message reports the progress, and how to resume.
         """
         left = len(self.variants) - self.resumed
         if not left:
@@ -304,7 +304,7 @@ class Work:
         """Assemble the result, and write its file if there is a folder.
 
         Raises:
-            RecordingError: the file cannot be written.
+            RecordingError: If the file cannot be written.
         """
         shape, total = self.variants.shape, self.total
         result = SweepResult(

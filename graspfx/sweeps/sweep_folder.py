@@ -42,9 +42,9 @@ class SweepFolder:
     """Files of a sweep in a folder that this process has locked.
 
     Args:
-        path: path of the existing folder.
-        manifest: content of sweep.json.
-        removal: description of a removed sweep; empty for none.
+        path: Path of the existing folder.
+        manifest: Content of sweep.json.
+        removal: Description of a removed sweep; empty for none.
     """
 
     def __init__(self, path: Path, manifest: Mapping[str, Any], removal: str = "") -> None:
@@ -70,12 +70,12 @@ class SweepFolder:
         """Write the file of a chunk.
 
         Args:
-            number: index of the chunk.
-            result: result of its variants.
-            dimensions: names of the axes of each array of the result, except that of variants.
+            number: Index of the chunk.
+            result: Result of its variants.
+            dimensions: Names of the axes of each array of the result, except that of variants.
 
         Raises:
-            RecordingError: the disk does not take it.
+            RecordingError: If the disk does not take it.
         """
         variables: dict[str, Any] = {
             name: (("variant", *dimensions[name]), values, {}) for name, values in result.arrays.items()
@@ -139,7 +139,7 @@ class SweepFolder:
         """Write the file of all results.
 
         Raises:
-            RecordingError: the disk does not take it.
+            RecordingError: If the disk does not take it.
         """
         write_whole(self.final, netcdf(labels))
 
@@ -152,7 +152,7 @@ def write_whole(place: Path, content: bytes) -> None:
     """Write a file atomically: write a temporary file, flush it to disk, and rename it.
 
     Raises:
-        RecordingError: the disk does not take it.
+        RecordingError: If the disk does not take it.
     """
     draft = place.with_name(f".{place.name}{DRAFT}")
     try:
@@ -178,15 +178,16 @@ def open_folder(
     """Open and lock the folder of a sweep, with the existing chunks of the same sweep.
 
     Args:
-        path: path of the folder, which is created if necessary.
-        parts: everything on which the results depend.
-        size: number of variants per chunk of a new sweep.
-        resume: whether to resume an existing sweep, if it is the same.
-        overwrite: whether to remove any existing sweep.
+        path: Path of the folder, which is created if necessary.
+        parts: Everything on which the results depend.
+        size: Number of variants per chunk of a new sweep.
+        resume: Whether to resume an existing sweep, if it is the same.
+        overwrite: Whether to remove any existing sweep.
 
     Raises:
-        SweepError: the folder has another sweep, or the same sweep without `resume`, or another process is running it.
-        RecordingError: the folder or a file in it cannot be written.
+        SweepError: If the folder has another sweep, or the same sweep without `resume`, or another process is running
+            it.
+        RecordingError: If the folder or a file in it cannot be written.
     """
     make_folder(path)
     try:
@@ -235,7 +236,7 @@ def manifest_of(path: Path) -> dict[str, Any] | None:
     """Read the description of a folder's sweep; None if it is missing or unreadable.
 
     Raises:
-        SweepError: the sweep has another format.
+        SweepError: If the sweep has another format.
     """
     try:
         about: dict[str, Any] = json.loads((path / MANIFEST).read_bytes())
@@ -282,7 +283,7 @@ def folder_of(out: object) -> Path:
     """Return the path of a sweep's folder.
 
     Raises:
-        InputError: the argument is not a path, or is the path of a file.
+        InputError: If the argument is not a path, or is the path of a file.
     """
     path = to_path("out", out, "the path of a folder")
     if path.is_file():

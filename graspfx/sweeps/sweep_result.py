@@ -39,14 +39,14 @@ class SweepResult(Batch):
     """Results of a sweep. Each array begins with the axes of the grid, or with one axis of variants (zip, samples).
 
     Attributes:
-        values, fault_tick, measures, notes, scene, layout: as for a `Batch`; measures of failed variants are NaN, and
+        values, fault_tick, measures, notes, scene, layout: As for a `Batch`; measures of failed variants are NaN, and
             every zero is positive.
-        failure: reason why a variant has no measures, otherwise empty, in the grid's shape.
-        folder: folder of the chunks and `sweep.nc`; None for a sweep in memory.
-        about: description of the sweep in its file: scene, identity, duration, sample, seed, version.
-        resumed: number of variants that had been computed before.
-        seconds: time of this call, and total time of all chunks [s].
-        base: scene whose values were replaced; None if unknown.
+        failure: Reason why a variant has no measures, otherwise empty, in the grid's shape.
+        folder: Folder of the chunks and `sweep.nc`; None for a sweep in memory.
+        about: Description of the sweep in its file: scene, identity, duration, sample, seed, version.
+        resumed: Number of variants that had been computed before.
+        seconds: Time of this call, and total time of all chunks [s].
+        base: Scene whose values were replaced; None if unknown.
     """
 
     failure: NDArray[Any] = field(default_factory=lambda: np.empty(0, dtype=object))
@@ -91,7 +91,7 @@ class SweepResult(Batch):
         """Return the description of a quantity: dimensions, unit and meaning.
 
         Raises:
-            UnknownNameError: the quantity does not exist.
+            UnknownNameError: If the quantity does not exist.
         """
         if self.layout is None:
             raise UnknownNameError("measure", quantity, ())
@@ -115,7 +115,7 @@ class SweepResult(Batch):
         """Return one number per variant, in the grid's shape: the entry of a measure with the largest magnitude.
 
         Args:
-            measure: name of a measure, such as `finger_force.peak`. By default it is the growth of the first quantity,
+            measure: Name of a measure, such as `finger_force.peak`. By default it is the growth of the first quantity,
                 or else its first statistic: `run.vibration`, unless the sweep measures other quantities or its runs
                 are too short.
 
@@ -123,7 +123,7 @@ class SweepResult(Batch):
             Full name of the measure, and the numbers; NaN for missing ones.
 
         Raises:
-            UnknownNameError: it was not measured.
+            UnknownNameError: If it was not measured.
         """
         quantity, statistic = self.measure_of(measure)
         values = self[quantity][statistic].reshape(*self.shape, -1)
@@ -135,7 +135,7 @@ class SweepResult(Batch):
         """Split the name of a measure into quantity and statistic.
 
         Raises:
-            UnknownNameError: it was not measured.
+            UnknownNameError: If it was not measured.
         """
         names = [f"{quantity}.{name}" for quantity, by_name in self.measures.items() for name in by_name]
         if not measure:
@@ -174,7 +174,7 @@ class SweepResult(Batch):
         `fault_tick` and `failure`.
 
         Raises:
-            MissingPackageError: xarray is not installed: `pip install 'graspfx[data]'`.
+            MissingPackageError: If xarray is not installed: `pip install 'graspfx[data]'`.
         """
         return batch_dataset(self, self.labels())
 
@@ -184,7 +184,7 @@ class SweepResult(Batch):
         Names of components are such as `finger_force.rms.thumb.x`.
 
         Raises:
-            MissingPackageError: pandas is not installed: `pip install 'graspfx[data]'`.
+            MissingPackageError: If pandas is not installed: `pip install 'graspfx[data]'`.
         """
         frame = batch_frame(self)
         frame.insert(len(self.values), "failure", self.failure.astype(str).ravel())
@@ -205,14 +205,14 @@ class SweepResult(Batch):
         the drawing.
 
         Args:
-            measures: names of measures, such as `finger_force.peak`; by default one measure of each of the first three
+            measures: Names of measures, such as `finger_force.peak`; by default one measure of each of the first three
                 quantities, or for maps only of the first quantity. Each map has its own sheet.
             width: "screen", or a journal's width of 7.2 ("page") or 3.5 ("column") inches.
-            slices: number of values of a third key that have their own map; further keys are set to their middle value.
+            slices: Number of values of a third key that have their own map; further keys are set to their middle value.
 
         Raises:
-            UnknownNameError: a measure does not exist.
-            InputError: the width is unknown, or there is nothing to plot.
+            UnknownNameError: If a measure does not exist.
+            InputError: If the width is unknown, or there is nothing to plot.
         """
         from graspfx.show.drawing import Drawing
         from graspfx.show.variant_figures import Surface, variants_sheet
@@ -300,7 +300,7 @@ class SweepResult(Batch):
         """Return the most informative measure of a quantity: growth or peak, or else the first.
 
         Raises:
-            UnknownNameError: the quantity was not measured.
+            UnknownNameError: If the quantity was not measured.
         """
         names = self[quantity]
         return f"{quantity}.{next((name for name in ('growth', 'peak') if name in names), next(iter(names)))}"

@@ -30,9 +30,9 @@ class Range:
     """A range of numbers, including both ends.
 
     Args:
-        first, last: ends of the range.
-        count: number of values in a grid; 0 if the range is for samples only.
-        log: whether values are spaced by equal ratios instead of equal differences.
+        first, last: Ends of the range.
+        count: Number of values in a grid; 0 if the range is for samples only.
+        log: Whether values are spaced by equal ratios instead of equal differences.
     """
 
     first: float
@@ -59,7 +59,7 @@ def read_over(text: str) -> tuple[str, Range | list[Any]]:
     """Parse KEY=RANGE or KEY=V1,V2,... from a command line.
 
     Raises:
-        InputError: the text has another form.
+        InputError: If the text has another form.
     """
     key, equals, values = text.partition("=")
     if not key.strip() or not equals or not values.strip():
@@ -71,7 +71,7 @@ def read_values(text: str, argument: str) -> Range | list[Any]:
     """Parse a range, or comma-separated values, each TOML or else a text.
 
     Raises:
-        InputError: neither.
+        InputError: If neither.
     """
     span = _range(text, argument)
     if span is not None:
@@ -93,7 +93,7 @@ def as_values(key: str, values: Any) -> Range | Values:
     """Convert a key's values from a list, an array, a range, or the text of one.
 
     Raises:
-        InputError: neither.
+        InputError: If neither.
     """
     if isinstance(values, str):
         return read_values(values, f"values[{key!r}]")
@@ -142,11 +142,11 @@ class VariantGrid:
     """All variants of a sweep.
 
     Attributes:
-        shape: shape of the grid, or (N,) for variants whose values are combined one to one.
-        lists: values by key.
-        numbers: index of each key's value in each variant, (V, keys).
-        sample: argument `sample`, empty for none.
-        seed: seed of the sample.
+        shape: Shape of the grid, or (N,) for variants whose values are combined one to one.
+        lists: Values by key.
+        numbers: Index of each key's value in each variant, (V, keys).
+        sample: Argument `sample`, empty for none.
+        seed: Seed of the sample.
     """
 
     shape: tuple[int, ...]
@@ -200,14 +200,14 @@ def make_grid(values: Mapping[str, Any], *, zip: bool, sample: str, seed: int) -
     """Make the variants of a sweep.
 
     Args:
-        values: list, range, or text of one, by dotted key.
-        zip: whether to combine the first values of all keys, then the second values, and so on.
+        values: List, range, or text of one, by dotted key.
+        zip: Whether to combine the first values of all keys, then the second values, and so on.
         sample: "lhs:N" for N variants of a Latin hypercube; empty for all combinations.
-        seed: seed of the sample.
+        seed: Seed of the sample.
 
     Raises:
-        InputError: there are no values; lists have different lengths with `zip`; a range in a grid has no count; or the
-            seed is not a non-negative integer.
+        InputError: If there are no values; lists have different lengths with `zip`; a range in a grid has no count; or
+            the seed is not a non-negative integer.
     """
     if not isinstance(values, Mapping):
         raise InputError("values", values, "lists by dotted key", "as in {'coupling.internal.stiffness': [50.0, 60.0]}")

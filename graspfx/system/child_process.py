@@ -37,12 +37,12 @@ def start(
         module: Module of this package.
         arguments: Arguments of `main`; their `repr` must be valid Python.
         descriptors: Descriptors of shared files.
-        inputs, outputs: stdin and stdout of `subprocess.Popen`.
+        inputs, outputs: Stdin and stdout of `subprocess.Popen`.
         environment: Environment of the process; None for this one's.
 
     Raises:
-        GraspFXError: This system does not support such processes.
-        OSError: The process does not start.
+        GraspFXError: If this system does not support such processes.
+        OSError: If the process does not start.
     """
     if not is_possible():
         raise GraspFXError(f"{module} {REFUSAL}")

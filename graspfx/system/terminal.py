@@ -131,7 +131,7 @@ def pseudo_terminal() -> tuple[int, int]:
     """Open a raw pseudo-terminal; return the descriptors of the program's end and of the line's end.
 
     Raises:
-        GraspFXError: This system has no pseudo-terminals.
+        GraspFXError: If this system has no pseudo-terminals.
     """
     try:
         import pty

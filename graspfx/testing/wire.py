@@ -240,8 +240,8 @@ class SerialWire(Wire):
     given clock, the board has neither thread nor port: it runs only in `exchange`, on that clock.
 
     Args:
-        seed: seed of the damage by failures.
-        clock: clock of the board; by default the system's.
+        seed: Seed of the damage by failures.
+        clock: Clock of the board; by default the system's.
     """
 
     def __init__(self, seed: int = 0, clock: Clock | None = None) -> None:
@@ -361,8 +361,8 @@ def build(arguments: Sequence[str], product: Path, folder: Path) -> Path:
     """Call the C compiler with these arguments in a folder, to build a product.
 
     Raises:
-        MissingPackageError: there is no compiler.
-        RuntimeError: the compiler rejects the source; the text is the compiler's output.
+        MissingPackageError: If there is no compiler.
+        RuntimeError: If the compiler rejects the source; the text is the compiler's output.
     """
     program = compiler()
     if program is None:
@@ -385,9 +385,9 @@ def tip_force(place: Callable[[FloatArray], FloatArray], angles: FloatArray, tor
     """Compute f of J'f = tau, (d,) [N], by virtual work, with J = dp/dq from difference quotients.
 
     Args:
-        place: function that returns the fingertip (d,) [m] for the angles of the joints (d,) [rad].
-        angles: angles of the joints (d,) [rad].
-        torque: torques at the joints, (d,) [N m].
+        place: Function that returns the fingertip (d,) [m] for the angles of the joints (d,) [rad].
+        angles: Angles of the joints (d,) [rad].
+        torque: Torques at the joints, (d,) [N m].
     """
     steps = SMALL * np.eye(len(angles))
     J = np.array([(place(angles + step) - place(angles - step)) / (2.0 * SMALL) for step in steps]).T

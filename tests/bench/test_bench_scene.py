@@ -93,7 +93,7 @@ def test_the_command_prints_json_and_draws(tmp_path: Path, capsys: pytest.Captur
     [
         (["paper-wavng"], "unknown benchmark or scene 'paper-wavng'; did you mean 'paper-waving'?"),
         (["eq5"], "did you mean 'eq4'?"),
-        (["eq4", "paper-waving"], "benchmarks, or one scene alone"),
+        (["eq4", "paper-waving"], "names of benchmarks, or of one scene only"),
         (["eq4", "--set", "period=0.1"], "the name of a scene"),
         (["missing.toml"], "missing.toml"),
         (["contact"], "python -m tests.bench contact"),

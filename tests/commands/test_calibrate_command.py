@@ -53,13 +53,13 @@ def test_measures_are_printed_and_written(folder: Path, capsys: pytest.CaptureFi
     assert gx.load("mine.toml", overrides).linearise("start").mass == pytest.approx(0.2, rel=0.01)
     count = len(late_masses(folder / "late.py"))
     assert main(["calibrate", "mine.toml", "--yes"]) != 0
-    assert "expected a file that does not exist yet" in capsys.readouterr().err
+    assert "expected a new file" in capsys.readouterr().err
     assert len(late_masses(folder / "late.py")) == count
 
 
 def test_nobody_at_the_terminal_and_simulations_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", "mine.toml"]) != 0
-    assert "--yes without a terminal" in capsys.readouterr().err
+    assert "add --yes, or start the command in a terminal" in capsys.readouterr().err
     assert main(["calibrate", "reference-1dof", "--yes"]) != 0
     assert "expected one with hardware" in capsys.readouterr().err
     assert not list(folder.glob("*-measures.toml"))

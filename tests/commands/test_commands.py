@@ -91,8 +91,8 @@ def test_a_recording_in_a_scenes_place_says_what_to_use(
     with pytest.raises(SystemExit, match="2"):
         main([command, given])
     err = capsys.readouterr().err
-    assert f"{given} is a recording, or the folder of one, not a scene: `graspfx plot {given}` draws it" in err
-    assert f"`graspfx picture {given}` one instant" in err
+    assert f"{given} is a recording or its folder, expected a scene; `graspfx plot {given}` plots it" in err
+    assert f"`graspfx picture {given}` draws one instant" in err
 
 
 @pytest.mark.parametrize("command", ["plot", "export"])
@@ -104,7 +104,7 @@ def test_a_scene_in_a_recordings_place_is_told_what_makes_one(
     with pytest.raises(SystemExit, match="2"):
         main([command, given])
     err = capsys.readouterr().err
-    assert f"{given} is a scene, not a recording: run it first; `graspfx run {given}` records it" in err
+    assert f"{given} is a scene, expected a recording; `graspfx run {given}` records it" in err
     with pytest.raises(RecordingError, match=r"block\.toml: is a scene, not a recording: run it first"):
         gx.Recording.load("block.toml")
 
@@ -112,7 +112,7 @@ def test_a_scene_in_a_recordings_place_is_told_what_makes_one(
 def test_a_diagram_that_is_not_named_or_misspelt(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="2"):
         main(["stability", "reference-1dof", "--plot"])
-    assert "argument --plot: which one? bode, nyquist or z-width" in capsys.readouterr().err
+    assert "argument --plot: expected a diagram: bode, nyquist or z-width" in capsys.readouterr().err
     assert main(["stability", "reference-1dof", "--plot", "z-wdth"]) == 2
     assert "unknown diagram 'z-wdth'; did you mean 'z-width'?" in capsys.readouterr().err
 

@@ -84,7 +84,7 @@ def test_an_override_is_one_value(value: str, capsys: pytest.CaptureFixture[str]
     """What stands on a line of its own after the value was lost in silence."""
     with pytest.raises(SystemExit, match="2"):
         main(["check", "reference-1dof", "--set", f"object.mass={value}"])
-    assert "object.mass takes one value: give each KEY=VALUE as an argument of its own" in capsys.readouterr().err
+    assert "object.mass: expected one value; give each KEY=VALUE as a separate argument" in capsys.readouterr().err
 
 
 def test_a_value_of_several_lines_is_whole() -> None:
@@ -282,7 +282,7 @@ def test_an_interrupted_run_says_how_far_it_came_and_leaves_a_readable_recording
     """The run ends between two ticks, and all rows up to there are in the file."""
     code, said, written = interrupted(1)
     read = graspfx.Recording.load(Path("cut/recording.h5"))
-    assert (code, said) == (130, f"interrupted after {read.end:g} of 100000 s; cut/recording.h5 holds them")
+    assert (code, said) == (130, f"interrupted after {read.end:g} of 100000 s; the recording is cut/recording.h5")
     assert len(read) >= written and not Path("cut/recording.h5.part").exists()
     assert (read.outcome.complete, read.wall_time) == (False, None)
     assert read.finger_force.shape == (len(read), 2, 1)
@@ -336,7 +336,7 @@ def test_an_out_that_cannot_be_made_is_one_line(command: str, capsys: pytest.Cap
 def test_a_folder_where_the_picture_goes_is_said_before_the_run(capsys: pytest.CaptureFixture[str]) -> None:
     Path("here/figure.png").mkdir(parents=True)
     assert main(["run", "reference-1dof", "--out", "here"]) == 2
-    assert capsys.readouterr().err.startswith("here/figure.png: is a folder, but the picture needs this name")
+    assert capsys.readouterr().err.startswith("here/figure.png is a folder, but the picture needs this name")
     assert not Path("here/recording.h5").exists()
     assert main(["run", "reference-1dof", "--out", "here", "--no-figure", "--duration", "0.05"]) == 0
     assert main(["plot", "here"]) == 2
@@ -350,7 +350,7 @@ def test_a_picture_that_cannot_be_written_leaves_the_recording(
 
     monkeypatch.setattr("graspfx.show.run_figures.figure", full)
     assert main(["run", "reference-1dof", "--out", "here", "--duration", "0.05"]) == 2
-    said = "here/figure.png: cannot be written; No space left on device; the run is in here/recording.h5\n"
+    said = "here/figure.png: cannot be written; No space left on device; the recording is in here/recording.h5\n"
     assert capsys.readouterr().err == said
     assert len(graspfx.Recording.load("here")) == 10
 

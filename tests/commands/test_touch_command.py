@@ -20,7 +20,7 @@ def test_it_serves_a_page_and_records(tmp_path: Path, capsys: pytest.CaptureFixt
     assert main([*SCENE, "--seconds", "0.5", "--out", str(tmp_path)]) == 0
     text = capsys.readouterr().out
     assert re.match(r"http://127\.0\.0\.1:\d+/\n", text)
-    assert "its force is shown, not felt" in text
+    assert "the force is shown, not felt" in text
     recording = Recording.load(tmp_path / "recording.h5")
     assert len(recording) > 0
     assert all("left out" in fault.message for fault in recording.faults)  # on a busy machine

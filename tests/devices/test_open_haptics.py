@@ -110,7 +110,7 @@ def test_a_device_that_another_program_has_is_refused(wire: OpenHapticsWire) -> 
 @pytest.mark.parametrize(
     ("error", "words"),
     [
-        (0x200, "the motors are warm"), (0x201, "above the device's largest"), (0x202, "changed by more"),
+        (0x200, "the motors are warm"), (0x201, "above the device's maximum"), (0x202, "changed by more"),
         (0x203, "faster than"), (0x204, "cannot be displayed"), (0x300, "has a fault"), (0x302, "does not answer"),
         (0x304, "timer"), (0x777, r"an error \(0x777\)"),
     ],

@@ -321,7 +321,7 @@ def test_a_clock_that_steps_back_is_a_fault(wire: RigWire, device, step: float) 
     now = device._time
     VirtualClock.time -= step
     device.ask()
-    with pytest.raises(DeviceError, match="ran back by"):
+    with pytest.raises(DeviceError, match="ran backwards by"):
         device.read()
     assert device._time == now
     device.controller.port.sleep(0.03)

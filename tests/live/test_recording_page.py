@@ -89,7 +89,7 @@ def test_the_command_writes_a_page(tmp_path: Path, capsys: pytest.CaptureFixture
     assert main(["view", str(run), "--html", str(page), "--overwrite"]) == 0
     assert page.read_text("utf-8") == text
     assert main(["view", str(run), "--set", "duration=1", "--html", str(page)]) == 2
-    assert "has been run" in capsys.readouterr().err
+    assert "is a recording" in capsys.readouterr().err
     assert main(["view", str(tmp_path / "none.h5"), "--html", str(page)]) == 2
     short = ["--set", "duration=0.05", "--set", "engine=interpreted"]
     assert main(["view", "reference-1dof", *short, "--html", str(tmp_path / "run.html")]) == 0

@@ -77,5 +77,5 @@ def test_what_does_not_need_a_package_works_without_it(package: str, tmp_path: P
     if package == "matplotlib":
         assert "no figure: the package 'matplotlib' is not installed" in said
     if package == "llvmlite":
-        assert "ticks are interpreted, to the same bits: the package 'llvmlite' is not installed" in said
+        assert "ticks are interpreted, with equal results: the package 'llvmlite' is not installed" in said
         assert "interpreted" in shown

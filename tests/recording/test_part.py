@@ -262,7 +262,7 @@ def test_plot_says_which_file_it_reads(
     Path("killed").mkdir()
     sink = FileSink("killed/recording.h5", rec.layout, rec.header)
     sink.write(rec.rows[:300], [])
-    said = "note: read 1.5 s from killed/recording.h5.part, of a run that is not finished or was killed"
+    said = "note: read 1.5 s from killed/recording.h5.part, from a run that has not finished or was killed"
     for command, given in (
         ("plot", "killed/recording.h5.part"),
         ("plot", "killed"),
@@ -276,7 +276,7 @@ def test_plot_says_which_file_it_reads(
     rec.save("killed/recording2.h5")
     shutil.move("killed/recording2.h5", "killed/recording.h5")
     assert main(["plot", "killed", "--overwrite"]) == 0
-    said = "recording.h5.part beside it is of a later run that is not finished or was killed"
+    said = "recording.h5.part beside it is from a later run that has not finished or was killed"
     assert capsys.readouterr().err == f"note: read killed/recording.h5; {said}\n"
     assert len(read("killed")[0]) == 400
 

@@ -248,7 +248,7 @@ def test_commands_take_a_preset(capsys: pytest.CaptureFixture[str]) -> None:
     for words in (["stability"], ["picture", "--time", "0.01"], ["warmup"]):
         assert main([words[0], "own.toml", "--preset", "stiff", *words[1:]]) == 0
     assert main(["picture", "out", "--preset", "stiff"]) == 2
-    assert "has been run" in capsys.readouterr().err
+    assert "is a recording" in capsys.readouterr().err
     assert main(["list"]) == 0
     assert f"--preset light-hand: {gx.load('paper-waving').preset['light-hand'].reason}" in capsys.readouterr().out
 

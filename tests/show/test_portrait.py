@@ -318,7 +318,7 @@ def test_the_command_runs_a_scene_or_takes_a_recording(
     assert main(["picture", "here", "--out", "strange.ending"]) == 2
     assert main(["picture", "missing.h5"]) == 2
     said = capsys.readouterr().err
-    assert "a scene to set values in" in said and ".png" in said and "missing.h5" in said
+    assert "a scene instead of a recording" in said and ".png" in said and "missing.h5" in said
 
 
 def test_a_shape_stands_where_its_scene_describes_it(monkeypatch: pytest.MonkeyPatch) -> None:

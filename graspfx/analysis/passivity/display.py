@@ -85,7 +85,7 @@ def display(H: object, period: float) -> Display:
     """Create a display from a function of z, (A, B, C, D), an object with these (python-control, SciPy) or a stiffness.
 
     Raises:
-        InputError: Shapes do not fit, values are not finite, or the system is continuous or has another period.
+        InputError: If shapes do not fit, values are not finite, or the system is continuous or has another period.
     """
     period = number("period", period, "s", zero=False)
     _check_sampling(H, period)
@@ -119,7 +119,7 @@ def symmetric(name: str, matrix: ArrayLike, n: int) -> FloatArray:
     """Return a damping or a mass as (n, n), from a number, one per direction, or a symmetric matrix.
 
     Raises:
-        InputError: The shape is another one, or the matrix is not finite or not symmetric.
+        InputError: If the shape is another one, or the matrix is not finite or not symmetric.
     """
     b = _real(name, matrix)
     if b.shape not in ((), (n,), (n, n)):
@@ -197,7 +197,7 @@ def worst_motion(H: object, damping: ArrayLike, period: float, samples: int) -> 
         samples: Number N of samples. The work grows as (N n)^3, and N n may be at most 5000.
 
     Raises:
-        InputError: H is a function of z, or `samples` is zero or too large.
+        InputError: If h is a function of z, or `samples` is zero or too large.
     """
     system = display(H, period)
     if not isinstance(system, StateSpace):

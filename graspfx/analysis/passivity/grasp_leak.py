@@ -84,7 +84,7 @@ def coupling_limits(
         external_damping, internal_damping: Dampings ked and kid on backward differences of e [N s/m].
 
     Raises:
-        InputError: Shapes do not fit, a damping is negative, or the period is not positive.
+        InputError: If shapes do not fit, a damping is negative, or the period is not positive.
     """
     number("period", period, "s", zero=False)
     number("damping", damping, "N s/m")

@@ -39,7 +39,7 @@ def required_damping(H: object, period: float) -> float:
         not symmetric or is negative. It is negative if H itself dissipates at every frequency.
 
     Raises:
-        InputError: Matrices do not fit, or the system is continuous or has another period.
+        InputError: If matrices do not fit, or the system is continuous or has another period.
     """
     system = display(H, period)
     return _lack(system, np.zeros((system.channels, system.channels)), period)

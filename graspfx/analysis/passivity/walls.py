@@ -42,7 +42,7 @@ def wall_limit(damping: float, period: float, *, wall_damping: float = 0.0, dela
         The largest passive stiffness; 0 if B alone uses up the device's damping.
 
     Raises:
-        InputError: The period is not positive, a damping or delay is negative, or numbers are not finite.
+        InputError: If the period is not positive, a damping or delay is negative, or numbers are not finite.
     """
     b, T, t = _wall(damping, period, wall_damping, delay)
     return max(0.0, (b - abs(wall_damping)) / (T / 2 + t))
@@ -212,7 +212,7 @@ def z_width(
             mass, stable stiffness.
 
     Raises:
-        InputError: An argument is invalid; the error names it.
+        InputError: If an argument is invalid; the error names it.
     """
     plant = Plant(1.0 if mass is None else mass, damping, period, delay=delay, latency=latency).checked(single=True)
     b, T = plant.damping, plant.period

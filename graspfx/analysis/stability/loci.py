@@ -93,7 +93,7 @@ def loci(subject: Subject, frequency: ArrayLike | None = None) -> Loci:
         frequency: Frequencies in ascending order [Hz], up to half the sampling rate; 2000 over three decades if None.
 
     Raises:
-        InputError: Frequencies are not in ascending order or exceed half the sampling rate; or an error of
+        InputError: If frequencies are not in ascending order or exceed half the sampling rate; or an error of
             `Scene.linearise`.
     """
     loop = open_loop(subject)

@@ -105,7 +105,7 @@ def late_loop(linear: Linearisation, motions: Motions | None = None, *, drift: b
         drift: Include motions that change no force.
 
     Raises:
-        InputError: The delay has too many samples for this number of coordinates.
+        InputError: If the delay has too many samples for this number of coordinates.
     """
     operator = linear.operator
     assert operator is not None

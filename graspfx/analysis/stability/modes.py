@@ -84,8 +84,8 @@ def modes(linear: Subject) -> list[Mode]:
         linear: `Linearisation`, scene, or name or path of a scene.
 
     Raises:
-        InputError: Devices, delays or gains do not separate, or there is a preload or a ground; `spectral_radius` has
-            no such restriction.
+        InputError: If devices, delays or gains do not separate, or there is a preload or a ground; `spectral_radius`
+            has no such restriction.
     """
     linear = linear_of(linear)
     r = linear.coordinates[1]

@@ -56,7 +56,7 @@ def wall_limit(mass: float, damping: float, period: float, **options: Unpack[Wal
             samples: a delay of (n + phi) T shifts the held force within a sample, exactly. 0 if not given.
 
     Raises:
-        InputError: An argument is invalid; the error names it.
+        InputError: If an argument is invalid; the error names it.
     """
     return wall_limits(mass, damping, period, **options).limit
 
@@ -111,8 +111,8 @@ def external_limit(
             not given.
 
     Raises:
-        InputError: An argument is invalid; the error names it.
-        UnknownNameError: No integrator has that name.
+        InputError: If an argument is invalid; the error names it.
+        UnknownNameError: If no integrator has that name.
     """
     return external_limits(mass, damping, period, object_mass, object_damping, **options).limit
 

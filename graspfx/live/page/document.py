@@ -41,7 +41,7 @@ def page_text(
             None for a page that plays the recording.
 
     Raises:
-        InputError: The recording has no ticks.
+        InputError: If the recording has no ticks.
     """
     story = story_of(recording, folder, source="recording" if run is None else "own")
     if run is None:
@@ -109,7 +109,7 @@ def require_page_name(path: str | PathLike[str]) -> Path:
     """Require the path of an HTML file.
 
     Raises:
-        InputError: The argument is not a path, or has another ending.
+        InputError: If the argument is not a path, or has another ending.
     """
     target = recording_path(path, "path")
     if target.suffix.lower() not in (".html", ".htm"):

@@ -107,7 +107,7 @@ def story_of(recording: Recording, folder: Path | None = None, *, source: Source
             it. A run produces its own frames and charts, so that the recording's motion is left out.
 
     Raises:
-        InputError: The recording has no ticks.
+        InputError: If the recording has no ticks.
     """
     if not len(recording):
         raise InputError("recording", 0, "a recording with at least one tick")

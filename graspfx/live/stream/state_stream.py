@@ -52,8 +52,8 @@ class StateStream:
         states: Number of states sent.
 
     Raises:
-        InputError: The rate is not from 1 to 120 Hz.
-        MissingPackageError: websockets is not installed.
+        InputError: If the rate is not from 1 to 120 Hz.
+        MissingPackageError: If websockets is not installed.
     """
 
     def __init__(self, line: socket, gate: StreamGate, *, rate: float = RATE, goals: bool = False) -> None:
@@ -84,7 +84,7 @@ class StateStream:
         """Start streaming a run.
 
         Raises:
-            InputError: Clients may move guides, and the run has hardware.
+            InputError: If clients may move guides, and the run has hardware.
         """
         if self._goals and run.has_hardware:
             do = "stream it without goals: clients must not move a finger that a person holds"
@@ -206,8 +206,9 @@ def stream_of(
         origins: Origins of web pages that may open the stream.
 
     Raises:
-        InputError: The port is in use, the token is too short, the machine is not in a network, or the rate is invalid.
-        MissingPackageError: websockets is not installed.
+        InputError: If the port is in use, the token is too short, the machine is not in a network, or the rate is
+            invalid.
+        MissingPackageError: If websockets is not installed.
     """
     line = stack.enter_context(listen_at(network_address() if lan else HOST, port, FIRST, "--port"))
     host, number = line.getsockname()[:2]

@@ -93,7 +93,7 @@ def touched_scene(scene: Scene) -> Scene:
     """Remove the motions, rotations and squeezes of a scene's hands, so that fingers stay at their initial positions.
 
     Raises:
-        InputError: The scene is three-dimensional, or has no hand that can be moved.
+        InputError: If the scene is three-dimensional, or has no hand that can be moved.
     """
     if scene.dimensions > 2:
         raise InputError(
@@ -151,8 +151,8 @@ class TouchRun:
         log: Log of orders.
 
     Raises:
-        InputError: The scene is three-dimensional, or has no finger that can be moved.
-        MissingPackageError: websockets is not installed.
+        InputError: If the scene is three-dimensional, or has no finger that can be moved.
+        MissingPackageError: If websockets is not installed.
     """
 
     def __init__(

@@ -121,8 +121,8 @@ class PageServer(ClaimServer):
         url: Address of the page.
 
     Raises:
-        MissingPackageError: websockets is not installed.
-        InputError: The port is in use or not permitted.
+        MissingPackageError: If websockets is not installed.
+        InputError: If the port is in use or not permitted.
     """
 
     def __init__(self, shown: Shown, port: int | None = None) -> None:

@@ -36,8 +36,8 @@ class RecordingPage(Resource):
         rows: Number of rows of a part.
 
     Raises:
-        InputError: The recording has no ticks, or the port is in use.
-        MissingPackageError: websockets is not installed.
+        InputError: If the recording has no ticks, or the port is in use.
+        MissingPackageError: If websockets is not installed.
     """
 
     def __init__(self, recording: Recording, *, folder: Path | None = None, port: int | None = None) -> None:

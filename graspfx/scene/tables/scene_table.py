@@ -162,7 +162,7 @@ class SceneTable(Readable, Table):
         """Index of the object that each finger touches.
 
         Raises:
-            NotValid: In a draft, the object of a finger does not exist.
+            NotValid: If the object of a finger does not exist, in a draft.
         """
         names = {thing.name for thing in self.object}
         if not names or any(finger.object and finger.object not in names for finger in self.finger):

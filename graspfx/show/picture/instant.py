@@ -107,11 +107,11 @@ class Thing:
     """An object or an obstacle with its placed surface.
 
     Attributes:
-        name: name in the scene.
-        surface: surface in the world, or a part of an infinite one.
-        fixed: whether the thing is an obstacle, or an object that cannot move.
-        endless: whether the surface is a plane or half-space.
-        path: path of the centre so far (k, d) [m].
+        name: Name in the scene.
+        surface: Surface in the world, or a part of an infinite one.
+        fixed: Whether the thing is an obstacle, or an object that cannot move.
+        endless: Whether the surface is a plane or half-space.
+        path: Path of the centre so far (k, d) [m].
     """
 
     name: str
@@ -126,22 +126,22 @@ class Instant:
     """One instant, prepared for drawing.
 
     Attributes:
-        dimensions: number of dimensions, 2 or 3; a line is drawn in the plane.
-        on_a_line: whether the scene is on a line.
-        time: time of the instant [s].
-        extent: size of the drawing without arrows and infinite surfaces [m].
-        middle: centre of the drawing (d,) [m].
-        things: objects and obstacles.
-        names: names of the fingers.
-        tips: positions of the fingertips (n, d) [m].
-        radii: radii of ball fingertips, zero for points (n,) [m].
-        contacts: points where forces act (n, d) [m].
-        forces: forces on the object (n, d) [N].
-        parts: internal and external parts of the forces (n, d) [N], zero for a free finger; None if not recorded.
-        touching: mask of touching fingers (n,).
-        paths: paths of the fingertips so far (k, n, d) [m].
-        title: title of the scene.
-        notes: reasons for omitted parts.
+        dimensions: Number of dimensions, 2 or 3; a line is drawn in the plane.
+        on_a_line: Whether the scene is on a line.
+        time: Time of the instant [s].
+        extent: Size of the drawing without arrows and infinite surfaces [m].
+        middle: Centre of the drawing (d,) [m].
+        things: Objects and obstacles.
+        names: Names of the fingers.
+        tips: Positions of the fingertips (n, d) [m].
+        radii: Radii of ball fingertips, zero for points (n,) [m].
+        contacts: Points where forces act (n, d) [m].
+        forces: Forces on the object (n, d) [N].
+        parts: Internal and external parts of the forces (n, d) [N], zero for a free finger; None if not recorded.
+        touching: Mask of touching fingers (n,).
+        paths: Paths of the fingertips so far (k, n, d) [m].
+        title: Title of the scene.
+        notes: Reasons for omitted parts.
     """
 
     dimensions: int
@@ -166,12 +166,12 @@ def instant(recording: Recording, time: float | None = None, folder: Path | None
     """Read one instant of a recording.
 
     Args:
-        recording: recording with at least one tick.
-        time: time [s]; by default the time with most touching fingers and the largest sum of forces, or the end.
-        folder: folder of relative mesh paths; by default the scene's folder.
+        recording: Recording with at least one tick.
+        time: Time [s]; by default the time with most touching fingers and the largest sum of forces, or the end.
+        folder: Folder of relative mesh paths; by default the scene's folder.
 
     Raises:
-        InputError: the recording has no ticks, or the time is outside it.
+        InputError: If the recording has no ticks, or the time is outside it.
     """
     k = _tick(recording, time)
     d = max(recording.layout.dimensions, 2)

@@ -32,8 +32,8 @@ class Layer:
     """Pixels with the depth and the colour of the nearest surface.
 
     Args:
-        low, high: corners of the view, to the right and up (2,) [m].
-        pixels: number of pixels along the longer side.
+        low, high: Corners of the view, to the right and up (2,) [m].
+        pixels: Number of pixels along the longer side.
     """
 
     def __init__(self, low: FloatArray, high: FloatArray, pixels: int) -> None:
@@ -165,8 +165,8 @@ class Camera:
     """A viewer infinitely far away.
 
     Args:
-        azimuth: angle from x towards y [degrees].
-        elevation: angle above the plane of x and y [degrees].
+        azimuth: Angle from x towards y [degrees].
+        elevation: Angle above the plane of x and y [degrees].
     """
 
     azimuth: float
@@ -194,8 +194,8 @@ class Painter:
     """Collects solids, renders them and determines hidden points.
 
     Args:
-        camera: camera of the view.
-        extent: size of the picture [m].
+        camera: Camera of the view.
+        extent: Size of the picture [m].
     """
 
     camera: Camera
@@ -211,8 +211,8 @@ class Painter:
         """Add a surface with a colour and, on request, an outline of its creases and silhouette.
 
         Args:
-            both_sides: whether it is open and visible from behind.
-            hides: whether it hides lines; a fingertip does not, since it would hide its own arrow.
+            both_sides: Whether it is open and visible from behind.
+            hides: Whether it hides lines; a fingertip does not, since it would hide its own arrow.
         """
         self._solids.append((solid, colour, outline, both_sides, hides))
         self._layer = self._clear = self._all = None
@@ -249,7 +249,7 @@ class Painter:
         """Cut a line through points (k, 3) into pieces in view coordinates (j, 3), each with its visibility.
 
         Args:
-            before_all: whether solids that hide no lines hide this one.
+            before_all: Whether solids that hide no lines hide this one.
         """
         layer, clear = self._all if before_all and self._all else self._things()
         return self._cut(points, layer, clear, SHORTEST * self.extent)
@@ -349,9 +349,9 @@ def best_view(contacts: FloatArray, out: FloatArray, extent: float) -> tuple[flo
     """Find the view with most contacts on the near side and well separated; by default the usual corner.
 
     Args:
-        contacts: points to show (n, 3) [m].
-        out: outward directions of the object there (n, 3).
-        extent: size of the drawing [m].
+        contacts: Points to show (n, 3) [m].
+        out: Outward directions of the object there (n, 3).
+        extent: Size of the drawing [m].
 
     Returns:
         Azimuth and elevation [degrees].

@@ -43,10 +43,10 @@ class Arrow:
     """One force of one finger.
 
     Attributes:
-        finger: index of the finger.
-        tail, tip: ends of the arrow (d,) [m].
-        colour: colour of the part, or of the finger.
-        offset: lateral offset from the line of the force, positive to the left of its direction, in half shaft widths.
+        finger: Index of the finger.
+        tail, tip: Ends of the arrow (d,) [m].
+        colour: Colour of the part, or of the finger.
+        offset: Lateral offset from the line of the force, positive to the left of its direction, in half shaft widths.
     """
 
     finger: int
@@ -87,10 +87,10 @@ def arrows(now: Instant, scale: float, forces: Forces, flat: FloatArray) -> list
     Two arrows of one finger that would overlap in the view are placed side by side.
 
     Args:
-        now: instant to draw.
-        scale: length per force [m/N].
+        now: Instant to draw.
+        scale: Length per force [m/N].
         forces: "two" for internal and external, or "total".
-        flat: directions to the right and up in the view (2, d).
+        flat: Directions to the right and up in the view (2, d).
     """
     out = outward(now) - now.contacts
     placed: list[Arrow] = []
@@ -214,20 +214,20 @@ def picture(
     outside the object: an arrow ends at a pushing force and begins at a pulling one. Parts behind an object are dashed.
 
     Args:
-        recording: recording of a run.
-        path: path of the picture, whose suffix selects the format.
-        time: time [s]; by default the time with most touching fingers and the largest forces, or the end.
-        view: azimuth and elevation of the viewer in space [degrees]; by default the view that shows the fingers best.
-        folder: folder of relative mesh paths; the folder of the scene if None.
+        recording: Recording of a run.
+        path: Path of the picture, whose suffix selects the format.
+        time: Time [s]; by default the time with most touching fingers and the largest forces, or the end.
+        view: Azimuth and elevation of the viewer in space [degrees]; by default the view that shows the fingers best.
+        folder: Folder of relative mesh paths; the folder of the scene if None.
         forces: "two" for internal and external parts, or "total".
         width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
-        form: format "png", "svg" or "pdf", which overrides the suffix.
+        form: Format "png", "svg" or "pdf", which overrides the suffix.
 
     Returns:
         Sentences about omitted parts.
 
     Raises:
-        InputError: the recording has no ticks, the time is outside it, or the width or the suffix is unknown.
+        InputError: If the recording has no ticks, the time is outside it, or the width or the suffix is unknown.
     """
     style.require_form(form or Path(fspath(path)).suffix[1:].lower(), path)
     drawing, notes = portrait(recording, time, view=view, folder=folder, forces=forces, width=width)

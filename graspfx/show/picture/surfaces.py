@@ -28,8 +28,8 @@ class Surface:
     """Triangles in the shape's frame, or one polygon in the plane.
 
     Attributes:
-        vertices: vertices (v, 3) in space, or corners of the outline (v, 2) in the plane [m].
-        faces: triangles (f, 3), counter-clockwise seen from outside; empty in the plane.
+        vertices: Vertices (v, 3) in space, or corners of the outline (v, 2) in the plane [m].
+        faces: Triangles (f, 3), counter-clockwise seen from outside; empty in the plane.
     """
 
     vertices: FloatArray
@@ -62,13 +62,13 @@ def surface(shape: Mapping[str, Any], dimensions: int, extent: float, folder: Pa
     """Build the surface that a shape's table describes.
 
     Args:
-        shape: table with `kind` and its lengths, `mesh` with a file, or `vertices` and `faces`.
-        dimensions: number of dimensions d; a line is drawn in the plane.
-        extent: size of the drawn part of an infinite plane [m].
-        folder: folder of relative mesh paths.
+        shape: Table with `kind` and its lengths, `mesh` with a file, or `vertices` and `faces`.
+        dimensions: Number of dimensions d; a line is drawn in the plane.
+        extent: Size of the drawn part of an infinite plane [m].
+        folder: Folder of relative mesh paths.
 
     Raises:
-        InputError: the kind cannot be drawn, or the table is incomplete.
+        InputError: If the kind cannot be drawn, or the table is incomplete.
     """
     kind = shape.get("kind", "mesh" if "mesh" in shape or "vertices" in shape else None)
     if kind == "mesh" and dimensions == 3:
