@@ -21,9 +21,9 @@ SHAPES = ("object", "obstacle", "finger")  # tables that determine the picture
 
 
 class AnswerPage(RunLook):
-    """Page with buttons on 127.0.0.1. A context manager; watches runs.
+    """Page with buttons on 127.0.0.1: a context manager that draws the running scene.
 
-    The page shows the first run from its first row on, and each later run. The page is reloaded if the shapes differ.
+    The page shows the first run from its first row on, and each later run. It is reloaded if the objects differ.
 
     Args:
         title: Title of the experiment.
@@ -60,7 +60,7 @@ class AnswerPage(RunLook):
         self.server.tell(self._state())
 
     def attach(self, run: LiveRun) -> None:
-        """Start drawing a run. Its last picture stays after it is detached."""
+        """Start drawing a run. The last picture remains after the run is detached."""
         if self._draws:
             super().attach(run)
 

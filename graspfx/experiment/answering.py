@@ -50,7 +50,7 @@ class Answerer(Protocol):
         ...
 
     def has_answered(self) -> bool:
-        """Tell whether an answer has come."""
+        """Tell whether an answer has been given."""
         ...
 
     def answer(self, presentation: Presentation) -> Answer:
@@ -106,7 +106,7 @@ class Keys:
         self._keys = keys
 
     def has_answered(self) -> bool:
-        """Tell whether an answer has come."""
+        """Tell whether an answer has been given."""
         while self._answer is None and (press := self._next(0.0)) is not None:
             self._take(press)
         return self._answer is not None

@@ -123,7 +123,7 @@ class Experiment(Study):
         show = RealTime if real_time else Simulated
         presenter: Presenter = show(self.scene, self.duration)
         if presenter.has_hardware and ready is None:
-            raise InputError("ready", None, "a function that waits until a person acts", "forces come after it")
+            raise InputError("ready", None, "a function that returns when a person is ready", "forces follow it")
         place = SessionFiles(to_path("out", out, "the path of a folder"), participant, session, self.name, run)
         with unchanged(), ExitStack() as stack:
             trials = self.session(
@@ -190,7 +190,7 @@ def _require(experiment: Study, values: Mapping[str, Any]) -> None:
         for row in certificate.limits:
             if row.margin < 1.0 / SHARE:
                 why = f"{row.mode} margin {row.margin:.3f}, {1.0 / SHARE:.3f} needed; limit {row.limit:.4g} N/m"
-                raise InputError("stimulus", text, "values with room for hardware", why)
+                raise InputError("stimulus", text, "values with the margin that hardware needs", why)
 
 
 def _stimuli(plan: SessionPlan) -> Iterator[Mapping[str, Any]]:

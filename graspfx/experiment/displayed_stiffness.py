@@ -36,5 +36,5 @@ def displayed_stiffness(recording: Recording, share: Share) -> float:
     f, e = np.nan_to_num(force[felt]), np.nan_to_num(displacement[felt])
     size = float((e * e).sum())
     if not size > 0.0:
-        raise InputError("recording", recording.header.scene, f"one in which fingers displace the {share} coupling")
+        raise InputError("recording", recording.header.scene, f"one with displacements of the {share} coupling")
     return float((f * e).sum()) / size

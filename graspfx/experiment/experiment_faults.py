@@ -1,4 +1,4 @@
-"""Faults between fields of an experiment: names, answers, and values that the scene refuses."""
+"""Faults between fields of an experiment: names, answers, and values that the scene rejects."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def _design(table: ExperimentTable) -> Iterator[Finding]:
         for i, each in enumerate(getattr(table, kind)):
             with suppress(NotValid):
                 if each.name in names:
-                    yield (kind, i, "name"), f"{each.name!r} is taken; every {kind} needs a name of its own"
+                    yield (kind, i, "name"), f"{each.name!r} is used twice; give every {kind} a different name"
                 names.add(each.name)
     count = table.repetitions * max(len(table.condition), 1)
     for i, factor in enumerate(table.factor):
@@ -62,7 +62,7 @@ def _design(table: ExperimentTable) -> Iterator[Finding]:
                 yield ("factor", i), "expected either a key with its levels, or a table of levels by name"
             count *= max(len(factor.levels) + len(factor.level), 1)
     if count > MOST_TRIALS:
-        yield ("repetitions",), f"expected at most {MOST_TRIALS} trials; these are {count}"
+        yield ("repetitions",), f"expected at most {MOST_TRIALS} trials, given {count}"
 
 
 def _answers(table: ExperimentTable) -> Iterator[Finding]:
@@ -72,9 +72,9 @@ def _answers(table: ExperimentTable) -> Iterator[Finding]:
             if condition.answer and condition.answer not in options:
                 close = closest(condition.answer, options)
                 hint = f"; did you mean {close!r}?" if close else f" (known: {', '.join(options) or 'none'})"
-                yield ("condition", i, "answer"), f"no answer of the question {condition.answer!r}{hint}"
+                yield ("condition", i, "answer"), f"not an answer of the question: {condition.answer!r}{hint}"
             if condition.answer and condition.compare is not None:
-                yield ("condition", i, "answer"), "of two intervals the larger value is the right answer: leave it out"
+                yield ("condition", i, "answer"), "omit it: the correct answer is the interval with the larger value"
 
 
 def _comparisons(table: ExperimentTable) -> Iterator[Finding]:
@@ -86,13 +86,13 @@ def _comparisons(table: ExperimentTable) -> Iterator[Finding]:
                 if not condition.compare.increments:
                     adaptive.append(i)
     for i in adaptive if table.staircase is None else ():
-        yield ("condition", i, "compare"), "expected increments, or a [staircase] of the experiment that chooses them"
+        yield ("condition", i, "compare"), "expected increments, or a table [staircase] that chooses them"
     if table.staircase is not None and not adaptive:
-        yield ("staircase",), "no condition leaves its increments to a staircase"
+        yield ("staircase",), "expected a comparison without increments, which the staircase then chooses"
     if not compared:
         return
     if table.question is None:
-        yield ("question",), "required for two intervals that are compared, but not given"
+        yield ("question",), "required to compare two intervals, but not given"
         return
     answers = set(table.question.keys.values())
     if answers != {FIRST, SECOND}:
@@ -106,7 +106,7 @@ def _spans(table: ExperimentTable) -> Iterator[Finding]:
         with suppress(NotValid):
             span = getattr(table.staircase, name)
             if not span.least < span.most:
-                yield ("staircase", name, "most"), f"expected more than the least, {span.least:g}; given {span.most:g}"
+                yield ("staircase", name, "most"), f"expected more than `least`, {span.least:g}; given {span.most:g}"
 
 
 def _observer(table: ExperimentTable) -> Iterator[Finding]:
@@ -125,16 +125,16 @@ def _observer(table: ExperimentTable) -> Iterator[Finding]:
     for i, condition in enumerate(table.condition):
         compare = condition.compare
         if observer.kind != "guess" and compare is None:
-            yield ("observer", "kind"), f"expected 'guess', as condition {condition.name!r} compares nothing"
+            yield ("observer", "kind"), f"expected 'guess', because condition {condition.name!r} compares nothing"
         elif observer.kind == "physical" and compare is not None and compare.key not in SHARES:
-            text = f"the physical observer feels stiffness: expected {' or '.join(SHARES)}"
+            text = f"the physical observer perceives stiffness only: expected {' or '.join(SHARES)}"
             yield ("condition", i, "compare", "key"), text
 
 
 def _scene(table: ExperimentTable, source: Source) -> Iterator[Finding]:
     text = table.scene
     if plugins.is_file_name(text) and not source.is_trusted and not source.holds(text):
-        yield ("scene",), "lies outside of this file's folder: use it with --trust alone"
+        yield ("scene",), "is outside this file's folder; add --trust to use it"
         return
     try:
         plain = scene_of(table.model_copy(update={"set": {}}), source)
@@ -171,7 +171,7 @@ def _values(
     """Find the faults of values for the scene, each at its key."""
     for key, value in values.items():
         if _has_paths(value) and not source.is_trusted:
-            yield (*at, key), "names a file: an experiment does so with --trust alone"
+            yield (*at, key), "names a file; add --trust to use it"
             return
     if not values:
         return

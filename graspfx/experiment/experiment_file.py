@@ -1,4 +1,4 @@
-"""Loading of experiments from TOML files, with all faults reported at once."""
+"""Load experiments from TOML files, and report all faults at once."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def load(name: str | PathLike[str]) -> Experiment:
     elif text in names():
         path = names()[text]
     else:
-        raise UnknownNameError("experiment", text, names(), "give a file with its ending .toml")
+        raise UnknownNameError("experiment", text, names(), "or give the path of a file that ends in .toml")
     return read(file_text(path), plugins.shown_path(path), path)
 
 

@@ -60,7 +60,7 @@ class Question(Table):
     keys: Annotated[dict[str, str], BeforeValidator(_keys)] = Field(description="answers, by key of the keyboard")
     when: Literal["after", "during"] = Field(
         default="after",
-        description="time of answers: after the stimulus, or during it, when an answer ends it",
+        description="when to answer: after the stimulus, or during it (an answer then ends the stimulus)",
     )
 
 
@@ -127,7 +127,7 @@ class Observer(Table):
     """Simulated observer for `--simulate`."""
 
     kind: Literal["psychometric", "physical", "guess"] = Field(
-        description="how it answers: by a Weibull function, by recorded stiffness, or at random"
+        description="model of the answers: a Weibull function, the recorded stiffness, or chance"
     )
     threshold: Positive | dict[str, Positive] = Field(
         default=0.15, description="relative threshold, or one per condition"
@@ -140,7 +140,7 @@ class Observer(Table):
 
 
 class ExperimentTable(Table):
-    """Experiment file; checks each field on its own."""
+    """Tables of an experiment file; each field is checked individually."""
 
     name: Annotated[str, AfterValidator(label)] = Field(description="name of the task, letters and digits")
     title: str = ""

@@ -12,23 +12,23 @@ from graspfx.experiment.session_files import RowFile, SessionFiles, cell, place_
 from graspfx.live.lsl_outlet import MarkerStream
 
 EVENTS = {
-    "onset": {"Description": "since the session began", "Units": "s"},
-    "duration": {"Description": "none: an event is an instant", "Units": "s"},
-    "trial_number": {"Description": "of the trial"},
+    "onset": {"Description": "time since the start of the session", "Units": "s"},
+    "duration": {"Description": "not applicable: events are instants", "Units": "s"},
+    "trial_number": {"Description": "number of the trial"},
     "event": {
         "Description": "what happened",
         "Levels": {
             "trial": "the trial began",
             "stimulus": "first tick of an interval's run",
-            "end": "its forces had faded",
-            "question": "it could be answered",
-            "response": "it was answered",
+            "end": "the run's forces had faded",
+            "question": "the question could be answered",
+            "response": "the question was answered",
             "break": "a pause began",
-            "resume": "the session went on, in another process",
+            "resume": "the session was resumed, in another process",
         },
     },
-    "interval": {"Description": "of the trial, from 1"},
-    "value": {"Description": "condition, answer, or what the event is about"},
+    "interval": {"Description": "interval of the trial, from 1"},
+    "value": {"Description": "condition, answer, or another detail of the event"},
 }
 FILE = "events.tsv"  # beside a recording
 

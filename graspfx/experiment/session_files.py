@@ -108,7 +108,7 @@ class RowFile(Resource):
             raise RecordingError(f"{path}: {text}") from error
         try:
             if not lock(self._file):
-                raise RecordingError(f"{path}: another process writes there")
+                raise RecordingError(f"{path}: another process is writing to it")
             self.rows = self._read() if resume else []
             if not resume:
                 self._append("\t".join(columns))
@@ -128,7 +128,7 @@ class RowFile(Resource):
         if not head:  # killed before the first line
             self._append("\t".join(self.columns))
         elif head.split("\t") != self.columns:
-            raise RecordingError(f"{self.path}: has other columns than this experiment")
+            raise RecordingError(f"{self.path}: its columns differ from those of this experiment")
         return [dict(zip(self.columns, line.split("\t"), strict=False)) for line in lines]
 
     def write(self, row: dict[str, str]) -> None:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from graspfx.experiment.session_plan import SessionPlan
 
 PLACES = (FIRST, SECOND)  # folders of the two intervals
-FORCES = "hold the device; its forces come when you press Enter"
+FORCES = "hold the device; it exerts forces after you press Enter"
 
 
 @dataclass
@@ -60,8 +60,8 @@ class SessionOfTrials:
     def trials(self) -> Iterator[Row]:
         """Run the trials and yield their rows; each row is on the disk before it is yielded.
 
-        The session ends after the last trial, when it is stopped, or after a fault of hardware. Nothing arms the
-        hardware again.
+        The session ends after the last trial, when it is stopped, or after a fault of hardware. The hardware is
+        not armed again.
 
         Raises:
             InputError: If the hardware has failed.
@@ -86,7 +86,7 @@ class SessionOfTrials:
             if row.fault and self.presenter.has_hardware:
                 do = "check the device, then continue with --resume"
                 raise InputError(
-                    "trial", f"{trial.number}, which ended in a fault: {row.fault}", "hardware at work", do
+                    "trial", f"{trial.number}, which ended in a fault: {row.fault}", "hardware without a fault", do
                 )
 
     def _pause_before(self, trial: Trial) -> None:
@@ -110,7 +110,7 @@ class SessionOfTrials:
         for place in range(len(trial.intervals)):
             showings.append(self._show(trial, place, home, showings, during=during))
             if not showings[-1].is_whole and not showings[-1].fault:
-                raise Stopped(INTERRUPTION if self.stop() else "its run ended early, without a fault")
+                raise Stopped(INTERRUPTION if self.stop() else "a run ended early, without a fault")
             if showings[-1].fault:
                 break
         fault = next((each.fault for each in showings if each.fault), "")

@@ -74,8 +74,8 @@ def trial_order(
         row = rng.permutation(count).tolist()
     else:
         if not participant.isdecimal() or int(participant) < 1:
-            do = "a row of the Latin square goes with it"
-            raise InputError("--participant", participant, "a number from 1 on", do)
+            do = "it selects a row of the Latin square"
+            raise InputError("--participant", participant, "a positive number", do)
         square = williams_square(count)
         row = square[(int(participant) - 1) % len(square)].tolist()
     return [(condition, k) for condition in row for k in range(repetitions)]

@@ -1,6 +1,6 @@
 """Simulated observers: with a psychometric function, with noisy perception of the displayed stiffness, or guessing.
 
-They test an experiment, its staircase and its stimuli; they do not predict results of people.
+They test an experiment, its staircase and its stimuli; they do not predict people's results.
 """
 
 from __future__ import annotations

@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 
 COLUMNS: dict[str, dict[str, Any]] = {
     "trial_number": {"Description": "order of the trial in the session, from 1"},
-    "trial_type": {"Description": "what the trial counts for", "Levels": {"test": "counts", "practice": "does not"}},
+    "trial_type": {"Description": "whether the trial is evaluated", "Levels": {"test": "yes", "practice": "no"}},
     "condition": {"Description": "name of the condition"},
-    "repetition": {"Description": "of the condition, from 1; of practice trials among themselves"},
+    "repetition": {"Description": "repetition of the condition, from 1; practice trials are counted separately"},
     "reference": {"Description": "smaller value of a comparison, in units of its key"},
-    "increment": {"Description": "by which the larger value is larger, relative to the reference", "Units": "1"},
+    "increment": {"Description": "difference between the two values, relative to the reference", "Units": "1"},
     "larger": {"Description": "interval of the larger value", "Levels": {FIRST: "", SECOND: ""}},
     "response": {"Description": "answer of the participant"},
-    "correct": {"Description": "whether it is the right one", "Levels": {"true": "", "false": ""}},
-    "response_time": {"Description": "from when the question could be answered to the response", "Units": "s"},
-    "onset": {"Description": "first stimulus of the trial, since the session began", "Units": "s"},
-    "duration": {"Description": "from there to the response", "Units": "s"},
-    "fault": {"Description": "fault of a run in the trial, from which on its forces were zero"},
+    "correct": {"Description": "whether the response is correct", "Levels": {"true": "", "false": ""}},
+    "response_time": {"Description": "time from the question, once it can be answered, to the response", "Units": "s"},
+    "onset": {"Description": "time of the trial's first stimulus since the start of the session", "Units": "s"},
+    "duration": {"Description": "time from the onset to the response", "Units": "s"},
+    "fault": {"Description": "fault of a run in the trial, after which its forces were zero"},
     "path": {"Description": "folder of the trial's recordings, relative to this file"},
 }
 RESERVED = frozenset(COLUMNS)
@@ -95,7 +95,7 @@ def begin(experiment: Study, files: SessionFiles, mode: str) -> tuple[RowFile, f
     if files.table.exists():
         raise RecordingError(f"{files.table}: exists already; --resume continues it, --run N begins another")
     if files.table_description.exists():
-        why = "but not its table: a start was interrupted or is in progress, and there is no trial yet"
+        why = "but its table does not: a start was interrupted or is in progress, and there is no trial yet"
         do = "--resume continues it, --run N begins another; or remove this file"
         raise RecordingError(f"{files.table_description}: exists already, {why}; {do}")
     place_file(files.table_description, json.dumps(about, indent=2, allow_nan=False) + "\n")
@@ -227,7 +227,7 @@ def require_same(about: Mapping[str, Any], experiment: Study, files: SessionFile
         raise RecordingError(f"{files.table_description}: {text}: {'; '.join(lines[:MOST])}{more}; {do}")
     if not is_whole and own[FILES]:
         names = ", ".join(own[FILES])
-        text = f"begun by an older GraspFX, without digests of files; check that these are unchanged: {names}"
+        text = f"begun with an older GraspFX, without digests of files; check that these files are unchanged: {names}"
         log.warn(f"{files.table_description}: {text}", SessionWarning)
 
 

@@ -186,10 +186,10 @@ class StreamGate(Gate):
     ) -> None:  # fmt: skip
         super().__init__(names, port, locked=True, clock=clock)
         if token is not None and (len(token) < SHORTEST or TOKEN_FORM.fullmatch(token) is None):
-            raise InputError("token", "*" * len(token), f"{SHORTEST} letters, digits, '_' and '-', or more")
+            raise InputError("token", "*" * len(token), f"at least {SHORTEST} letters, digits, '_' or '-'")
         for origin in origins:
             if ORIGIN.fullmatch(origin) is None:
-                raise InputError("origin", origin, "the address of a page without its path, as http://localhost:5000")
+                raise InputError("origin", origin, "a page's address without the path, such as http://localhost:5000")
         self.token = secrets.token_urlsafe(24) if token is None else token
         self.origins = frozenset(origins)
 
@@ -207,4 +207,4 @@ class StreamGate(Gate):
             return Admission(HTTPStatus.FORBIDDEN, reason)
         if is_same(token_in(target), self.token):
             return Admission(HTTPStatus.OK)
-        return self._refused(peer, "the address must end in ?token= and the token in the terminal")
+        return self._refused(peer, "the address must end in ?token= followed by the token in the terminal")

@@ -46,9 +46,9 @@ def listen_at(host: str, port: int | None, first: int, name: str = "port") -> so
             if port is None and error.errno in (errno.EADDRINUSE, errno.EACCES):
                 continue
             reason = "it is in use" if error.errno == errno.EADDRINUSE else str(error.strerror)
-            raise InputError(name, number, "a port that is free", reason) from error
+            raise InputError(name, number, "a free port", reason) from error
         return line
-    raise InputError(name, f"{first} to {first + MOST - 1}", "a port that is free", "all are in use")
+    raise InputError(name, f"{first} to {first + MOST - 1}", "a free port", "all are in use")
 
 
 def single(headers: Any) -> Mapping[str, str] | None:

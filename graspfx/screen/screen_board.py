@@ -28,7 +28,7 @@ class Touches(NamedTuple):
     """Fingers on the screen.
 
     Attributes:
-        time: Time of the server's last write, of `time.monotonic` [s].
+        time: Time of the server's last write, on the clock of `time.monotonic` [s].
         counts: Orders taken, dropped and lost, number of the last order, number of screens (5,).
         fingers: Whether each finger is touched, x and y [m], and the count of touches (k, 4).
     """

@@ -83,7 +83,7 @@ class _Screen:
         head[:6] = time.monotonic(), counts["taken"], dropped, counts["lost"], self.server.last, self.server.clients
 
     def serve(self) -> None:
-        """Send pictures and signs of life until stdin ends."""
+        """Send pictures and heartbeats until stdin ends."""
         try:
             while not select.select([sys.stdin], [], [], PICTURES)[0] or os.read(0, 1):
                 with self._lock, self.board.writing() as (head, _):

@@ -89,7 +89,7 @@ class TouchScreen:
         self.address, self._last = line.removeprefix("yes "), None
 
     def touches(self) -> Touches:
-        """Read the touches; there are none while the server gives no sign of life.
+        """Read the touches; there are none while the server sends no heartbeat.
 
         Raises:
             DeviceError: If the process of the page has ended.

@@ -53,7 +53,7 @@ NO_UNIT = ("coupling.friction",)  # these keys have no unit, although other keys
 
 
 def label_of(key: str) -> str:
-    """Return a key's label with its unit; omit what does not exist."""
+    """Return a key's label with its unit; omit missing parts."""
     unit = unit_of(key)
     return f"{NAMES.get(key, key)} [{unit}]" if unit else NAMES.get(key, key)
 

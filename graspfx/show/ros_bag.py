@@ -151,7 +151,7 @@ def _write(
     times = stamps(recording).tolist()
     every = list(topics(recording))
     if not times:
-        raise RecordingError("recording: has no rows for a bag")
+        raise RecordingError("the recording has no rows to write to a bag")
     connections = [writer.add_connection(each.name, each.kind, typestore=store) for each in every]
     make = _maker(store, with_number=with_number)
     rows: list[Any] = [

@@ -209,7 +209,7 @@ def sheet(
 
     Raises:
         InputError: If there are no recordings, a recording has no ticks, the number of titles or labels differs, or the
-            width is unknown; in brief, recordings of earlier formats, which do not say how forces divide.
+            width is unknown; or, in brief, a recording has an earlier format without internal and external forces.
     """
     for each in recordings:
         if not isinstance(each, Recording):
@@ -218,12 +218,12 @@ def sheet(
         raise InputError("recordings", len(recordings), "one or more recordings with at least one tick each")
     for name, texts in (("titles", titles), ("labels", labels)):
         if texts is not None and len(texts) != len(recordings):
-            raise InputError(name, len(texts), f"as many as recordings, {len(recordings)}")
+            raise InputError(name, len(texts), f"one per recording, {len(recordings)} in all")
     recordings = [thinned(each) for each in recordings]
     columns = views(recordings)
     rows_ = brief_rows(columns) if brief else rows(columns, finger_strokes([view.names for view in columns]))
     if not rows_:
-        raise InputError("brief", True, "recordings that say how deep fingers stand, or how their forces divide")
+        raise InputError("brief", True, "recordings with penetration depths, or internal and external forces")
     with style.look(width):
         drawing = style.figure([row.height for row in rows_], len(columns), width=width)
         names: list[str] = []

@@ -281,7 +281,7 @@ def _lost(recording: Recording) -> Iterator[str]:
         remarks = ["slides out of the fingers"] if slid else []
         remarks += [f"falls by {_length(fell)}"] if fell > FELL else []
         if remarks:
-            yield f"{name} {' and '.join(remarks)}: none touches it after {recording.time[last]:.4g} s"
+            yield f"{name} {' and '.join(remarks)}: no finger touches it after {recording.time[last]:.4g} s"
 
 
 def _chatter(recording: Recording) -> Iterator[str]:

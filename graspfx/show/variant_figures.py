@@ -142,7 +142,7 @@ def _maps(
     slices: int,
     margins: Margins | None,
 ) -> Sheet:
-    """Draw one map, or one for each of some values of a third key: side by side, or in a journal's column stacked.
+    """Draw one map, or one for each of some values of a third key: side by side, or stacked in a journal's column.
 
     Further keys have the middle value of their lists.
     """

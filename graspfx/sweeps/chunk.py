@@ -99,11 +99,11 @@ def take_order(content: bytes) -> tuple[SceneOrder, Scene]:
 
     order: SceneOrder = pickle.loads(content)
     if order.version != __version__:
-        raise SweepError(f"a worker has GraspFX {__version__}, the sweep {order.version}: install the same one")
+        raise SweepError(f"a worker has GraspFX {__version__}, the sweep {order.version}: install one version")
     for package, version in order.engines.items():
         if version_of(package) != version:
             have = f"{package} {version_of(package)}"
-            raise SweepError(f"a worker has {have}, the sweep {version}: install the same one on all machines")
+            raise SweepError(f"a worker has {have}, but the sweep has {version}: install the same on all machines")
     for name, digest in order.files.items():
         own = digest_of(name)
         if own != digest:

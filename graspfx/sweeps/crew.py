@@ -42,7 +42,7 @@ TRIES = 2  # attempts of a single chunk before it is taken to kill workers
 KILLS = "the process that ran it was killed or crashed in every attempt"
 BORN_DEAD = (
     "worker processes die before they begin: a script that sweeps in processes must do so below "
-    '`if __name__ == "__main__":`, because each of them runs the script again'
+    '`if __name__ == "__main__":`, because each process runs the script again'
 )
 SCHEMES = ("tcp://", "tls://", "ucx://", "inproc://")
 

@@ -94,7 +94,7 @@ def sweep(
         sample: "lhs:N" for N variants of a Latin hypercube: ranges are sampled continuously, list values equally often.
         seed: Seed of the sample, which is recorded.
         chunk: Number of variants per chunk; by default as many as take a second or two. A resumed sweep keeps its
-            number.
+            number of variants.
 
     Raises:
         SweepError: If `out` has another sweep, another process is running it, or workers have other files.

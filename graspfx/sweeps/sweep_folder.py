@@ -75,7 +75,7 @@ class SweepFolder:
             dimensions: Names of the axes of each array of the result, except that of variants.
 
         Raises:
-            RecordingError: If the disk does not take it.
+            RecordingError: If the disk cannot be written.
         """
         variables: dict[str, Any] = {
             name: (("variant", *dimensions[name]), values, {}) for name, values in result.arrays.items()
@@ -139,7 +139,7 @@ class SweepFolder:
         """Write the file of all results.
 
         Raises:
-            RecordingError: If the disk does not take it.
+            RecordingError: If the disk cannot be written.
         """
         write_whole(self.final, netcdf(labels))
 
@@ -152,7 +152,7 @@ def write_whole(place: Path, content: bytes) -> None:
     """Write a file atomically: write a temporary file, flush it to disk, and rename it.
 
     Raises:
-        RecordingError: If the disk does not take it.
+        RecordingError: If the disk cannot be written.
     """
     draft = place.with_name(f".{place.name}{DRAFT}")
     try:

@@ -123,7 +123,7 @@ class SweepResult(Batch):
             Full name of the measure, and the numbers; NaN for missing ones.
 
         Raises:
-            UnknownNameError: If it was not measured.
+            UnknownNameError: If the measure does not exist.
         """
         quantity, statistic = self.measure_of(measure)
         values = self[quantity][statistic].reshape(*self.shape, -1)
@@ -135,7 +135,7 @@ class SweepResult(Batch):
         """Split the name of a measure into quantity and statistic.
 
         Raises:
-            UnknownNameError: If it was not measured.
+            UnknownNameError: If the measure does not exist.
         """
         names = [f"{quantity}.{name}" for quantity, by_name in self.measures.items() for name in by_name]
         if not measure:
@@ -181,7 +181,7 @@ class SweepResult(Batch):
     def to_frame(self) -> pandas.DataFrame:
         """Convert to a pandas DataFrame with one row per variant, and one column per key and component.
 
-        Names of components are such as `finger_force.rms.thumb.x`.
+        Components have names such as `finger_force.rms.thumb.x`.
 
         Raises:
             MissingPackageError: If pandas is not installed: `pip install 'graspfx[data]'`.

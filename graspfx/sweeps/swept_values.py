@@ -68,10 +68,10 @@ def read_over(text: str) -> tuple[str, Range | list[Any]]:
 
 
 def read_values(text: str, argument: str) -> Range | list[Any]:
-    """Parse a range, or comma-separated values, each TOML or else a text.
+    """Parse a range, or comma-separated values, each as TOML or else as text.
 
     Raises:
-        InputError: If neither.
+        InputError: If the text is neither a range nor a list of values.
     """
     span = _range(text, argument)
     if span is not None:
@@ -93,7 +93,7 @@ def as_values(key: str, values: Any) -> Range | Values:
     """Convert a key's values from a list, an array, a range, or the text of one.
 
     Raises:
-        InputError: If neither.
+        InputError: If the values have another form.
     """
     if isinstance(values, str):
         return read_values(values, f"values[{key!r}]")

@@ -176,8 +176,8 @@ def _check_features(device: Device, promises: Promises) -> Features:
     with promises("features are reported before `open`, and unknown ones are None, never zero") as promise:
         features = device.features
         k, d = features.fingers, features.dimensions
-        promise.holds(_whole(k) and k >= 1, f"fingers = {k!r}, which is no count of channels")
-        promise.holds(_whole(d) and 1 <= d <= 3, f"dimensions = {d!r}, which is not 1, 2 or 3")
+        promise.holds(_whole(k) and k >= 1, f"fingers = {k!r}, expected a positive integer")
+        promise.holds(_whole(d) and 1 <= d <= 3, f"dimensions = {d!r}, expected 1, 2 or 3")
         for name in ("continuous_force", "peak_force", "stiffness", "mass", "resolution", "watchdog", "rate"):
             value = getattr(features, name)
             nothing = name == "continuous_force" and value == 0.0 and features.peak_force is None
@@ -188,7 +188,7 @@ def _check_features(device: Device, promises: Promises) -> Features:
             promise.holds(value is None or (math.isfinite(value) and value >= 0.0), f"{name} = {value!r}")
         delay = features.delay
         promise.holds(
-            delay is None or (_whole(delay) and delay >= 0), f"delay = {delay!r}, which is no count of samples"
+            delay is None or (_whole(delay) and delay >= 0), f"delay = {delay!r}, expected a number of samples or None"
         )
         if features.continuous_force is not None and features.peak_force is not None:
             finding = f"continuous_force {features.continuous_force} N above peak_force {features.peak_force} N"
@@ -197,7 +197,7 @@ def _check_features(device: Device, promises: Promises) -> Features:
             lower, upper = (np.asarray(corner, dtype=float) for corner in features.workspace)
             promise.holds(
                 lower.shape == upper.shape == (d,) and np.isfinite((lower, upper)).all() and (lower < upper).all(),
-                f"workspace = {features.workspace!r}, which is no pair of a lower and a higher corner ({d},)",
+                f"workspace = {features.workspace!r}, expected a lower and a higher corner ({d},)",
             )
     return features
 
@@ -210,11 +210,11 @@ def _check_one(device: Device, promises: Promises, period: float, force: float, 
     bench = _Bench(device, promises, period, start)
     if bench.features.peak_force is not None:
         force = min(force, 0.5 * bench.features.peak_force)
-    with bench.promises("`with device` gives the device itself") as promise:
+    with bench.promises("`with device` returns the device itself") as promise:
         promise.holds(device.__enter__() is device, "another object")
     same = False
     try:
-        with bench.promises("`open(period)` makes it ready"):
+        with bench.promises("`open(period)` makes the device ready"):
             device.open(period)
         _check_reading(bench)
         _check_ticks(bench)
@@ -233,17 +233,17 @@ def _check_one(device: Device, promises: Promises, period: float, force: float, 
 
 
 def _check_reading(bench: _Bench) -> None:
-    with bench.promises("`read` gives positions and velocities (fingers, dimensions), finite, and a time") as promise:
+    with bench.promises("`read` returns finite positions and velocities (fingers, dimensions), and a time") as promise:
         reading: Any = bench.device.read()
-        promise.holds(isinstance(reading, tuple) and len(reading) == 3, f"{reading!r}, which are no three things")
+        promise.holds(isinstance(reading, tuple) and len(reading) == 3, f"{reading!r}, expected a tuple of three")
         for name, value in zip(("positions", "velocities"), reading[:2], strict=True):
-            promise.holds(isinstance(value, np.ndarray), f"{name} in a {type(value).__name__}, not in an array")
-            promise.holds(value.shape == bench.shape, f"{name} of shape {value.shape}, not {bench.shape}")
-            promise.holds(value.dtype == np.float64, f"{name} of type {value.dtype}, not float64")
+            promise.holds(isinstance(value, np.ndarray), f"{name} of type {type(value).__name__}, expected an array")
+            promise.holds(value.shape == bench.shape, f"{name} of shape {value.shape}, expected {bench.shape}")
+            promise.holds(value.dtype == np.float64, f"{name} of type {value.dtype}, expected float64")
             promise.holds(np.isfinite(value).all(), f"{name} that are not finite")
         time: Any = reading[2]
         promise.holds(isinstance(time, float) and math.isfinite(time), f"the time {time!r}")
-    with bench.promises("positions and velocities are arrays of the device's own") as promise:
+    with bench.promises("positions and velocities are the device's own arrays") as promise:
         promise.holds(not np.shares_memory(reading[0], reading[1]), "one array for both")
         if bench.plant is not None:
             true = bench.plant.position, bench.plant.velocity
@@ -251,14 +251,14 @@ def _check_reading(bench: _Bench) -> None:
             promise.holds(not shared, "the plant's true motion, which a caller could write to")
 
     if isinstance(bench.device, LimitedDevice):
-        with Promise("`largest_force` is a force above zero for each finger, where it was read last") as promise:
+        with Promise("`largest_force` is a positive force for each finger at its last reading") as promise:
             largest = np.asarray(bench.device.largest_force, dtype=float)
             promise.holds(largest.shape == bench.shape[:1], f"of shape {largest.shape}, not {bench.shape[:1]}")
             promise.holds((largest > 0.0).all(), f"{largest.tolist()} N")
 
 
 def _check_ticks(bench: _Bench) -> None:
-    with bench.promises("`read` and `write` once a period; time does not run back") as promise:
+    with bench.promises("`read` and `write` work once per period, and the time never decreases") as promise:
         last = -math.inf
         for _ in range(TICKS):
             bench.tick(np.zeros(bench.shape))
@@ -267,7 +267,7 @@ def _check_ticks(bench: _Bench) -> None:
             promise.holds(time >= last, f"the time {time} s after {last} s")
             last = time
     if bench.plant is not None:
-        with bench.promises("the time of a simulated device is the count of ticks times the period") as promise:
+        with bench.promises("the time of a simulated device is the number of ticks times the period") as promise:
             bench.plant.place(bench.start)
             for k in range(TICKS):
                 time = bench.device.read()[2]
@@ -277,13 +277,13 @@ def _check_ticks(bench: _Bench) -> None:
 
 def _check_efforts(bench: _Bench, force: float) -> None:
     k, limit = bench.features.fingers, bench.features.peak_force
-    with bench.promises("zero force gives no effort, and a force gives one") as promise:
-        promise.holds(not bench.hold(np.zeros(bench.shape)).any(), "an effort with zero force written")
+    with bench.promises("zero force causes no effort, and a force causes one") as promise:
+        promise.holds(not bench.hold(np.zeros(bench.shape)).any(), "an effort without force")
         effort = bench.hold(bench.push(force))
-        promise.holds(effort.shape == bench.shape, f"efforts of shape {effort.shape}, not {bench.shape}")
-        promise.holds(effort.any(axis=1).all(), f"no effort on a finger that is given {force} N")
+        promise.holds(effort.shape == bench.shape, f"efforts of shape {effort.shape}, expected {bench.shape}")
+        promise.holds(effort.any(axis=1).all(), f"no effort on a finger with {force} N")
         bench.newtons = np.allclose(effort, bench.push(force), rtol=ROUNDING, atol=0.0)
-    with bench.promises("each finger gets its own force, also when the forces add up to zero") as promise:
+    with bench.promises("each finger receives its own force, even if the forces sum to zero") as promise:
         for i in range(k):
             effort = bench.hold(bench.push(force, i))
             others = np.delete(effort, i, axis=0)
@@ -295,13 +295,13 @@ def _check_efforts(bench: _Bench, force: float) -> None:
             effort = bench.hold(squeeze)
             promise.holds(effort[0].any() and effort[1].any(), "no effort for a symmetric squeeze")
     if limit is not None:
-        with bench.promises("the force limit is applied here, last") as promise:
+        with bench.promises("the device applies the force limit last") as promise:
             effort, more = bench.hold(bench.push(10.0 * limit)), bench.hold(bench.push(100.0 * limit))
             finding = f"efforts {effort.tolist()} at ten times the peak force and {more.tolist()} at a hundred times"
             promise.holds(np.allclose(effort, more, rtol=ROUNDING, atol=0.0), finding)
             norm = float(np.linalg.norm(effort, axis=1).max())
             promise.holds(
-                not bench.newtons or norm <= limit * (1.0 + ROUNDING), f"{norm} N, and the limit is {limit} N"
+                not bench.newtons or norm <= limit * (1.0 + ROUNDING), f"{norm} N, above the limit of {limit} N"
             )
     bench.device.stop()
 
@@ -319,7 +319,7 @@ def _check_motion(bench: _Bench, force: float) -> None:
     with bench.promises("positions are read to the reported resolution") as promise:
         error = float(np.abs(bench.device.read()[0] - plant.position).max())
         promise.holds(error <= 2.0 * (bench.features.resolution or 0.0) + ROUNDING, f"{error} m off")
-    with bench.promises("with no force and no hand it stands still") as promise:
+    with bench.promises("without force or hand, the device stays at rest") as promise:
         _run(bench, TICKS, np.zeros(bench.shape))
         away = float(np.abs(plant.position - bench.start).max())
         promise.holds(away <= ROUNDING, f"it moved by {away} m")
@@ -329,14 +329,14 @@ def _check_motion(bench: _Bench, force: float) -> None:
             motion = plant.position - bench.start
             promise.holds(motion[i, 0] > 0.0, f"finger {i} moved by {motion[i, 0]} m under {force} N")
             away = float(np.abs(np.delete(motion, i, axis=0)).max(initial=0.0))
-            promise.holds(away <= ROUNDING, f"others than finger {i} moved, by {away} m")
+            promise.holds(away <= ROUNDING, f"fingers other than {i} moved by {away} m")
     with bench.promises("a hand pulls the fingertips to their intended positions") as promise:
         _run(bench, round(1.0 / bench.period), np.zeros(bench.shape), bench.hand(50.0, 5.0, PULL))
         left = float(np.abs(plant.position - bench.start - PULL).max())
         promise.holds(left < 0.5 * PULL, f"{left} m of {PULL} m are left after a second with 50 N/m and 5 N s/m")
-    with bench.promises("two runs are the same to the bit") as promise:
+    with bench.promises("two runs are identical, bit for bit") as promise:
         runs = [_run(bench, TICKS, bench.push(force), bench.hand(50.0, 1.0, PULL)) for _ in range(2)]
-        promise.holds(np.array_equal(runs[0], runs[1]), "another motion in the second run")
+        promise.holds(np.array_equal(runs[0], runs[1]), "the second run moves differently")
 
 
 def _run(bench: _Bench, ticks: int, forces: FloatArray, hand: Hand | None = None) -> FloatArray:
@@ -355,14 +355,14 @@ def _run(bench: _Bench, ticks: int, forces: FloatArray, hand: Hand | None = None
 
 def _check_not_finite(bench: _Bench, force: float) -> None:
     promise_ = "is displayed as zero and raises" if bench.plant is not None else "raises"
-    with bench.promises(f"a force that is not finite {promise_} DeviceError") as promise:
+    with bench.promises(f"a non-finite force {promise_} DeviceError") as promise:
         for bad in (math.nan, math.inf, -math.inf):
             for i in range(bench.features.fingers):
                 _refused(bench.device, bench.push(force))  # a force to be kept, if no fault keeps the device stopped
                 forces = bench.push(force)
                 forces[i, -1] = bad
                 for _ in range((bench.features.delay or 0) + 1):
-                    promise.holds(_refused(bench.device, forces), f"{bad} on finger {i} was taken")
+                    promise.holds(_refused(bench.device, forces), f"{bad} on finger {i} was accepted")
                 if bench.plant is not None:
                     promise.holds(not bench.effort[i].any(), f"the effort {bench.effort[i].tolist()} after {bad}")
                 bench.device.stop()
@@ -377,7 +377,7 @@ def _refused(device: Device, forces: FloatArray) -> bool:
 
 
 def _check_stop(bench: _Bench, force: float) -> None:
-    promise_ = "is zero force, now, and may be" if bench.plant is not None else "returns, also when it is"
+    promise_ = "sets zero force at once, even when" if bench.plant is not None else "returns, even when"
     with bench.promises(f"`stop` {promise_} called again") as promise:
         bench.device.write(bench.push(force))
         for _ in range(2):
@@ -386,33 +386,33 @@ def _check_stop(bench: _Bench, force: float) -> None:
 
 
 def _check_close(bench: _Bench) -> None:
-    promise_ = "leaves no force, and returns when" if bench.plant is not None else "returns, also when"
-    with bench.promises(f"`close` {promise_} it is called again") as promise:
+    promise_ = "removes the force, and returns even when" if bench.plant is not None else "returns, even when"
+    with bench.promises(f"`close` {promise_} called again") as promise:
         bench.device.close()
         promise.holds(bench.plant is None or not bench.effort.any(), "an effort after it")
         bench.device.close()
-    with bench.promises("leaving `with device` lets errors pass") as promise:
+    with bench.promises("the end of `with device` propagates exceptions") as promise:
         error = DeviceError("an error inside `with`")
         promise.holds(not bench.device.__exit__(DeviceError, error, None), "the error was swallowed")  # type: ignore[func-returns-value]
 
 
 def _check_two(a: Device, b: Device, promises: Promises, period: float, force: float, start: ArrayLike | None) -> None:
     simulated = isinstance(a, SimulatedDevice)
-    promise_ = "do not know each other" if simulated else "share no arrays, and one reads when the other is closed"
+    promise_ = "are independent" if simulated else "share no arrays, and one still reads after the other is closed"
     with promises(f"two devices of a kind in one process {promise_}") as promise:
-        promise.holds(a is not b, "the factory gave one device twice")
+        promise.holds(a is not b, "the factory returned the same device twice")
         one, two = _Bench(a, promises, period, start), _Bench(b, promises, period, start)
         try:
             a.open(period)
             b.open(period)
             arrays = a.read()[:2], b.read()[:2]
             shared = any(np.shares_memory(x, y) for x in arrays[0] for y in arrays[1])
-            promise.holds(not shared, "arrays that both of them read into")
+            promise.holds(not shared, "both read into the same arrays")
             if one.plant is not None and two.plant is not None:
                 _check_two_moving(promise, one, two, force)
             a.close()
             two.tick(np.zeros(two.shape))
-            promise.holds(np.isfinite(b.read()[0]).all(), "nothing to be read from one after the other was closed")
+            promise.holds(np.isfinite(b.read()[0]).all(), "one has no reading after the other was closed")
         finally:
             a.close()
             b.close()
@@ -421,7 +421,9 @@ def _check_two(a: Device, b: Device, promises: Promises, period: float, force: f
 def _check_two_moving(promise: Promise, one: _Bench, two: _Bench, force: float) -> None:
     if one.features.peak_force is not None:
         force = min(force, 0.5 * one.features.peak_force)
-    promise.holds(one.hold(one.push(force)).any() and not two.effort.any(), "a force on one is an effort of the other")
+    promise.holds(
+        one.hold(one.push(force)).any() and not two.effort.any(), "a force on one causes an effort of the other"
+    )
     _run(one, TICKS, one.push(force))
     away = float(np.abs(cast("Plant", two.plant).position - two.start).max())
     promise.holds(away <= ROUNDING, f"a force on one moved the other by {away} m")

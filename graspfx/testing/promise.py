@@ -102,25 +102,25 @@ class DeviceReport:
 
 
 # Promises of hardware that are not visible; on a wire they are visible.
-ZERO = "`stop` and `close` are zero force"
-NOT_FINITE = "a force that is not finite is displayed as zero"
-LIMIT = "the force limit is applied, last"
+ZERO = "`stop` and `close` set zero force"
+NOT_FINITE = "a non-finite force is displayed as zero"
+LIMIT = "the force limit is applied last"
 NEWTONS = "a force reaches its own finger, in its direction, in newtons"
-METRES = "positions are in metres, velocities in metres a second, each of its own finger and axis"
+METRES = "positions are in metres, velocities in metres per second, each for its own finger and axis"
 SECONDS = "the time is that of the reading, in seconds"
-ALONE = "the device loses its force without further writes"
+ALONE = "the device's force ends without further writes"
 
 HARDWARE = (
     BlindSpot(ZERO, "the kit does not see the wire, only that the calls return"),
-    BlindSpot(NOT_FINITE, "it sees that DeviceError is raised, not what is displayed"),
-    BlindSpot(LIMIT, "it writes small forces only, and does not see what is displayed"),
-    BlindSpot(NEWTONS, "it does not see what the actuators do"),
+    BlindSpot(NOT_FINITE, "the kit sees that DeviceError is raised, not what is displayed"),
+    BlindSpot(LIMIT, "the kit writes small forces only, and does not see what is displayed"),
+    BlindSpot(NEWTONS, "the kit does not see what the actuators do"),
     BlindSpot(
         METRES,
-        "it sees their shape and that they are finite: millimetres pass",
+        "the kit checks only their shape and that they are finite: millimetres pass",
     ),
-    BlindSpot(SECONDS, "it sees that it does not decrease"),
-    BlindSpot(ALONE, "it cannot let the program die"),
+    BlindSpot(SECONDS, "the kit checks only that it does not decrease"),
+    BlindSpot(ALONE, "the kit cannot kill the program"),
 )
 """Promises that are not visible in a device without a plant."""
 
@@ -134,22 +134,22 @@ PERSON = (
 FORCELESS = HARDWARE[4:6]
 """Promises that are not visible in hardware without force feedback."""
 
-SIMULATED = (BlindSpot("velocities are the rate of the positions", "it sees that they are finite"),)
+SIMULATED = (BlindSpot("velocities are the derivatives of the positions", "the kit checks only that they are finite"),)
 """Promises that are not visible in a simulated device, moved by its plant."""
 
 NO_LIMIT = BlindSpot("a force limit", "`features.peak_force` is None, so no limit was tested")
 NOT_NEWTONS = BlindSpot(
     "forces, and their limit, in newtons",
-    "efforts are in other units: it sees their fingers, and that they are bounded",
+    "efforts have other units: the kit checks only their fingers and that they are bounded",
 )
 ONE_DEVICE = BlindSpot(
     "two devices of a kind are independent", "one device was given: pass a function that creates one"
 )
 ALWAYS = (
-    BlindSpot("`read` and `write` neither wait nor allocate more than they must", "no time is measured"),
+    BlindSpot("`read` and `write` neither wait nor allocate more than necessary", "no time is measured"),
     BlindSpot(
         "mass, friction, stiffness, damping and delay are those that `features` reports",
-        "it sees that the numbers are plausible",
+        "the kit checks only that the numbers are plausible",
     ),
 )
 """Promises that are not visible in any device."""

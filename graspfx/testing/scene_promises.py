@@ -73,20 +73,20 @@ def check_scene(
     Returns:
         Recording of the scene.
     """
-    with _promise("it loads, and has a plan"):
+    with _promise("the scene loads and has a plan"):
         from graspfx.certificate.plan import plan
 
         scene_ = _scene(scene)
         list(plan(scene_))
-    with _promise("it runs without a fault"):
+    with _promise("the scene runs without a fault"):
         from graspfx.assembly.run_scene import run
 
         recording = run(scene_, duration=duration)
     _check_recording(scene_, recording)
     _check_wrench(scene_, recording)
-    with _promise("two runs are the same to the bit") as promise:
+    with _promise("two runs are identical, bit for bit") as promise:
         again = run(scene_, duration=duration)
-        promise.holds(np.array_equal(recording.rows, again.rows), "other rows in the second run")
+        promise.holds(np.array_equal(recording.rows, again.rows), "the second run has different rows")
     _check_together(scene_, recording)
     if energy is not None:
         _check_energy(scene_, recording, energy)
@@ -114,22 +114,22 @@ def _scene(source: Scene | str | PathLike[str] | Callable[[], Scene]) -> Scene:
 
 
 def _check_recording(scene: Scene, recording: Recording) -> None:
-    with _promise("nothing goes wrong in a run") as promise:
+    with _promise("a run is complete and has no faults") as promise:
         promise.holds(not recording.faults, f"{', '.join(map(str, recording.faults))}")
-        promise.holds(recording.outcome.complete, "a run that broke off")
-    with _promise("everything that is recorded is finite") as promise:
+        promise.holds(recording.outcome.complete, "an incomplete run")
+    with _promise("all recorded values are finite") as promise:
         for name in recording.layout.columns:
             good = np.isfinite(recording.array(name)).reshape(len(recording), -1).all(axis=1)
-            promise.holds(good.all(), f"{name} is not from tick {int(np.argmin(good))} on")
-    with _promise("its devices are simulated: another run is the same run") as promise:
+            promise.holds(good.all(), f"{name} is not finite at tick {int(np.argmin(good))}")
+    with _promise("all devices are simulated, so that a run can be repeated") as promise:
         promise.holds(recording.true_position is not None, "a device without a plant")
-    with _promise("energy at a device is its force, minus that on the object, times its fingertip's way") as promise:
+    with _promise("a device's energy is minus the force on the object, times the fingertip's displacement") as promise:
         true = cast("FloatArray", recording.true_position)
         work = -(recording.finger_force[:-1] * np.diff(true, axis=0)).sum(axis=2)
         change = np.diff(recording.device_energy, axis=0)
         scale = np.abs(work).sum() + np.abs(recording.device_energy).max(initial=0.0)
         off = float(np.abs(change - work).max(initial=0.0))
-        promise.holds(off <= ROUNDING * max(scale, np.finfo(float).tiny), f"{off} J of difference in a sample")
+        promise.holds(off <= ROUNDING * max(scale, np.finfo(float).tiny), f"a difference of {off} J in a sample")
 
 
 def _check_wrench(scene: Scene, recording: Recording) -> None:
@@ -147,7 +147,7 @@ def _check_wrench(scene: Scene, recording: Recording) -> None:
             total = f.sum(axis=1)
             scale = np.abs(f).sum()
             off = float(np.abs(motion.wrench[:, :d] - total).max(initial=0.0))
-            promise.holds(off <= ROUNDING * scale, f"{off} N of difference on {name}")
+            promise.holds(off <= ROUNDING * scale, f"a difference of {off} N on {name}")
             if d == 1:
                 continue
             turn = np.cross(r, f) if d == 3 else (r[..., 0] * f[..., 1] - r[..., 1] * f[..., 0])[..., None]
@@ -158,7 +158,7 @@ def _check_wrench(scene: Scene, recording: Recording) -> None:
             off = np.abs(motion.wrench[:, d:] - turn.sum(axis=1)).max(axis=1)
             allowed = ROUNDING * scale * reach + _ahead_of_sample(scene, number, motion) * np.linalg.norm(total, axis=1)
             k = int(np.argmax(off - allowed))
-            promise.holds(off[k] <= allowed[k], f"{off[k]} N m of difference on {name} at tick {k}")
+            promise.holds(off[k] <= allowed[k], f"a difference of {off[k]} N m on {name} at tick {k}")
 
 
 def _ahead_of_sample(scene: Scene, number: int, motion: ObjectMotion) -> FloatArray:
@@ -176,16 +176,16 @@ def _check_energy(scene: Scene, recording: Recording, share: float) -> None:
     with build(scene) as servo:
         coupling, objects = _accounts(scene, recording, [part.grasped.body_state for part in servo.objects])
     for account, text in (
-        (coupling, "energy is bounded: the coupling gives no more than the fingers put in"),
-        (objects, "energy is bounded: the objects gain no more than the coupling and gravity give"),
+        (coupling, "energy is bounded: the coupling delivers at most the fingers' work"),
+        (objects, "energy is bounded: the objects gain at most the work of the coupling and of gravity"),
     ):
         with _promise(text) as promise:
             over = account.gained - account.had - share * account.scale
             k = int(np.argmax(over))
             promise.holds(
                 over[k] <= 0.0,
-                f"{account.gained[k]:.6g} J at {recording.time[k]:g} s, of {account.had[k]:.6g} J to be had; "
-                f"{share:g} of {account.scale[k]:.3g} J are allowed for",
+                f"{account.gained[k]:.6g} J at {recording.time[k]:g} s, with {account.had[k]:.6g} J available; "
+                f"the tolerance is {share:g} of {account.scale[k]:.3g} J",
             )
 
 
@@ -308,7 +308,7 @@ def _check_together(scene: Scene, recording: Recording) -> None:
         with _promise("two servos of a scene share no memory") as promise:
             for a in _arrays(pair[0]):
                 for b in _arrays(pair[1]):
-                    promise.holds(not np.shares_memory(a, b), "an array that both of them write to")
+                    promise.holds(not np.shares_memory(a, b), "both write to the same array")
         overheard = []
         for servo in pair:
             listener = [_Listener(station.device) for station in servo.stations]
@@ -318,7 +318,7 @@ def _check_together(scene: Scene, recording: Recording) -> None:
             ]
             overheard.append(listener)
         recorders: list[Recorder] = [Recorder(servo.layout, Header(scene.period)) for servo in pair]
-        with _promise("devices are told minus the force on the object") as promise:
+        with _promise("devices receive the negative of the force on the object") as promise:
             for _ in range(ticks):
                 for servo, recorder, listener in zip(pair, recorders, overheard, strict=True):
                     servo.tick(recorder)
@@ -328,10 +328,10 @@ def _check_together(scene: Scene, recording: Recording) -> None:
                         used = station.fingers >= 0
                         same = np.array_equal(each.forces[0][used], -force[station.fingers[used]])
                         promise.holds(same, f"{each.forces[0][used].tolist()} for {force.tolist()} on the object")
-        with _promise("two servos run in turns give the result of one servo alone") as promise:
+        with _promise("two servos that run in turns each give the result of a single servo") as promise:
             for recorder in recorders:
                 rows = recorder.finish().rows
-                promise.holds(np.array_equal(rows, recording.rows[:ticks]), "other rows than in a run of its own")
+                promise.holds(np.array_equal(rows, recording.rows[:ticks]), "different rows than in a separate run")
 
 
 def _forces(layout: Layout, row: FloatArray) -> FloatArray:
@@ -376,4 +376,4 @@ def _worst(values: FloatArray, off: FloatArray) -> str:
     if values.size <= MOST_NUMBERS or values.shape != off.shape:
         return f"{values.tolist()}"
     place = np.unravel_index(int(np.argmax(np.where(np.isnan(off), np.inf, off))), off.shape)
-    return f"{values[place]} at {[int(i) for i in place]}, the farthest of {values.size}"
+    return f"{values[place]} at {[int(i) for i in place]}, the largest error of {values.size}"

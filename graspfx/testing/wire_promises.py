@@ -68,8 +68,8 @@ def check_wire(device: Device, wire: Wire, promises: Promises, period: float, fo
 
 def check_second(one: Device, two: Device, promises: Promises, period: float) -> None:
     """Check that hardware that is open in one program is refused to a second program."""
-    with promises("hardware that is open is refused to a second program, and the first one continues") as promise:
-        promise.holds(one is not two, "the factory gave one device twice")
+    with promises("open hardware is refused to a second program, and the first one continues") as promise:
+        promise.holds(one is not two, "the factory returned the same device twice")
         try:
             one.open(period)
             try:
@@ -77,8 +77,8 @@ def check_second(one: Device, two: Device, promises: Promises, period: float) ->
             except DeviceError:
                 pass
             else:
-                promise.holds(False, "both have it open: each sends its own forces")
-            promise.holds(np.isfinite(one.read()[0]).all(), "nothing to be read after the second was refused")
+                promise.holds(False, "both have opened it, and each sends its own forces")
+            promise.holds(np.isfinite(one.read()[0]).all(), "no reading after the second was refused")
         finally:
             two.close()
             one.close()
@@ -96,9 +96,9 @@ def displays(features: Features) -> bool:
 def unseen(wire: Wire, features: Features) -> Iterator[BlindSpot]:
     """List the promises that cannot be checked on this wire."""
     if wire.force is None and displays(features):
-        yield BlindSpot(NEWTONS, "the emulator knows torques, and not the mechanism between them and the finger")
+        yield BlindSpot(NEWTONS, "the emulator knows torques, but not the mechanism between motors and finger")
     if wire.position is None:
-        yield BlindSpot(METRES, "the emulator does not know the mechanism: it sees that a moving finger is seen")
+        yield BlindSpot(METRES, "the emulator does not know the mechanism: the kit checks only that motion is read")
     if "flip" in wire.kinds and not wire.checksum:
         yield BlindSpot(
             "a transmission error never moves a finger",
@@ -139,7 +139,7 @@ class _Bench:
         """Write a small force until it is on the wire."""
         there = self.becomes(lambda: bool(self.wire.torque.any()), lambda: self.tick(self.forces))
         if not there:
-            raise DeviceError(f"{self.size} N are written, and the motors hold nothing")
+            raise DeviceError(f"{self.size} N are written, but the motors have no torque")
 
     def becomes(
         self, state: Callable[[], bool], act: Callable[[], Any] | None = None, within: float | None = None
@@ -178,7 +178,7 @@ class _Bench:
 
 def _check_motion(bench: _Bench, promises: Promises) -> None:
     device, wire = bench.device, bench.wire
-    with promises("a moving finger is seen") as promise:
+    with promises("the motion of a finger is read") as promise:
         bench.open()
         least = 10.0 * (bench.features.resolution or 1e-5)
         start, _, began = bench.tick()
@@ -189,7 +189,7 @@ def _check_motion(bench: _Bench, promises: Promises) -> None:
             readings.append(bench.tick())
 
         came = bench.becomes(lambda: bool((np.abs(readings[-1][0] - start).max(axis=1) > least).all()), look, MOTION)
-        promise.holds(came, f"fingers were moved, and {readings[-1][0].tolist()} m is read as before")
+        promise.holds(came, f"fingers were moved, but the reading is still {readings[-1][0].tolist()} m")
         position = wire.position
         if position is not None:
             bench.becomes(lambda: bench.place_error(readings[-1][0]) < least, look, MOTION)
@@ -199,10 +199,10 @@ def _check_motion(bench: _Bench, promises: Promises) -> None:
             seen = readings[-1][0]
             promise.holds(
                 bench.place_error(seen) <= NEAR,
-                f"{seen.tolist()} m is read and the fingers are at {np.asarray(wire.position).tolist()} m",
+                f"the reading is {seen.tolist()} m, but the fingers are at {np.asarray(wire.position).tolist()} m",
             )
             off = min(_reckoning(readings, began, bench.period, each, seen - start) for each in INTERVALS)
-            promise.holds(off <= RECKONING, f"velocities that do not add up to the way: {100 * off:.0f} % off")
+            promise.holds(off <= RECKONING, f"the integral of the velocities is off by {100 * off:.0f} %")
     with promises(SECONDS) as promise:
         first, began = bench.tick()[2], wire.clock.now()
         elapsed = 0.0
@@ -211,7 +211,7 @@ def _check_motion(bench: _Bench, promises: Promises) -> None:
             wire.clock.sleep(min(bench.period, 1e-3))
         ratio = (last - first) / elapsed
         off = min(abs(ratio - 1.0), abs(ratio * wire.slowness - 1.0))  # by the system's clock or by the hardware's
-        promise.holds(off <= RECKONING, f"{last - first} s by its readings in {elapsed:.3f} s")
+        promise.holds(off <= RECKONING, f"readings advance by {last - first} s in {elapsed:.3f} s")
     device.close()
 
 
@@ -234,7 +234,7 @@ def _reckoning(
 def _check_forces(bench: _Bench, promises: Promises) -> None:
     device, wire = bench.device, bench.wire
     bench.open()
-    with promises("a force is on the wire, and half of it for half the force") as promise:
+    with promises("a force reaches the wire, and half the force gives half the torque") as promise:
         bench.push()
         whole = _level(bench, bench.forces)
         half = _level(bench, 0.5 * bench.forces)
@@ -252,14 +252,14 @@ def _check_forces(bench: _Bench, promises: Promises) -> None:
                     near = max(SMALL, SHARE * bench.size)
                     same = bench.becomes(partial(_is_near, bench, f, near), partial(bench.tick, f))
                     finding = np.round(np.asarray(wire.force, dtype=float), 6).tolist()
-                    promise.holds(same, f"{finding} N where {f.tolist()} N were written")
+                    promise.holds(same, f"{finding} N, but {f.tolist()} N were written")
     with promises(LIMIT) as promise:
         peak = bench.features.peak_force or 1.0
         levels = []
         for factor in (10.0, 1000.0):
             levels.append(_level(bench, factor * peak * bench.forces / bench.size))
             most = float(np.abs(levels[-1]).max())
-            promise.holds(most <= wire.limit * (1.0 + 1e-6), f"{most} on the wire, and its limit is {wire.limit}")
+            promise.holds(most <= wire.limit * (1.0 + 1e-6), f"{most} on the wire, above its limit of {wire.limit}")
         off = float(np.abs(levels[1] - levels[0]).max())
         promise.holds(
             off <= 0.1 * np.abs(levels[0]).max(),
@@ -267,7 +267,7 @@ def _check_forces(bench: _Bench, promises: Promises) -> None:
         )
         if wire.force is not None and bench.features.peak_force is not None and not isinstance(device, LimitedDevice):
             norm = float(np.linalg.norm(wire.force, axis=1).max())
-            promise.holds(norm <= peak * (1.0 + SHARE), f"{norm} N, and the limit is {peak} N")
+            promise.holds(norm <= peak * (1.0 + SHARE), f"{norm} N, above the limit of {peak} N")
     device.close()
 
 
@@ -300,7 +300,7 @@ def _check_zero(bench: _Bench, promises: Promises) -> None:
             bench.push()
             leave()
             promise.holds(bench.falls_silent(), f"torques {bench.wire.torque.tolist()} after {name}")
-    with promises("an exception inside `with device` is zero force") as promise:
+    with promises("an exception inside `with device` sets zero force") as promise:
         with suppress(_Interruption), device:
             bench.open()
             bench.push()
@@ -336,11 +336,11 @@ def _drop(bench: _Bench, promise: Promise, watchdog: float | None) -> None:
     wait = PATIENCE if watchdog is None else PATIENCE + 2.0 * watchdog * bench.wire.slowness
     if bench.becomes(bench.is_quiet, within=wait):
         return
-    promise.holds(watchdog is None, f"its watchdog is to drop the force after {watchdog} s, and did not")
+    promise.holds(watchdog is None, f"the watchdog did not remove the force after {watchdog} s")
     module = _driver(bench.device)
     promise.holds(
         module is not None,
-        "the hardware has no watchdog, and the driver no `quench(**settings)`: the force stays for good",
+        "the hardware has no watchdog, and the driver no `quench(**settings)`: the force persists",
     )
     if module is not None:
         module.quench(**bench.wire.settings)
@@ -368,7 +368,7 @@ def _killed(bench: _Bench, promise: Promise) -> float | None:
     os.close(theirs)
     try:
         answer = os.read(ours, 100).decode() if select.select([ours], [], [], LONGEST)[0] else ""
-        promise.holds(answer, "it does not open and write in another process")
+        promise.holds(answer, "the device does not open and write in another process")
         promise.holds(bench.becomes(lambda: not bench.is_quiet(), within=PATIENCE), "no force on the wire")
     finally:
         os.close(ours)
@@ -391,7 +391,7 @@ def _driver(device: Device) -> QuenchableDriver | None:
 def _check_failure(bench: _Bench, promises: Promises, kind: Failure) -> None:
     device, wire = bench.device, bench.wire
     with promises(
-        f"a failing wire ({kind}) gives the previous sample or a DeviceError, never another position"
+        f"a failing wire ({kind}) yields the previous sample or DeviceError, never a wrong position"
     ) as promise:
         bench.open()
         for _ in range(5):
@@ -406,12 +406,10 @@ def _check_failure(bench: _Bench, promises: Promises, kind: Failure) -> None:
                 promise.holds(finite, f"position {position.tolist()} m, velocity {velocity.tolist()} m/s")
                 away = float(np.abs(position - place).max())
                 exact = wire.checksum or kind != "flip"
-                promise.holds(not exact or away <= NEAR, f"a finger at rest is read {away} m away")
-                promise.holds(
-                    kind != "blocked" or now == before, "a reading of its own time, from a board that is mute"
-                )
+                promise.holds(not exact or away <= NEAR, f"the reading of a finger at rest is off by {away} m")
+                promise.holds(kind != "blocked" or now == before, "a new time, although the board sends nothing")
                 most = float(np.abs(wire.torque).max())
-                promise.holds(most <= wire.limit * (1.0 + 1e-6), f"{most} on the wire, and its limit is {wire.limit}")
+                promise.holds(most <= wire.limit * (1.0 + 1e-6), f"{most} on the wire, above its limit of {wire.limit}")
         except DeviceError as trouble:
             error = trouble
         if kind == "unplugged":
@@ -424,5 +422,5 @@ def _check_failure(bench: _Bench, promises: Promises, kind: Failure) -> None:
         _drop(bench, promise, device.features.watchdog)
         bench.open()
         position, _, now = bench.tick()
-        promise.holds(np.isfinite(position).all(), "nothing to be read after the failure")
+        promise.holds(np.isfinite(position).all(), "no finite reading after the failure")
         device.close()

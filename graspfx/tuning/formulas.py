@@ -219,7 +219,7 @@ MEASURES: dict[str, Measure] = {
         "smallest limit over gain of fingers that push without the others", "",
         lambda one: min((row.limit.margin for row in one.pushing), default=math.inf),
     ),
-    "grip": Measure("squeeze at rest over the least that holds weight, drag, acceleration", "", lambda one: one.grip),
+    "grip": Measure("squeeze at rest over the least for weight, drag and acceleration", "", lambda one: one.grip),
     "depth": Measure("distance of the deepest fingertip from its contact at rest", "m", lambda one: one.depth),
     "squeeze": Measure("largest internal force of a finger at rest", "N", lambda one: one.squeeze),
     "force": Measure("largest force of a finger at rest", "N", lambda one: one.force),

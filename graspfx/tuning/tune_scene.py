@@ -188,7 +188,7 @@ def _refutation(
     count = f" in its {shaped} hands" if shaped > 1 else ""
     before = f"the search satisfied all constraints{count}"
     do = "tighten that constraint slightly, or narrow the ranges of operators or of the keys"
-    return f"{before}, but {first.text} comes to {first.left:.5g}{where}: {do}"
+    return f"{before}, but {first.text} has a left side of {first.left:.5g}{where}: {do}"
 
 
 def _reach(problem: Problem, hands: list[Hand]) -> tuple[dict[str, float], int]:

@@ -169,7 +169,7 @@ class Tuning(Carded):
             best = self.reach.get(each.text, math.nan)
             if not math.isnan(best):
                 return f"{each.text} cannot be satisfied: its best value is {best:.4g}"
-        return f"no values satisfy all: {'; '.join(f'{each.text} has {each.left:.4g}' for each in unmet)}"
+        return f"no values satisfy all: {'; '.join(f'{each.text} has left side {each.left:.4g}' for each in unmet)}"
 
     @property
     def reason(self) -> str:

@@ -44,7 +44,7 @@ def test_a_device_is_opened_by_its_serial_number_and_left_as_it_was(wire: ForceD
         assert not wire.calls("dhdSetTimeGuard", 2)
     bench = wire.devices[2]
     assert (bench.owner, bench.watchdog, bench.braking, bench.enabled) == (0, 7, 1, 0)
-    with connect(wire, serial=999) as device, pytest.raises(DeviceError, match=r"dhdOpenSerial .* returns -1"):
+    with connect(wire, serial=999) as device, pytest.raises(DeviceError, match=r"dhdOpenSerial .* returned -1"):
         device.open(PERIOD)
 
 
@@ -100,7 +100,7 @@ def test_no_new_data_never_hides_an_error_of_another_call(wire: ForceDimensionWi
         call = device.write if function == "dhdSetForce" else lambda _: device.read()
         for code in (-1, -2, -1000):
             wire.answer(function, code)
-            with pytest.raises(DeviceError, match=f"{function} .* returns {code}: communication error"):
+            with pytest.raises(DeviceError, match=f"{function} .* returned {code}: communication error"):
                 call(np.ones((1, 3)))
 
 

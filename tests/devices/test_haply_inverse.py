@@ -107,7 +107,7 @@ def test_it_keeps_the_promises_of_a_device() -> None:
     with InverseWire() as wire:
         report = check_device(lambda: connect(wire, timeout=0.05), wire)
     assert "a force reaches its own finger, in its direction, in newtons" in report.checks
-    assert "the device loses its force without further writes" in report.checks
+    assert "the device's force ends without further writes" in report.checks
     for kind in wire.kinds:
         assert any(f"({kind})" in each for each in report.checks)
 

@@ -67,10 +67,10 @@ def test_requests_are_those_of_the_kernel() -> None:
 def test_they_keep_the_promises_of_a_device(kind: Any) -> None:
     with on_clock(kind, LookedAtClock()) as wire:
         report = check_device(lambda: connect(wire), wire)
-    assert "a moving finger is seen" in report.checks
-    assert "hardware that is open is refused to a second program, and the first one continues" in report.checks
+    assert "the motion of a finger is read" in report.checks
+    assert "open hardware is refused to a second program, and the first one continues" in report.checks
     assert (
-        "a failing wire (unplugged) gives the previous sample or a DeviceError, never another position" in report.checks
+        "a failing wire (unplugged) yields the previous sample or DeviceError, never a wrong position" in report.checks
     )
     assert not any("force" in each.promise for each in (*report.not_visible, *report.needs_person))
 

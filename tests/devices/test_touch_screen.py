@@ -80,8 +80,8 @@ def speeds(screen: Any, count: int) -> list[float]:
 def test_it_keeps_the_promises_of_a_device() -> None:
     with ScreenWire() as wire:
         report = check_device(lambda: connect(wire, lag=0.08), wire)
-    assert "a moving finger is seen" in report.checks
-    assert "hardware that is open is refused to a second program, and the first one continues" in report.checks
+    assert "the motion of a finger is read" in report.checks
+    assert "open hardware is refused to a second program, and the first one continues" in report.checks
     assert any("a failing wire (garbage) gives the previous sample" in each for each in report.checks)
     assert not any("force" in each.promise for each in (*report.not_visible, *report.needs_person))
 

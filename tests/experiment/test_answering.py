@@ -121,7 +121,7 @@ def test_a_terminal_that_is_closed_ends_the_wait_and_arms_nothing(monkeypatch: p
         closing = threading.Timer(0.05, os.close, [outer])
         closing.start()
         with pytest.raises(Stopped, match="the input of answers has ended"):
-            keys.ready("hold the device; its forces come when you press Enter")
+            keys.ready("hold the device; it exerts forces after you press Enter")
         closing.join()
         wait_until(lambda: not any(thread.name == "keys" for thread in threading.enumerate()))
     assert reads.count(inner) == 1
@@ -161,7 +161,7 @@ def test_hardware_is_armed_by_a_person_alone_and_faded_between_trials(tmp_path: 
     """No torque is there until a person acts, before each trial again; the run of a trial ends at zero."""
     with board() as wire:
         trials = boards_experiment(wire)
-        with pytest.raises(InputError, match="a function that waits until a person acts"):
+        with pytest.raises(InputError, match="a function that returns when a person is ready"):
             trials.run(tmp_path / "none", lambda shown: "soft", real_time=True)
         asked: list[str] = []
 

@@ -45,7 +45,7 @@ def test_every_fault_at_once_with_its_line() -> None:
     assert "one letter or digit" in faults[8, "question.keys"]
     assert "did you mean 'stiffness'" in faults[12, "condition.0.set.coupling.internal.stifness"]
     assert "did you mean 'answer'" in faults[13, "condition.0.answr"]
-    assert "'one' is taken" in faults[16, "condition.1.name"]
+    assert "'one' is used twice" in faults[16, "condition.1.name"]
     assert "more than 0" in faults[17, "condition.1.compare.reference"]
     assert "[staircase]" in faults[17, "condition.1.compare"]
     assert len(faults) == 9
@@ -63,9 +63,9 @@ def test_every_fault_at_once_with_its_line() -> None:
         (COMPARED, 'keys = { 1 = "first", 2 = "second" }', 'keys = { 1 = "first" }', "question.keys", "'second'"),
         (COMPARED, "external = 0.3", "extenal = 0.3", "observer.threshold.extenal", "did you mean 'external'"),
         (COMPARED, "least = 0.05, most = 0.5, count = 12 }\nthreshold", "least = 0.5, most = 0.05 }\nthreshold",
-         "staircase.increments.most", "more than the least"),
+         "staircase.increments.most", "more than `least`"),
         (COMPARED, "reference = 50.0 }", "reference = 50.0, increments = [0.1] }\nanswer = 'first'",
-         "condition.0.answer", "leave it out"),
+         "condition.0.answer", "omit it"),
         (COMPARED, '"coupling.internal.stiffness", ref', '"coupling.internal.stifness", ref',
          "condition.0.compare.key", "did you mean 'stiffness'"),
         (COMPARED, 'kind = "psychometric"', 'kind = "psychometrick"', "observer.kind", "expected 'psychometric'"),
@@ -102,11 +102,11 @@ def test_a_scene_outside_of_the_folder_is_used_with_trust_alone(tmp_path: Path) 
     (tmp_path / "other.toml").write_text("", encoding="utf-8")
     path = home / "mine.toml"
     path.write_text(PLAIN.replace('"reference-1dof"', '"../other.toml"'), encoding="utf-8")
-    with pytest.raises(SceneError, match="lies outside of this file's folder"):
+    with pytest.raises(SceneError, match="is outside this file's folder"):
         load(path)
     device = '"finger.0.device" = { name = "mine.py" }'
     path.write_text(PLAIN.replace('"coupling.internal.stiffness" = 40.0', device), encoding="utf-8")
-    with pytest.raises(SceneError, match="names a file: an experiment does so with --trust alone"):
+    with pytest.raises(SceneError, match="names a file; add --trust to use it"):
         load(path)
 
 

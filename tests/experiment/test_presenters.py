@@ -51,7 +51,7 @@ def test_a_full_disk_ends_the_session_and_the_trial_comes_again(
 def test_a_trial_that_is_broken_off_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plain: Experiment = experiment(PLAIN)
     monkeypatch.setattr(RealTime, "show", lambda self, values, folder, *more: Showing(folder, 0.0, 0.0, "", False))
-    for asked, reason in ((False, "its run ended early, without a fault"), (True, "it was interrupted")):
+    for asked, reason in ((False, "a run ended early, without a fault"), (True, "it was interrupted")):
         with ExitStack() as stack:
             trials = plain.session(
                 stack, SessionFiles(tmp_path, f"{asked:d}", "1", "plain"), RealTime(plain.scene, 0.05),

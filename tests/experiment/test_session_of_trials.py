@@ -88,7 +88,7 @@ def test_a_start_that_was_cut_short_says_what_to_do(tmp_path: Path, way: str) ->
     table = table_of(tmp_path)
     for path in (table, *table.parent.glob("*_events.*")):
         path.unlink()
-    said = r"_beh\.json: exists already, but not its table.*--resume continues it, --run N .*or remove this file"
+    said = r"_beh\.json: exists already, but its table does not.*--resume continues it, --run N .*or remove this file"
     with pytest.raises(RecordingError, match=said):
         plain.run(tmp_path, lambda shown: "soft")
     if way == "remove":

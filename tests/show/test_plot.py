@@ -405,7 +405,7 @@ def test_what_cannot_be_drawn_is_an_error() -> None:
     for none in ((), (waving(N=0),)):
         with pytest.raises(InputError, match="at least one tick"):
             drawn(*none)
-    with pytest.raises(InputError, match="as many as recordings, 1"):
+    with pytest.raises(InputError, match="one per recording, 1 in all"):
         drawn(waving(N=5), titles=["a", "b"])
     for other in ("finger_force", None, 3):
         with pytest.raises(InputError, match=rf"recordings: given {other!r}, expected a recording"):

@@ -47,9 +47,9 @@ def test_a_finger_that_never_touches_is_named_with_its_distance() -> None:
     ("drop", "status", "said"),
     [
         (0.0, 1, []),  # put down and let go
-        (0.04, 1, ["object0 falls by 40 mm: none touches it after 0.995 s"]),
-        (0.0, 2, ["object0 slides out of the fingers: none touches it after 0.995 s"]),
-        (0.04, 2, ["object0 slides out of the fingers and falls by 40 mm: none touches it after 0.995 s"]),
+        (0.04, 1, ["object0 falls by 40 mm: no finger touches it after 0.995 s"]),
+        (0.0, 2, ["object0 slides out of the fingers: no finger touches it after 0.995 s"]),
+        (0.04, 2, ["object0 slides out of the fingers and falls by 40 mm: no finger touches it after 0.995 s"]),
     ],
 )
 def test_an_object_that_is_lost(drop: float, status: int, said: list[str]) -> None:

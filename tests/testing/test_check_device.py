@@ -114,10 +114,10 @@ def test_report_names_promises_that_it_cannot_see_in_hardware():
     assert not np.isfinite(device.wire).all()  # still on the wire after `close`
     unseen = [each.promise for each in report.not_visible]
     for promise in (
-        "`stop` and `close` are zero force",
-        "a force that is not finite is displayed as zero",
-        "the force limit is applied, last",
-        "positions are in metres, velocities in metres a second, each of its own finger and axis",
+        "`stop` and `close` set zero force",
+        "a non-finite force is displayed as zero",
+        "the force limit is applied last",
+        "positions are in metres, velocities in metres per second, each for its own finger and axis",
         "a force reaches its own finger, in its direction, in newtons",
     ):
         assert promise in unseen
@@ -129,14 +129,14 @@ def test_report_names_promises_that_it_cannot_see_in_hardware():
 
 def test_report_on_a_simulated_device_leaves_out_what_its_plant_shows():
     seen, unseen = (check_device(connect(mass=0.15, dimensions=1, **more)) for more in ({"force_limit": 3.0}, {}))
-    assert "the force limit is applied here, last" in seen.checks
+    assert "the device applies the force limit last" in seen.checks
     assert "a force limit" in [each.promise for each in unseen.not_visible]
-    assert "`stop` is zero force, now, and may be called again" in seen.checks
+    assert "`stop` sets zero force at once, even when called again" in seen.checks
     for report in (seen, unseen):
         assert "two devices of a kind are independent" in [each.promise for each in report.not_visible]
         assert not any("metres" in each.promise for each in report.not_visible)
     both = check_device(partial(connect, mass=0.15, dimensions=1, force_limit=3.0))
-    assert "two devices of a kind in one process do not know each other" in both.checks
+    assert "two devices of a kind in one process are independent" in both.checks
     assert len(both.not_visible) == len(seen.not_visible) - 1
 
 
@@ -297,27 +297,27 @@ class Noisy(PointDevice):
         (UnknownAsZero, "None, never zero", "mass = 0.0"),
         (WorkspaceUpsideDown, "features", "lower and a higher corner"),
         (FeaturesAfterOpen, "features are reported before `open`", "DeviceError: .*not open"),
-        (FlatPositions, "`read` gives", r"positions of shape \(4,\), not \(2, 2\)"),
-        (NoForceLeft, "`largest_force` is a force above zero", r"\[1.0, 0.0\] N"),
-        (NoVelocity, "`read` gives", "velocities that are not finite"),
-        (TrueMotion, "arrays of the device's own", "true motion"),
+        (FlatPositions, "`read` returns", r"positions of shape \(4,\), expected \(2, 2\)"),
+        (NoForceLeft, "`largest_force` is a positive force", r"\[1.0, 0.0\] N"),
+        (NoVelocity, "`read` returns", "velocities that are not finite"),
+        (TrueMotion, "the device's own arrays", "true motion"),
         (FailedReadIsZero, "read to the reported resolution", "m off"),
-        (WallClock, "time does not run back", "the time"),
-        (HalfTime, "count of ticks", "s at tick 1"),
+        (WallClock, "the time never decreases", "the time"),
+        (HalfTime, "number of ticks", "s at tick 1"),
         (AveragedForces, "its own force", "finger 0 alone"),
-        (FirstFingerOnly, "a force gives one", "no effort on a finger"),
+        (FirstFingerOnly, "a force causes one", "no effort on a finger"),
         (NoLimit, "force limit", "hundred times"),
-        (LimitPerComponentTwice, "force limit", "6.0 N, and the limit is 3.0 N"),
+        (LimitPerComponentTwice, "force limit", "6.0 N, above the limit of 3.0 N"),
         (WrongSign, "in its direction", "finger 0 moved by -"),
-        (ClippedNaN, "not finite", "nan on finger 0 was taken"),
-        (SilencedNaN, "not finite", "nan on finger 0 was taken"),
-        (LastForceKept, "not finite", r"the effort \[0.1, 0.0\] after nan"),
-        (StopsLater, "`stop` is zero force", "an effort after it"),
-        (ClosesOnce, "`close` leaves no force", "OSError: the port is closed"),
-        (KeepsForceWhenClosed, "`close` leaves no force", "an effort after it"),
+        (ClippedNaN, "non-finite", "nan on finger 0 was accepted"),
+        (SilencedNaN, "non-finite", "nan on finger 0 was accepted"),
+        (LastForceKept, "non-finite", r"the effort \[0.1, 0.0\] after nan"),
+        (StopsLater, "`stop` sets zero force", "an effort after it"),
+        (ClosesOnce, "`close` removes the force", "OSError: the port is closed"),
+        (KeepsForceWhenClosed, "`close` removes the force", "an effort after it"),
         (SomebodyElse, "the device itself", "another object"),
-        (SwallowsErrors, "lets errors pass", "swallowed"),
-        (Noisy, "the same to the bit", "another motion"),
+        (SwallowsErrors, "propagates exceptions", "swallowed"),
+        (Noisy, "identical, bit for bit", "moves differently"),
     ],
 )
 def test_a_broken_promise_is_named(kind, promise, found):
@@ -403,7 +403,7 @@ class OnlyOneAtATime(PointDevice):
 @pytest.mark.parametrize(
     ("kind", "found"),
     [
-        (SharedArrays, "arrays that both"),
+        (SharedArrays, "the same arrays"),
         (SharedPlant, "a force on one moved the other by .* m"),
         (SharedEffort, "effort of the other"),
         (OnlyOneAtATime, "OSError: the device is busy"),
@@ -418,7 +418,7 @@ def test_two_that_are_not_independent(kind, found):
 
 def test_a_factory_that_gives_one_device_twice():
     device = PointDevice(**SETTINGS)
-    with pytest.raises(ConformanceError, match="one device twice"):
+    with pytest.raises(ConformanceError, match="the same device twice"):
         check_device(lambda: device)
 
 

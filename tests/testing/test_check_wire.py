@@ -27,16 +27,16 @@ from tests.support.hardware import Line, LookedAtClock, VirtualClock
 from tests.support.waiting import wait_until
 
 SEEN_ON_WIRES = (
-    "a moving finger is seen",
-    "positions are in metres, velocities in metres a second, each of its own finger and axis",
+    "the motion of a finger is read",
+    "positions are in metres, velocities in metres per second, each for its own finger and axis",
     "the time is that of the reading, in seconds",
     "a force reaches its own finger, in its direction, in newtons",
-    "the force limit is applied, last",
-    "`stop` and `close` are zero force",
-    "an exception inside `with device` is zero force",
-    "a force that is not finite is displayed as zero",
-    "the device loses its force without further writes",
-    "hardware that is open is refused to a second program, and the first one continues",
+    "the force limit is applied last",
+    "`stop` and `close` set zero force",
+    "an exception inside `with device` sets zero force",
+    "a non-finite force is displayed as zero",
+    "the device's force ends without further writes",
+    "open hardware is refused to a second program, and the first one continues",
 )
 
 
@@ -227,24 +227,24 @@ class NeverNoticed(Delta):
 @pytest.mark.parametrize(
     ("kind", "promise", "finding"),
     [
-        (NeverReads, "a moving finger is seen", "is read as before"),
-        (Millimetres, "in metres", "m is read and the fingers are at"),
-        (NoVelocity, "velocities in metres a second", "do not add up"),
-        (Milliseconds, "in seconds", "s by its readings"),
-        (MillionTimes, "half of it|in newtons|limit", "."),
-        (Clamped, "half of it for half the force", "for half the force"),
+        (NeverReads, "the motion of a finger is read", "the reading is still"),
+        (Millimetres, "in metres", "m, but the fingers are at"),
+        (NoVelocity, "velocities in metres per second", "integral of the velocities is off"),
+        (Milliseconds, "in seconds", "readings advance by"),
+        (MillionTimes, "half the force|in newtons|limit", "."),
+        (Clamped, "half the force gives half the torque", "for half the force"),
         (OtherWay, "in its direction", "N were written"),
-        (NoLimit, "the force limit", "its limit is|at ten times"),
-        (NeverZero, "`stop` and `close` are zero force", "after `stop`"),
-        (BrakesAlone, "`stop` and `close` are zero force", "after `close`"),
+        (NoLimit, "the force limit", "above its limit|at ten times"),
+        (NeverZero, "`stop` and `close` set zero force", "after `stop`"),
+        (BrakesAlone, "`stop` and `close` set zero force", "after `close`"),
         (NeverClosed, "zero force", "after the end of `with`"),
-        (KeptWhenNotFinite, "not finite is displayed as zero", "after nan N"),
+        (KeptWhenNotFinite, "non-finite force is displayed as zero", "after nan N"),
         (Alone, "without further writes", "no watchdog, and the driver no `quench"),
-        (BoastsOfAWatchdog, "without further writes", "after 0.03 s, and did not"),
-        (ZeroWhenItFails, "failing wire", "m away"),
-        (FreshWhenItFails, "failing wire", "from a board that is mute"),
+        (BoastsOfAWatchdog, "without further writes", "did not remove the force after 0.03 s"),
+        (ZeroWhenItFails, "failing wire", "at rest is off by"),
+        (FreshWhenItFails, "failing wire", "although the board sends nothing"),
         (FailsInItsOwnWords, r"failing wire \(unplugged\)", "ValueError"),
-        (NeverNoticed, "failing wire", "mute|no DeviceError in"),
+        (NeverNoticed, "failing wire", "sends nothing|no DeviceError in"),
     ],
 )
 def test_a_promise_that_is_broken_on_the_wire_is_named(kind: type[Delta], promise: str, finding: str) -> None:
@@ -272,8 +272,8 @@ def test_what_an_emulator_without_a_mechanism_cannot_show_is_listed(monkeypatch:
         report = check_device(driver("haply-2diy").connect(**wire.settings), wire=wire, period=0.002)
     unseen = [each.promise for each in report.not_visible]
     assert SEEN_ON_WIRES[1] in unseen and SEEN_ON_WIRES[3] in unseen
-    assert "a force is on the wire, and half of it for half the force" in report.checks
-    assert "a moving finger is seen" in report.checks
+    assert "a force reaches the wire, and half the force gives half the torque" in report.checks
+    assert "the motion of a finger is read" in report.checks
 
 
 class CutFrames(Haply2Diy):

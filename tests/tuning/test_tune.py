@@ -102,7 +102,7 @@ def test_an_answer_that_fails_in_a_fresh_hand_says_where_and_what_to_do(monkeypa
     assert not answer.feasible and answer.reach == {} and unmet.left < 1.4
     assert answer.sentence.startswith("NOT verified in every hand of the set: the search satisfied all ")
     hand = f"in the hand of {STIFFNESS} = 300, {DAMPING} = 0.01, one of 32 random hands (seed 7): tighten"
-    assert f"margin.internal >= 1.4 comes to {unmet.left:.5g} {hand}" in answer.obstacle
+    assert f"margin.internal >= 1.4 has a left side of {unmet.left:.5g} {hand}" in answer.obstacle
     assert answer.to_dict()["refutation"] == answer.obstacle == answer.reason
     assert "cannot be satisfied" not in str(answer) and "no values satisfy all" not in str(answer)
 

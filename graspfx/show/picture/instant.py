@@ -242,7 +242,7 @@ def _parts(recording: Recording, k: int, d: int, finite: NDArray[np.bool_]) -> t
 def _tick(recording: Recording, time: float | None) -> int:
     N = len(recording)
     if not N:
-        raise InputError("recording", N, "one with at least one tick")
+        raise InputError("recording", N, "a recording with at least one tick")
     if time is None:
         total = np.nan_to_num(np.linalg.norm(recording.finger_force, axis=2).sum(axis=1), posinf=0.0)
         if not total.any():

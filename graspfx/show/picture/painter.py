@@ -211,8 +211,8 @@ class Painter:
         """Add a surface with a colour and, on request, an outline of its creases and silhouette.
 
         Args:
-            both_sides: Whether it is open and visible from behind.
-            hides: Whether it hides lines; a fingertip does not, since it would hide its own arrow.
+            both_sides: Whether the surface is open and visible from behind.
+            hides: Whether the surface hides lines; a fingertip does not, since it would hide its own arrow.
         """
         self._solids.append((solid, colour, outline, both_sides, hides))
         self._layer = self._clear = self._all = None

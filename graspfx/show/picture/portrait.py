@@ -246,7 +246,7 @@ def portrait(
 ) -> tuple[Sheet, tuple[str, ...]]:
     """Draw the picture of `picture`; return it with sentences about omitted parts."""
     if forces not in ("two", "total"):
-        raise InputError("forces", forces, "two or total")
+        raise InputError("forces", forces, "'two' or 'total'")
     now = instant(recording, time, folder)
     longest = max(float(np.linalg.norm(values, axis=1).max(initial=0.0)) for values, _ in shown_forces(now, forces))
     scale = LONGEST * now.extent / longest if longest > 0.0 else 0.0  # m per N

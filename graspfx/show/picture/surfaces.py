@@ -75,7 +75,7 @@ def surface(shape: Mapping[str, Any], dimensions: int, extent: float, folder: Pa
         return _mesh(shape, folder)
     makers = SOLIDS if dimensions == 3 else OUTLINES
     if kind not in makers:
-        raise InputError("shape", kind, f"one that can be drawn: {', '.join([*makers, 'mesh'])}")
+        raise InputError("shape", kind, f"a kind that can be drawn: {', '.join([*makers, 'mesh'])}")
     try:
         return makers[kind](shape, extent)
     except (KeyError, TypeError, ValueError, IndexError) as error:
