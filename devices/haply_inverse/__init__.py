@@ -42,7 +42,7 @@ def connect(
     Args:
         url: Address of the service.
         device: Id of the device, as shown by the service's tools; None for the only device.
-        basis: Axes of the device that the service must have, such as "XYZ".
+        basis: Axes of the device, as the service must report them, such as "XYZ".
         damping: Damping that the service must add, treated as the device's b [N s/m].
         force_limit: Largest force at the handle; the service documents no limit [N].
         resolution: Resolution of a position [m].

@@ -93,7 +93,7 @@ class Service:
             self._line.close()
 
     def ask(self, name: str) -> None:
-        """Request the positions, once for all devices that ask in a tick."""
+        """Request the positions, once for all devices that request them in a tick."""
         if self._round and name not in self._round:
             self._round.add(name)
             return
@@ -102,7 +102,7 @@ class Service:
         self._send()
 
     def sample(self, name: str, deadline: float) -> Sample | None:
-        """Return the newest sample of a device, after an answer to the last request or a deadline; None without one.
+        """Return a device's newest sample, after an answer to the last request or a deadline; None if there is none.
 
         Raises:
             DeviceError: If the service is gone, or no longer lists the device.

@@ -95,7 +95,7 @@ class WebSocket:
             return
         error = protocol.handshake_exc
         raise DeviceError(
-            f"the server at {self.url} is not a WebSocket server{f': {error}' if error else ''}"[:200]
+            f"the service at {self.url} is not a WebSocket server{f': {error}' if error else ''}"[:200]
         ) from error
 
     def send(self, text: str) -> None:

@@ -1,8 +1,8 @@
 """The rig: two planar two-link arms on one controller, open hardware modelled on the paper's devices, one finger each.
 
 It is a design that has not been built yet (docs/how-to/hardware.md). It is tested only against its own firmware on a
-desktop computer: firmware/rig.c with firmware/host.c. The controller removes its force on its own 5 ms after the last
-torques, within a further 20 ms. Arms, gears and encoders are those of `two-link`.
+desktop computer: firmware/rig.c with firmware/host.c. If no torques arrive for 5 ms, the controller removes its force
+within a further 20 ms. Arms, gears and encoders are those of `two-link`.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ STILL = (0.0,) * AXES
 
 
 class Controller:
-    """A controller of two arms, for one program.
+    """A controller of two arms, used by one program.
 
     Args:
         port: Serial port.

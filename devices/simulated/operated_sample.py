@@ -184,8 +184,8 @@ def muscle(plant: OperatedPlantState, i: int, a: int) -> float:
 def move(plant: OperatedPlantState, axis: int, k: int, count: int) -> None:
     """Move all fingers on one axis over the k-th of `count` substeps, by the Taylor series of the motion.
 
-    With t = h s the coefficients of the second derivative give those of the motion: of a tip
-    m (j + 1)(j + 2) p_(j+2) = h^2 (F_j + [j = 0] u) - h b (j + 1) p_(j+1), of a limb likewise.
+    With t = h s, the coefficients of the second derivative determine those of the motion: for a tip
+    m (j + 1)(j + 2) p_(j+2) = h^2 (F_j + [j = 0] u) - h b (j + 1) p_(j+1), for a limb likewise.
     """
     d, T = plant.dimensions, plant.period
     h = T / count
@@ -270,7 +270,7 @@ def target_terms(strand: Strand, j: int) -> tuple[float, float]:
 
 @kernel
 def tip_force(plant: OperatedPlantState, axis: int, i: int) -> float:
-    """Compute a coefficient of F, the hand's force on the tip of finger i, from those of all stretches."""
+    """Compute a coefficient of F, the hand's force on the tip of finger i, from those of all spring extensions."""
     n, own, strand = plant.fingers, plant.operators[i], plant.strands[i]
     force: float = own.grip * (own.now.rise * strand.stretch + own.now.damping_rise * strand.stretch_rate)
     for j, other in enumerate(plant.strands):

@@ -326,7 +326,7 @@ class ArmPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf f
 
     @property
     def structure(self) -> Index:
-        """Counts, and the place of each arm's second motor."""
+        """Numbers of fingers and dimensions, and the place of each arm's second motor."""
         elbow = start_of(ArmConstants, "elbow")
         counts = [start_of(ArmPlantState, name) for name in ("fingers", "dimensions")]
         return np.array([*counts, *(arm.offset + elbow for arm in self._block.arms)])

@@ -111,7 +111,9 @@ def late_device(
     periods = np.unique(np.asarray(period, dtype=float))
     counts = [samples_and_part(latency, each) for each in periods.tolist()]
     if len({(n, part > 0.0) for n, part in counts}) > 1:
-        raise InputError("latency", latency, "as many whole samples for every period", "compute one period at a time")
+        raise InputError(
+            "latency", latency, "equally many whole samples for every period", "compute one period at a time"
+        )
     numerator, denominator = device(mass, friction, spring, period)
     n, part = counts[0]
     if part == 0.0:
@@ -163,7 +165,7 @@ def object_response(
 
 
 def stack(*coefficients: FloatArray | float) -> FloatArray:
-    """Stack coefficients on a first axis; the other axes number the points."""
+    """Stack coefficients on a first axis; the other axes index the points."""
     return np.stack(np.broadcast_arrays(*coefficients)).astype(float, copy=False)
 
 

@@ -67,14 +67,14 @@ def preloaded(
         ("displacement", displacement, "m"), ("force", force, "N")))  # fmt: skip
     for name, vector in (("displacement", e), ("force", f)):
         if vector.shape != c.shape:
-            raise InputError(name, vector, f"an array {c.shape}, as the contacts")
+            raise InputError(name, vector, f"an array of shape {c.shape}, like the contacts")
     o = np.zeros(d) if centre is None else numbers("centre", centre, "m", negative=True)
     if o.shape != (d,):
         raise InputError("centre", o, f"a point of {d} coordinates")
     rows = np.array(ROWS[d])
     moves = np.ones(len(rows), dtype=bool) if free is None else finite("free", free) != 0.0
     if moves.shape != rows.shape:
-        raise InputError("free", free, f"{len(rows)} of true or false, forces first, then moments")
+        raise InputError("free", free, f"{len(rows)} values true or false, forces first, then moments")
     at_tip = one_of("reaction", reaction, ("fingertip", "contact")) == "fingertip"
 
     wide = np.zeros((3, n, 3))
@@ -131,7 +131,7 @@ def pushing(
     pushers = np.asarray(fingers)
     loose = np.zeros(m, dtype=bool) if released is None else np.asarray(released, dtype=bool)
     if pushers.shape != (m,) or loose.shape != (m,):
-        raise InputError("fingers", fingers, f"{m} numbers of fingers, and `released` a mask as long")
+        raise InputError("fingers", fingers, f"{m} finger indices, and a mask `released` of this length")
     names = sorted(set(pushers.tolist()))
     for size in range(1, len(names) + bool(loose.any())):
         for touching in combinations(names, size):
@@ -227,7 +227,7 @@ def released(K: FloatArray, T: FloatArray, V: FloatArray) -> FloatArray | None:
 
 
 def symmetries(linear: Linearisation, contacts: ArrayLike, free: ArrayLike) -> list[tuple[int, ...]]:
-    """List the exchanges of fingers that leave a loop without its preload unchanged, the identity first.
+    """List the exchanges of fingers that do not change a loop without its preload, the identity first.
 
     In an exchange p, finger i moves to the position of finger p[i]. Let Q be the orthogonal matrix that maps the
     contacts, V the blocks of Q, and W = diag(Q, det(Q) Q) its action on the object. A symmetry has V A V' = A for

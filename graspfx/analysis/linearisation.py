@@ -303,8 +303,8 @@ class Linearisation(Carded):
             loop: "closed": from the operator's force on each device coordinate, `hand[i]` [N], held over the sample, to
                 devices `x[i]` [m], object `q[j]` [m, rad] and coupling forces on the object `f[i]` [N]. "open": the
                 return ratio, from forces `u[i]` in place of the coupling's to the negative of the coupling's response.
-                `control.feedback(system, I)` then has the closed loop's eigenvalues, and a margin of the ratio is one
-                of the coupling.
+                `control.feedback(system, I)` then has the closed loop's eigenvalues, and the margins of the ratio are
+                those of the coupling.
 
         Raises:
             MissingPackageError: If python-control is missing; `pip install 'graspfx[control]'` installs it.
@@ -348,8 +348,8 @@ def linear_of(subject: Subject, recording: object = None) -> Linearisation:
         recording: Recording of the scene, or its path, at whose end the grasp is linearised.
 
     Raises:
-        InputError: If the subject or the recording is of another kind; and the errors of `gx.load` and
-            `Scene.linearise`.
+        InputError: If the subject or the recording has another type; other errors are those of
+            `gx.load` and `Scene.linearise`.
     """
     if isinstance(subject, Linearisation):
         if recording is not None:

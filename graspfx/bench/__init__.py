@@ -1,1 +1,1 @@
-"""Benchmarks: run time against error, for the choices of a scene and for frequently used calls."""
+"""Benchmarks: run time against error, for the numerical options of a scene and for frequently used calls."""

@@ -147,7 +147,7 @@ def ours_fixed(contacts: ContactSet) -> Iterator[Method]:
         coupling.compute()
         return coupling.force
 
-    note = "finds the split anew; displacements copied"
+    note = "recomputes the split; displacements copied"
     yield _method("GraspFX PointCoupling", by_coupling, list(contacts.displacements), contacts.forces, note)
 
 

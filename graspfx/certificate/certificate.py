@@ -23,7 +23,7 @@ MOST_GRIPS = 8  # fingers whose margins are shown one by one
 ROUNDING = 1e-11  # excess of |z| over 1 that rounding causes in a motion of constant size
 PLACES = {
     "squeezed": "squeezed",
-    "recorded": "at the rest that the recording ends with",
+    "recorded": "at rest, at the end of the recording",
     "provisional": "provisional, squeezed by one step from the start",
     "start": "at the start, not squeezed",
 }

@@ -109,9 +109,9 @@ def certify(
     """
     scene_ = to_scene(scene)
     if not isinstance(quick, bool):
-        raise InputError("quick", quick, "True or False", "values of keys go in with the scene: gx.load(scene, values)")
+        raise InputError("quick", quick, "True or False", "pass values of keys with the scene: gx.load(scene, values)")
     if quick and recording is not None:
-        raise InputError("quick", True, "False with a recording", "the rest is that of the recording")
+        raise InputError("quick", True, "False with a recording", "the recording provides the rest")
     if recording is not None:
         rest = recording_of(scene_, recording)
         answers = certificates(scene_, "recorded", rest)

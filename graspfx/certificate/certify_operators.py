@@ -179,7 +179,7 @@ class OperatorCertificate(Carded):
             figures = ", ".join(
                 f"{x:.3g}" if x < math.inf else "none" for x in np.quantile(margins, QUANTILES, method="lower")
             )
-            yield f"  {mode}: margin at its least, in 5 %, 50 % and 95 % of the hands {figures}"
+            yield f"  {mode}: least margin, and its 5 %, 50 % and 95 % quantiles over the hands {figures}"
         weakest = min(self.worst.pushing, key=lambda row: row.limit.margin, default=None)
         if weakest is not None:
             yield f"  in the worst hands, {weakest.text}"
@@ -187,9 +187,9 @@ class OperatorCertificate(Carded):
         if loose:
             yield f"  {loose} of {self.share.total} may be led to the object: judged at the start"
         if restless:
-            yield f"  {restless} of {self.share.total} come to no rest: they count as not stable"
+            yield f"  {restless} of {self.share.total} do not come to rest, and are counted as not stable"
         if apart:
-            yield f"  {apart} of {self.share.total} bring no finger to an object: they count as not stable"
+            yield f"  {apart} of {self.share.total} bring no finger to an object, and are counted as not stable"
         yield f"  {self.guarantee}"
 
     @property
@@ -342,7 +342,7 @@ class OperatorRegion:
 def operator_region(
     scene: Scene, operators: OperatorSet, keys: tuple[str, ...] | None = None, points: int = 24
 ) -> OperatorRegion:
-    """Judge a grid over one or two of the ranges; one range, or one key, gives a line.
+    """Judge a grid over one or two of the ranges; one range, or one key, produces a line.
 
     Raises:
         InputError: If the number of keys, or of points, is out of range.
@@ -417,7 +417,7 @@ def gain_region(scene: Scene, hands: Sequence[Mapping[str, float]], points: int 
     """
     present = tuple(part.stiffness for part in (scene.coupling.external, scene.coupling.internal))
     if not all(isinstance(gain, int | float) and gain > 0.0 for gain in present):
-        raise InputError("coupling", present, "gains that are numbers above zero, for a map of them")
+        raise InputError("coupling", present, "gains that are positive numbers, for a map over the gains")
     if not 2 <= points <= MOST_POINTS or not span > LEAST:
         raise InputError("points, span", (points, span), f"from 2 to {MOST_POINTS} points and a span above {LEAST}")
     factors = np.linspace(LEAST, 1.0, points) * span

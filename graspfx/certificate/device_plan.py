@@ -62,7 +62,7 @@ def _soft_start(limits: SafetyLimits) -> Row:
 
 
 def _each(step: str, values: FloatArray, unit: str, more: str, none: str) -> Row:
-    """Return the row of a limit that each finger has, or the reason why there is none."""
+    """Return the row of a limit per finger, or the reason why there is none."""
     if not np.isfinite(values).any():
         return step, False, none
     low, high = float(values.min()), float(values.max())
@@ -73,7 +73,7 @@ def _each(step: str, values: FloatArray, unit: str, more: str, none: str) -> Row
 def _workspace(limits: SafetyLimits) -> Row:
     count = int((np.isfinite(limits.lower) | np.isfinite(limits.upper)).any(axis=1).sum())
     if not count:
-        return "workspace", False, "no box: no device states one, and safety.workspace gives none"
+        return "workspace", False, "no box: no device states one, and safety.workspace sets none"
     return "workspace", True, f"{count} of {len(limits.force)} fingers: no force pushes one out of its box"
 
 
@@ -96,8 +96,8 @@ def loop_rows(parts: Parts) -> Iterator[Row]:
         yield "guard", False, f"refused with --real-time: {error}"
         return
     for each in devices:
-        own = "" if each.watchdog is None else f"its watchdog drops the force within {each.watchdog:g} s"
-        ours = "" if each.quench is None else "its driver's quench takes the force away"
+        own = "" if each.watchdog is None else f"its watchdog removes the force within {each.watchdog:g} s"
+        ours = "" if each.quench is None else "its driver's quench removes the force"
         yield "guard", True, f"{each.name}: if the process dies {' and '.join(text for text in (ours, own) if text)}"
 
 

@@ -160,7 +160,7 @@ class Family:
         return max((self.farthest_of(part, factor) for part in self.loop.parts), key=abs, default=0j)
 
     def farthest_of(self, part: PartLoop, factor: float) -> complex:
-        """Find an eigenvalue of a part of largest |z| for a factor."""
+        """Find the eigenvalue of largest |z| of a part, for a factor."""
         if part.late:
             return farthest_root(part.late_loop(self.stiffness(factor)))
         z = np.linalg.eigvals(part.matrices(self.stiffness, [factor])[0])

@@ -248,7 +248,7 @@ def grip_of(scene: Scene, index: int, loop: Linearised, course: HandCourse) -> f
 
     Let f_i be the internal part of the forces at rest, and f_e the P-weighted smallest forces for a load. s is the
     smallest share of the squeeze with f_e + s f_i in every finger's cone, f_t <= mu f_n, f_n >= 0; grip = 1/s at the
-    worst instant of the hands' motion. Fingers without a coefficient (which stick, or slip freely) only have to push.
+    worst instant of the hands' motion. Fingers without a coefficient (which stick, or slip freely) need only push.
     Torsion of soft fingers is ignored.
 
     Returns:
@@ -329,7 +329,7 @@ def change_of(scene: Scene, name: str, values: Mapping[str, Any]) -> Change | No
     or devices.
 
     Raises:
-        InputError, UnknownNameError: The scene does not have a key.
+        InputError, UnknownNameError: If the scene does not have a key.
     """
     changes: dict[str, float] = {}
     for key, value in values.items():

@@ -131,7 +131,7 @@ def swept_limits(scene: Scene, sweeps: Sequence[Sweep], at: str = "squeezed") ->
         SceneError: If the scene does not accept a key, or a value at an end of its range.
     """
     if not 1 <= len(sweeps) <= 2:
-        raise InputError("--sweep", len(sweeps), "one or two of them")
+        raise InputError("--sweep", len(sweeps), "one or two sweeps")
     if len({sweep.key for sweep in sweeps}) < len(sweeps):
         raise InputError("--sweep", sweeps[0].key, "two different keys")
     points = math.prod(len(sweep.values) for sweep in sweeps)
@@ -148,7 +148,9 @@ def swept_limits(scene: Scene, sweeps: Sequence[Sweep], at: str = "squeezed") ->
             return SweptLimits(tuple(sweeps), *limits, True, perf_counter() - began)
     if points > MOST_SCENES:
         keys = ", ".join(sweep.key for sweep in sweeps)
-        raise InputError("--sweep", points, f"at most {MOST_SCENES:,} points over {keys}", "each needs a scene made")
+        raise InputError(
+            "--sweep", points, f"at most {MOST_SCENES:,} points over {keys}", "each point needs a new scene"
+        )
     shape = tuple(len(sweep.values) for sweep in sweeps)
     rows = []
     with waiting(f"sweeping {' and '.join(sweep.key for sweep in sweeps)}", points, "points") as wait:
@@ -175,9 +177,13 @@ def _overrides(sweeps: Sequence[Sweep], values: Sequence[float]) -> Mapping[str,
 def _require_numbers(scene: Scene) -> None:
     for name, part in (("external", scene.coupling.external), ("internal", scene.coupling.internal)):
         if not isinstance(part.stiffness, int | float) or part.stiffness <= 0.0:
-            raise InputError(f"coupling.{name}.stiffness", part.stiffness, "one number above zero, for a limit of it")
+            raise InputError(
+                f"coupling.{name}.stiffness", part.stiffness, "one positive number, for a limit of this gain"
+            )
     if len(set(scene.finger_objects)) > 1:
-        raise InputError("scene", len(scene.object), "one object in fingers", "`graspfx check` has limits for each")
+        raise InputError(
+            "scene", len(scene.object), "one grasped object", "`graspfx check` computes the limits of each"
+        )
 
 
 def _point(scene: Scene, at: str) -> tuple[float, float, float]:

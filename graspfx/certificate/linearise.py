@@ -138,7 +138,7 @@ def linearise(
     """
     require_no_host(scene, "a certificate")
     if at not in WHERE:
-        raise UnknownNameError("place of a linearisation", at, WHERE)
+        raise UnknownNameError("operating point", at, WHERE)
     names = [thing.name for thing in scene.object]
     if object is not None and object not in names:
         raise UnknownNameError("object", object, names)
@@ -212,7 +212,7 @@ def _share(parts: Parts, index: int, where: str, recording: Recording | None) ->
     place, ground, standing = OperatingPoint("start", None, np.full(grip.n, np.nan)), None, None
     if where == "recorded":
         if recording is None:
-            raise InputError("recording", None, "a recording of the scene, for the rest that it ends with")
+            raise InputError("recording", None, "a recording of the scene that ends at rest")
         set_pose(grip, recording, part.name)
         ground = ground_under(parts, index, grip)
         place = recorded(scene, index, grip, fingers, recording, ground)
@@ -269,7 +269,7 @@ def _matrices(
         forces = np.arange(n * g.state.coordinates) % g.state.coordinates < d  # without the torsion of soft fingers
         of_object = tuple(turn @ each[np.ix_(forces, forces)] @ turn.T for each in g.object_gains())
         if g.soft:
-            assumed.append("the torsion that K_o gives to soft fingers stays as it is while K_o is scaled")
+            assumed.append("the torsion that K_o gives to soft fingers is unchanged while K_o is scaled")
     gains = ScaledGains(law, split, n, normals, pads, compliance, of_object)
     if np.isinf(compliance).any():
         assumed.append("unloaded contacts have no damping, which grows with depth")
@@ -291,7 +291,7 @@ def _matrices(
         G = G_e = grip.wrenches(contacts)
     if ground is not None:
         assumed.append(
-            f"the object stands on {', '.join(ground.names)} with {ground.points} points, which stick and bear"
+            f"the object stands on {', '.join(ground.names)} with {ground.points} points, which stick and carry load"
         )
     outside = ", ".join(scene.finger_names[i] for i in fingers[place.margins > 1.0 + EDGE])
     if outside:
@@ -302,7 +302,7 @@ def _matrices(
         turning = grip.axes >= 3
         extra = (grip.turning_damping() - G @ D @ G_e.T)[np.ix_(turning, turning)]
         viscosity[np.ix_(turning, turning)] += extra
-        assumed.append("the damping of torsion counts as the object's own viscosity")
+        assumed.append("the damping of torsion is treated as the object's own viscosity")
     return _ObjectMatrices(
         name=table.name,
         fingers=fingers,

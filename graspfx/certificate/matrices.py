@@ -260,12 +260,12 @@ def assumptions(parts: Parts, fingers: Sequence[int], force: FloatArray) -> Iter
     if any(table.stiffening is not None for table in own):
         grip = np.linalg.norm(force, axis=1)
         forces = ", ".join(f"{parts.scene.finger_names[i]} {grip[i]:.3g} N" for i in fingers)
-        yield f"hands as stiff as grip makes them at rest ({forces}), and the squeeze's own force growing with it"
+        yield f"hands are as stiff as the grip makes them at rest ({forces}), and the squeeze's own force grows with it"
     if any(table.reaction is not None for table in own):
-        yield "delays of reactions rounded to samples; no such operator is passive"
+        yield "delays of reactions are rounded to samples; no such operator is passive"
     inputs = [name for name in ("tremor", "noise") if any(getattr(table, name) is not None for table in own)]
     if inputs:
-        yield f"{' and '.join(inputs)} left out: external inputs do not change eigenvalues"
+        yield f"{' and '.join(inputs)} omitted: external inputs do not change eigenvalues"
 
 
 def _operator(still: StillHand) -> Operator | None:

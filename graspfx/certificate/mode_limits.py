@@ -171,7 +171,7 @@ def pushing_limits(scene: Scene, loop: Linearised) -> list[Limit]:
 
 
 def _pushes(scene: Scene, loop: Linearised, pushers: tuple[int, ...]) -> Iterator[Linearisation]:
-    """Yield the loops of some pushing fingers: the others near without force, and, if they fade, gone."""
+    """Yield the loops of some pushing fingers: the others are near without force or, if they fade, omitted."""
     near = without_freedoms(loop.linear, np.isin(loop.finger_of_column, pushers))
     yield near
     if scene.coupling.absent == "fade":

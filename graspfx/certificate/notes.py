@@ -46,7 +46,7 @@ def former_notes(scene: Scene) -> list[str]:
     """Return a sentence for each device table with settings under former names."""
     tables = dict(table_at(scene, i) for i in range(len(scene.finger)))
     return [
-        f"{dotted((*at, old))} is called {now!r} now: the old name is still read"
+        f"{dotted((*at, old))} is now called {now!r}; the old name is still accepted"
         for at, table in tables.items()
         for old, now in table.former.items()
     ]
@@ -69,12 +69,12 @@ def why_not_gradual(scene: Scene) -> str:
 
 
 def depth_notes(scene: Scene) -> list[str]:
-    """Warn of a `coupling.damping_depth` that changes nothing."""
+    """Warn of a `coupling.damping_depth` without effect."""
     depth = scene.coupling.damping_depth
     if depth == 0.0:
         return []
     why = why_not_gradual(scene)
-    return [f"coupling.damping_depth = {depth:g} m changes nothing: {why}"] if why else []
+    return [f"coupling.damping_depth = {depth:g} m has no effect: {why}"] if why else []
 
 
 def unsettled(parts: Parts) -> list[str]:

@@ -40,9 +40,7 @@ ON_SURFACE = 1e-9  # rounding of a finger that starts on the surface [m]
 MOST_GRIPS = 60  # largest number of iterations for the grip force and the stiffness that depends on it
 SAME_GRIP = 1e-8  # relative difference of the forces of two iterations at convergence
 UNFORCED = "contacts as at the start and no force on them: "
-SLID = (
-    "contacts slid while the hands closed slowly; a run comes to rest a few per cent elsewhere: certify its recording"
-)
+SLID = "contacts slid while the hands closed slowly; a run rests a few per cent away: certify its recording"
 
 
 class NotGraspingError(InputError):
@@ -230,7 +228,7 @@ def bent(course: FloatArray, start: FloatArray) -> bool:
 
 
 def provisional(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> OperatingPoint:
-    """Squeeze the grip by one linear step from its sticking contacts at the start, without searching for a rest."""
+    """Squeeze the grip by one linear step from its sticking contacts at the start, without a search for a rest."""
     point, name = OperatingPoint("provisional", None, np.full(grip.n, np.nan)), parts.objects[index].table.name
     load = load_of(parts, index, grip, fingers, point)
     g = grip.grasped

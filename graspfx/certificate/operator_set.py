@@ -200,7 +200,7 @@ def operator_set(scene: Scene, ranges: Ranges | None = None) -> OperatorSet:
     Raises:
         InputError: If there are no ranges, a key twice, too many, or invalid ranges; or the scene has no simulated
             hand.
-        UnknownNameError, SceneError: The scene does not have a key.
+        UnknownNameError, SceneError: If the scene does not have a key.
     """
     source = "as asked for"
     if ranges is None and scene.operators:
@@ -355,7 +355,7 @@ def worst_operator(
         return figure(every[place])
 
     most = len(places) + DESCENTS * STEPS * size
-    with waiting("looking for the worst operator", most, "operators", lambda: float(len(every))):
+    with waiting("searching for the worst operator", most, "operators", lambda: float(len(every))):
         ranked = sorted(places, key=value)
         for start in apart(ranked)[:DESCENTS]:
             minimize(

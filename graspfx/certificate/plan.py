@@ -284,7 +284,7 @@ def _projection(scene: Scene) -> Row:
         each_mu = ", ".join(f"{mu:g}" for mu in dict.fromkeys(scene.coefficients))
         law = "by Coulomb's law, or the associated law if that has no solution"
         why = f"fingers only push; friction mu = {each_mu} {law}"
-        return "letting go", True, f"{why}; the recording says which (law)"
+        return "letting go", True, f"{why}; the recording marks which (law)"
     law = "holds where it touched" if scene.coupling.friction == "stick" else "slips freely"
     return "letting go", True, f"fingers only push, eqs. (24)-(26); a touching finger {law}"
 
@@ -294,7 +294,11 @@ def _gradual(scene: Scene) -> Row:
     if why:
         return "damping by depth", False, why
     depth = 1e3 * scene.coupling.damping_depth
-    return "damping by depth", True, f"it grows to its value over {depth:g} mm of penetration depth: no step at contact"
+    return (
+        "damping by depth",
+        True,
+        f"it grows to its value over {depth:g} mm of penetration depth, without a step at contact",
+    )
 
 
 def _pads(scene: Scene) -> Row:
@@ -333,9 +337,9 @@ def _limits(parts: Parts) -> Iterator[Row]:
         limits = f"{limits}; {own} by [safety]" if limits else f"{own} by [safety]"
     if limits:
         ways = {limits_inside(scene, thing) for thing in scene.object}
-        way = "inside the projection, on cones cut at the limit" if True in ways else ""
+        way = "in the projection, on cones truncated at the limit" if True in ways else ""
         way += ", or " if len(ways) > 1 else ""
-        way += "scaled: squeezing first, in the cones, along the same wrench" if False in ways else ""
+        way += "scaled within the cones: internal forces first, without a change of the wrench" if False in ways else ""
         yield "limit", True, f"{limits}; {way}; before the reaction, so that the object receives what is displayed"
     else:
         yield "limit", False, "no device states a largest force"
@@ -395,7 +399,7 @@ def _turn(scene: Scene, thing: Object) -> tuple[bool, str]:
 def _hand(scene: Scene) -> Row:
     simulated = [finger for finger in scene.finger if finger.hand is not None]
     if not simulated:
-        return "hand", False, "no finger names one"
+        return "hand", False, "no finger has a hand"
     return "hand", True, f"{len(simulated)} of {len(scene.finger)} fingers held; {'; '.join(descriptions(scene))}"
 
 

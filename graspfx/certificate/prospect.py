@@ -1,4 +1,4 @@
-"""Prospect of a run: the number of calls per tick, and the engine with the reason for it."""
+"""Preview of a run: the number of calls per tick, and the engine with the reason for it."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ class Report(Carded):
         for note in self.notes:
             yield f"note: {note}"
         for name, reason in self.presets.items():
-            yield f"{'preset':<9}{name + (' (in force)' if name == self.preset else ''):<24}{reason}"
+            yield f"{'preset':<9}{name + (' (active)' if name == self.preset else ''):<24}{reason}"
         for row in self.plan if plan else ():
             yield f"{'runs' if row.runs else 'skipped':<9}{row.step:<24}{row.why}"
 

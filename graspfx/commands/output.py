@@ -150,7 +150,7 @@ def say_source(request: Path, file: Path, recording: Recording) -> None:
     """Note which file was read if it is a part file, or if a newer part file exists beside it."""
     if is_part(file):
         seconds = recording.end
-        text = f"read {seconds:g} s from {file}, from a run that has not finished or was killed"
+        text = f"read {seconds:g} s from {file}; the run has not finished or was killed"
         note([text + _instead_of(request, file)])
     elif part_of(file).is_file():
         note([f"read {file}; {part_of(file).name} beside it is from a later run that has not finished or was killed"])

@@ -74,7 +74,7 @@ class Experiment(Study):
         """List the trials of a session in order; increments that a staircase will choose are NaN.
 
         Raises:
-            InputError, MissingPackageError: As in `plan`.
+            InputError, MissingPackageError: If `plan` raises it.
         """
         slots = self.plan(participant, session).slots
         return [

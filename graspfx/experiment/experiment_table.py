@@ -101,7 +101,7 @@ class Span(Table):
 
 
 class Staircase(Table):
-    """QUEST+ staircase, one per condition: each increment is the one whose answer is most informative."""
+    """QUEST+ staircase, one per condition: each increment is chosen so that its answer is most informative."""
 
     increments: Span = Field(description="relative increments to choose from")
     threshold: Span = Field(description="possible relative thresholds (80 % correct), equally likely at first")

@@ -25,7 +25,7 @@ class Trial:
         levels: Level of each factor, by its name.
         intervals: Values of the scene in each interval, by dotted key; two intervals are compared.
         answer: Correct answer; empty if there is none.
-        reference: Smaller value of a comparison; NaN without one.
+        reference: Smaller value of a comparison; NaN without a comparison.
         increment: Relative increment of the larger value; NaN without a comparison.
         is_practice: Whether the trial is practice.
     """
@@ -48,7 +48,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Presentation:
-    """Presented trial, for the answerer.
+    """Presented trial, as passed to the answerer.
 
     Attributes:
         trial: Planned trial.

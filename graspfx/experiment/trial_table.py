@@ -206,7 +206,7 @@ def session_identity(experiment: Study, files: SessionFiles, mode: str) -> dict[
 
 
 def require_same(about: Mapping[str, Any], experiment: Study, files: SessionFiles, mode: str) -> None:
-    """Require that an interrupted session has the same identity; a description in an older form gives a warning.
+    """Require that an interrupted session has the same identity; a description in an older form causes a warning.
 
     Args:
         about: Description of the interrupted session.

@@ -266,7 +266,7 @@ def apply_gains(state: ContactSplitState) -> Vector:
 
 @kernel
 def scaled(gain: Table, v: Vector) -> Vector:
-    """Multiply a gain and a vector."""
+    """Compute the product of a gain and a vector."""
     return Vector(
         gain[0, 0] * v.x + gain[0, 1] * v.y + gain[0, 2] * v.z,
         gain[1, 0] * v.x + gain[1, 1] * v.y + gain[1, 2] * v.z,

@@ -103,7 +103,7 @@ class Feedback(Carded):
             time: Time of the sample on the host's clock [s], which must increase.
             normals: Normals into the object (m, d), of any length; by default the direction of a finger points to the
                 mean of the other fingers' points.
-            torques: Torques of the object on the fingers, (m, 3), or (m,) in the plane [N m]; they count in `moment`.
+            torques: Torques of the object on the fingers, (m, 3), or (m,) in the plane [N m]; `moment` includes them.
             finger: Index of the finger of each contact, (m,); a finger may have several contacts. If not given,
                 contact j is finger j.
             reference: Point of the moment, (d,) [m], such as the object's centre now; the mean of the fingers' points
@@ -168,7 +168,7 @@ class Feedback(Carded):
 
     def _refuse(self, f: FloatArray, p: FloatArray) -> None:
         """Raise an InputError for the value that cannot be used."""
-        finite("points", p, do="the simulator has diverged, or a contact is not filled")
+        finite("points", p, do="the simulator has diverged, or a contact has no values")
         finite("forces", f, do="the simulator has diverged; the device goes to zero force")
         if abs(f).max(initial=0.0) > self.largest:
             raise InputError(
@@ -186,12 +186,12 @@ class Feedback(Carded):
             return
         n = max(most, 1, self._n if state is not None else 0) if self._fixed is None else self._fixed
         if most > n:
-            raise InputError("finger", most - 1, f"contacts of fingers 0 to {n - 1}, as Feedback(fingers={n})")
+            raise InputError("finger", most - 1, f"contacts of fingers 0 to {n - 1}, because of Feedback(fingers={n})")
         if state is not None and d != self._dimensions:
             raise InputError("points", f"(m, {d})", f"(m, {self._dimensions}), as in the previous samples")
         for name, gain in self._gains.items():
             if gain.ndim and gain.shape != (d, d):
-                raise InputError(name, gain, f"a number or a matrix ({d}, {d}), as points have {d} coordinates")
+                raise InputError(name, gain, f"a number or a matrix ({d}, {d}), because points have {d} coordinates")
         self._make(d, n, max(ROOM, contacts, 2 * contacts if contacts > ROOM else 0))
 
     def _make(self, d: int, n: int, capacity: int) -> None:

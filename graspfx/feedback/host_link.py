@@ -184,7 +184,7 @@ class HostLink:
             external[:], internal[:] = 0.0, 0.0
             external[:count], internal[:count] = shown.external, shown.internal
         else:
-            raise InputError("shown.fingers", count, f"forces on at most {n} fingers, the device's number")
+            raise InputError("shown.fingers", count, f"forces on at most {n} fingers, as many as the device has")
         self._require_running()
         self._write(time, 0.0)
 

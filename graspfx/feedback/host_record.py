@@ -83,7 +83,7 @@ def make_record(name: str, fingers: int, dimensions: int, period: float) -> Host
 
 
 def find_record(name: str) -> FloatArray | None:
-    """Find the record of a running loop; return None without one.
+    """Find the record of a running loop; return None if there is none.
 
     Raises:
         DeviceError: If the record has another version.

@@ -127,4 +127,4 @@ def _do(request: _Request, action: Callable[[], object]) -> None:
 
 
 def _over() -> InputError:
-    return InputError("run", "closed", "an open run", "it was closed")
+    return InputError("run", "closed", "an open run", "it was closed; start a new run")

@@ -98,7 +98,7 @@ class LiveRun(Resource):
 
     @property
     def servo(self) -> Servo:
-        """Copy of the servo that shows features and reach of the devices; its state is not the state of the run."""
+        """Copy of the servo, for features and reach of the devices; its state is not the state of the run."""
         return self._session.servo
 
     @property
@@ -298,7 +298,7 @@ class LiveRun(Resource):
         """Start a new run with the present values and the guides at their initial positions; wait until it runs.
 
         Raises:
-            RecordingError, DeviceError: The run cannot start; another reset may succeed.
+            RecordingError, DeviceError: If the run cannot start; another reset may succeed.
         """
         self._conductor.do(lambda: self._renew(None)).result()
 
@@ -353,7 +353,7 @@ class LiveRun(Resource):
             return
         why = self.fault.message if self.fault is not None else self.cause
         do = "check the device, end the program, and start it again"
-        raise InputError("run", f"hardware that has ended: {why}", "a run without fault", do)
+        raise InputError("run", f"hardware that has ended: {why}", "a run without a fault", do)
 
     def rest(self) -> None:
         """Let all forces decay to zero; return when all are zero."""

@@ -1,4 +1,4 @@
-"""Child process of `Margins`: one thread reads requests and gives provisional results, another gives full results."""
+"""Child process of `Margins`: one thread reads requests and answers provisionally, another computes full results."""
 
 from __future__ import annotations
 

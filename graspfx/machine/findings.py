@@ -26,7 +26,7 @@ class Finding:
     Attributes:
         subject: Subject of the check.
         text: What was found.
-        remedy: What to do; empty if nothing.
+        remedy: Remedy; empty if none is needed.
     """
 
     subject: str

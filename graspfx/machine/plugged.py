@@ -106,7 +106,7 @@ def _rest(driver: str, hints: Mapping[str, object], root: Path) -> Iterator[Sigh
     elif libraries := _patterns(hints, "libraries"):
         place = library_at(libraries, root)
         if place is None:
-            yield Sighting(driver, f"no {' or '.join(libraries)}: install the maker's SDK")
+            yield Sighting(driver, f"no {' or '.join(libraries)}: install the vendor's SDK")
         else:
             yield Sighting(driver, str(place), f'{{ name = "{driver}" }}')
     elif isinstance(service := hints.get("service"), str):

@@ -108,8 +108,8 @@ class Jitter:
 
     Attributes:
         pacer, bare: Lateness of a run's pacer, and of bare nanosleep calls to absolute times.
-        missed, bare_missed: Number of skipped periods of each.
-        ticks: Number of ticks of each.
+        missed, bare_missed: Number of skipped periods of each loop.
+        ticks: Number of ticks of each loop.
     """
 
     def __init__(self, period: float, duration: float = WAKE_DURATION) -> None:

@@ -73,7 +73,7 @@ def excess(text: str) -> Fault | None:
         if keys > MOST_KEYS:
             return fault(f"more than {MOST_KEYS} keys", at)
         if values > MOST_VALUES:
-            return fault(f"more than {MOST_VALUES} values; a mesh or a path goes into a file of its own", at)
+            return fault(f"more than {MOST_VALUES} values; store a mesh or a path in a separate file", at)
     return None
 
 
@@ -130,5 +130,5 @@ def read_bytes(path: Path, name: str) -> bytes:
         raise InputError("scene", name, "a file that can be read", str(error.strerror)) from error
     if len(data) > LARGEST_FILE:
         most = f"a file of at most {LARGEST_FILE / 1e6:g} MB"
-        raise InputError("scene", name, most, "a mesh or a path goes into a file of its own")
+        raise InputError("scene", name, most, "store a mesh or a path in a separate file")
     return data

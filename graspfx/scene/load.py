@@ -58,7 +58,7 @@ def to_scene(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | 
     """Return a given scene, or load a scene by name or path; apply overrides by dotted key.
 
     Raises:
-        InputError: If the argument is not a scene, name or path; and the errors of `load`.
+        InputError: If the argument is not a scene, name or path; other errors are those of `load`.
         SceneError: If the scene with its overrides has faults; the error lists all of them.
     """
     if isinstance(scene, str | PathLike):
@@ -81,7 +81,7 @@ def file_text(path: Path) -> str:
         return data.decode()
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        fault = Fault("", f"not UTF-8: byte 0x{data[error.start]:02x}; save the file in that encoding", line)
+        fault = Fault("", f"not UTF-8: byte 0x{data[error.start]:02x}; save the file as UTF-8", line)
         raise SceneError(name, [fault]) from error
 
 

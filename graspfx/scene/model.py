@@ -48,7 +48,7 @@ class Scene(Carded, SceneTable):
         from graspfx.assembly.checks.faults import find_faults
 
         if source is not None and not isinstance(source, Source):
-            raise InputError("Scene", source, "keys and values: Scene(dimensions=1, ...)", "a table goes in as **table")
+            raise InputError("Scene", source, "keys and values: Scene(dimensions=1, ...)", "pass a table as **table")
         if table.get("host") is not None:  # whose program simulates the object
             table = without_object(table)
         origin = source or Source()
@@ -244,8 +244,8 @@ def schema() -> dict[str, Any]:
     return described
 
 
-EXPECTED = "numbers, texts, lists and tables: a recording has its whole scene as data"
-DO = "make it in a driver of your own, a Python file whose `connect` takes settings (docs/how-to/device.md)"
+EXPECTED = "numbers, texts, lists and tables: a recording stores its whole scene as data"
+DO = "create it in a driver of your own, a Python file whose `connect` takes settings (docs/how-to/device.md)"
 
 
 def not_data(table: Any) -> InputError:
@@ -298,7 +298,7 @@ def _rows(scene: SceneTable, source: Source) -> Iterator[tuple[str, str]]:
     yield "coupling", "\n".join(_coupling(scene))
     yield "fingers", "\n".join(_fingers(scene))
     yield "hands", "\n".join(_some(f"{each.name}: {_hand(each)}" for each in scene.hand))
-    yield "presets", listed(f"{name}{' (in force)' if name == source.preset else ''}" for name in scene.preset)
+    yield "presets", listed(f"{name}{' (active)' if name == source.preset else ''}" for name in scene.preset)
     yield "set", listed(f"{key} = {value!r}" for key, value in source.overrides.items())
     yield "file", str(source.path or "")
 

@@ -119,11 +119,11 @@ def _replace_item(items: list[Any], at: Key, part: str, rest: list[str], value: 
     elif (number := number_of(part, [item if isinstance(item, dict) else {} for item in items])) is not None:
         numbers = range(number, number + 1)
     else:
-        yield f"{dotted(at)} is a list of {len(items)}: name one by its number or name, or all with '*'"
+        yield f"{dotted(at)} is a list of {len(items)}: select one by its number or name, or all with '*'"
         return
     for i in numbers:
         if i >= len(items):
-            yield f"{dotted(at)} has {len(items)}, the last is {dotted((*at, len(items) - 1))}"
+            yield f"{dotted(at)} has {len(items)} entries, the last is {dotted((*at, len(items) - 1))}"
         elif rest:
             yield from _replace(items[i], (*at, i), rest, value)
         else:

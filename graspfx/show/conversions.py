@@ -152,7 +152,7 @@ def parts_of_objects(layout: Layout) -> Mapping[str, Column]:
 
 
 def object_name(part: str) -> str:
-    """Name the quantity of all objects for the name of an object's column."""
+    """Return the name of the quantity of all objects, for the name of an object's column."""
     return "object_" + part.replace("/", "_")
 
 

@@ -184,7 +184,7 @@ def _maker(store: Any, *, with_number: bool) -> Callable[..., Any]:
 
 
 def _word(name: str) -> str:
-    """Convert a name to a part of a topic, with letters, digits and "_" only."""
+    """Convert a name to a valid part of a topic name, with letters, digits and "_" only."""
     text = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in name)
     return text if text[:1].isalpha() else f"_{text}"
 

@@ -220,7 +220,7 @@ def panel(axes: Axes, *, x: str = "", y: str = "", title: str = "") -> None:
 
 
 def save(drawing: Sheet | Figure, path: str | PathLike[str], form: str = "", dpi: int = 0) -> Path:
-    """Write a figure; the same figure gives the same bytes.
+    """Write a figure; the bytes of equal figures are identical.
 
     Args:
         drawing: Result of `figure`.

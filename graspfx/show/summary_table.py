@@ -264,7 +264,7 @@ def _untouched(recording: Recording, gap: NDArray[np.float64]) -> Iterator[str]:
 
 
 def _lost(recording: Recording) -> Iterator[str]:
-    """Report objects that all fingers leave for good, and that slide out of the last fingers or fall afterwards."""
+    """Report objects that all fingers leave permanently, and that slide out of the last fingers or fall afterwards."""
     layout = recording.layout
     down = np.array(recording.header.scene_table.get("gravity") or [0.0] * layout.dimensions, dtype=float)
     down /= np.linalg.norm(down) or 1.0

@@ -115,7 +115,7 @@ def take_order(content: bytes) -> tuple[SceneOrder, Scene]:
 
 @contextmanager
 def permitted(order: SceneOrder) -> Iterator[None]:
-    """Apply the trust of the order's user, and look up installed packages once."""
+    """Apply the order's trust setting, and look up installed packages once."""
     with granted(order.trusted), plugins.unchanged():
         yield
 

@@ -21,8 +21,8 @@ def lock(descriptor: int, *, lockless: bool = True) -> bool:
 
     Args:
         descriptor: Descriptor of the file.
-        lockless: Result on a system or file system without locks. True lets everyone in; use it only if something
-            else keeps a second program out.
+        lockless: Result on a system or file system without locks. True admits every caller; use it only if
+            something else excludes a second program.
     """
     try:
         if sys.platform == "win32":

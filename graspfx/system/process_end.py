@@ -1,4 +1,4 @@
-"""Ends of processes: ending with the parent, signals, and descriptors that report an end."""
+"""Ends of processes: end with the parent, signals, and descriptors that report an end."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ class Named:
         return True
 
     def _discard(self) -> bool:
-        """Remove the file if its owner is no more."""
+        """Remove the file if its owner no longer exists."""
         try:
             file = os.open(self._path, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
         except FileNotFoundError:
@@ -93,7 +93,7 @@ class Named:
             os.close(file)
 
     def close(self) -> None:
-        """Take the name away; a second time nothing happens. The memory stays for whoever has it."""
+        """Remove the name; a second call does nothing. Programs that have the memory keep it."""
         if self._file < 0:
             return
         if self._is_published:
@@ -106,7 +106,7 @@ class Named:
 
 
 def find(name: str) -> mmap.mmap | None:
-    """Find named memory of this user; return None without it."""
+    """Find named memory of this user; return None if there is none."""
     try:
         file = os.open(file_of(name), os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
     except OSError:

@@ -23,7 +23,7 @@ def terminal_keys(press: Callable[[str], object], end: Callable[[], object]) -> 
     """Report keys within the block, from a separate thread; the terminal does not echo them.
 
     Args:
-        press: Function called with each key. Of input from a file or pipe, each line counts as its first letter, and
+        press: Function called with each key. For input from a file or pipe, each line is its first letter, and
             an empty line as Enter.
         end: Function called once when the input ends, such as when the terminal is closed.
     """

@@ -127,7 +127,7 @@ HARDWARE = (
 PERSON = (
     BlindSpot("the motors follow the wire", "a force gauge: newtons, directions and signs of every finger"),
     BlindSpot("lengths, encoders and axes are those of the settings", "a ruler: put the finger at known positions"),
-    BlindSpot("the emergency stop takes the power away", "press it while a force is displayed"),
+    BlindSpot("the emergency stop switches the power off", "press it while a force is displayed"),
 )
 """Promises of hardware that only a person can test."""
 

@@ -171,7 +171,7 @@ class Damage:
     """A failure of a line that changes single answers; the same seed changes the same answers in the same way.
 
     Attributes:
-        kind: Kind of the failure, None without one.
+        kind: Kind of the failure, None for no failure.
         number: Parameter of the failure, as in `Wire.fail`.
     """
 
@@ -353,7 +353,7 @@ class SerialWire(Wire):
 
 
 def compiler() -> str | None:
-    """Find the C compiler of this machine, gcc or cc; None without one."""
+    """Find the C compiler of this machine, gcc or cc; None if there is none."""
     return which("gcc") or which("cc")
 
 

@@ -169,7 +169,7 @@ class _Bench:
         return not self.wire.torque.any()
 
     def falls_silent(self) -> bool:
-        """Tell whether the motors soon have zero torque and keep it."""
+        """Tell whether the motors' torque soon becomes zero and stays zero."""
         if not self.becomes(self.is_quiet, within=self.patience):
             return False
         self.wire.clock.sleep(0.005)

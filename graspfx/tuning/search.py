@@ -123,7 +123,7 @@ class Problem:
         return min(self.slacks(one), default=math.inf)
 
     def smooth_slacks(self, one: Judgement, modes: Sequence[str]) -> Iterator[float]:
-        """Yield the slacks; a constraint on the margin gives a slack per mode, because their minimum is less smooth."""
+        """Yield the slacks; a constraint on the margin has a slack per mode, because their minimum is less smooth."""
         numbers = numbers_of(self.keys, one)
         for each in self.constraints:
             if "margin" in each.names and one.stable:
@@ -164,7 +164,7 @@ def _key(scene: Scene, name: str) -> str:
 def _wide(scene: Scene, key: str) -> OperatorRange:
     value = value_of(scene, key)
     if not value > 0.0:
-        raise InputError("over", key, "a range, KEY=FROM:TO", f"the value {value} gives no default range")
+        raise InputError("over", key, "a range, KEY=FROM:TO", f"the value {value} has no default range")
     return OperatorRange(key, value / WIDE, value * WIDE)
 
 

@@ -41,7 +41,7 @@ def tune(
     """Find the largest gains with which a scene keeps its margins for every operator of a set.
 
     Constraints must hold in the worst hand. The search alternates between the best gains for a few hands, and the worst
-    hand for these gains in the whole box. The worst hand is added to the few, until no hand violates a constraint
+    hand for these gains in the whole box. The worst hand is added to the few hands, until no hand violates a constraint
     (Blankenship and Falk 1976). For one key, roots are bracketed by a grid; several keys use sequential quadratic
     programming from points that sample the box. Each judgement is a certificate at the rest with the judged values. New
     judgements verify the result, including judgements for random hands and with the objective 1 % larger.

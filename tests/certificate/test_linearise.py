@@ -145,7 +145,7 @@ def test_a_device_that_tells_no_mass_is_named(tmp_path: Path) -> None:
 
 
 def test_names_that_nothing_answers_to() -> None:
-    with pytest.raises(UnknownNameError, match="place of a linearisation"):
+    with pytest.raises(UnknownNameError, match="operating point"):
         attached(1).linearise("finish")
     with pytest.raises(UnknownNameError, match="object"):
         linearise(attached(1), object="ball")

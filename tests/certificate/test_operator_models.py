@@ -209,8 +209,8 @@ def test_what_is_left_out_or_taken_for_granted_is_said() -> None:
     noisy = {"tremor": {"amplitude": 1e-4}, "noise": {"share": 0.02, "cutoff": 10.0, "lag": 0.1}}
     loop = linearise(pinch(**STIFFENING, **REACTION, **noisy))
     text = "\n".join(loop.assumed)
-    assert "tremor and noise left out" in text
-    assert "as stiff as grip makes them" in text
+    assert "tremor and noise omitted" in text
+    assert "as stiff as the grip makes them" in text
     assert "delays of reactions rounded to samples" in text
     quiet, plain = (radius_of(linearise(pinch(**each)).linear) for each in (noisy, {}))
     assert quiet == plain

@@ -82,7 +82,7 @@ def test_it_keeps_the_promises_of_a_device() -> None:
         report = check_device(lambda: connect(wire, lag=0.08), wire)
     assert "the motion of a finger is read" in report.checks
     assert "open hardware is refused to a second program, and the first one continues" in report.checks
-    assert any("a failing wire (garbage) gives the previous sample" in each for each in report.checks)
+    assert any("a failing wire (garbage) yields the previous sample" in each for each in report.checks)
     assert not any("force" in each.promise for each in (*report.not_visible, *report.needs_person))
 
 

@@ -262,7 +262,7 @@ def test_plot_says_which_file_it_reads(
     Path("killed").mkdir()
     sink = FileSink("killed/recording.h5", rec.layout, rec.header)
     sink.write(rec.rows[:300], [])
-    said = "note: read 1.5 s from killed/recording.h5.part, from a run that has not finished or was killed"
+    said = "note: read 1.5 s from killed/recording.h5.part; the run has not finished or was killed"
     for command, given in (
         ("plot", "killed/recording.h5.part"),
         ("plot", "killed"),

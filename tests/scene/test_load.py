@@ -145,7 +145,7 @@ def test_what_is_not_toml_has_its_line(text: str, line: int) -> None:
     [fault] = report(write(text))
     assert fault.startswith(f"scene.toml:{line}: not TOML: ")
     Path("scene.toml").write_bytes(GOOD.encode() + b"title = '\xe9'\n")
-    assert report("scene.toml") == ["scene.toml:19: not UTF-8: byte 0xe9; save the file in that encoding"]
+    assert report("scene.toml") == ["scene.toml:19: not UTF-8: byte 0xe9; save the file as UTF-8"]
 
 
 def test_key_lines() -> None:
@@ -275,8 +275,8 @@ def test_a_lone_table_needs_no_name_and_its_own_keys_come_first() -> None:
 @pytest.mark.parametrize(
     ("key", "message"),
     [
-        ("finger.7.start", "finger has 2, the last is finger.1"),
-        ("finger.start", "finger is a list of 2: name one by its number or name, or all with '*'"),
+        ("finger.7.start", "finger has 2 entries, the last is finger.1"),
+        ("finger.start", "finger is a list of 2: select one by its number or name, or all with '*'"),
         ("period.x", "period is a value and has no parts"),
         ("object..mass", "an override needs a key between its dots"),
     ],
@@ -417,9 +417,9 @@ FORMER = GOOD.replace("damping = 0.2", "friction = 0.2")
 def test_a_former_name_runs_the_same_and_is_noted() -> None:
     now, former = load(write(GOOD)), load(write(FORMER))
     assert np.array_equal(gx.run(now, duration=0.1).rows, gx.run(former, duration=0.1).rows)
-    assert not any("is called" in note for note in gx.check(now).notes)
-    assert [note for note in gx.check(former).notes if "is called" in note] == [
-        f"finger.{i}.device.friction is called 'damping' now: the old name is still read" for i in (0, 1)
+    assert not any("is now called" in note for note in gx.check(now).notes)
+    assert [note for note in gx.check(former).notes if "is now called" in note] == [
+        f"finger.{i}.device.friction is now called 'damping'; the old name is still accepted" for i in (0, 1)
     ]
 
 

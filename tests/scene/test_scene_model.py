@@ -149,7 +149,7 @@ def test_every_form_of_gain_is_taken(gain: Any) -> None:
         ([[1.0, 2.0], [3.0]], "expected a number, a list with one per finger"),
         (np.eye(3).tolist(), "expected 2 x 2 or 4 x 4 numbers for 2 fingers in 2 dimensions; given 3 x 3"),
         ([[1.0, 2.0], [0.0, 1.0]], "expected a symmetric matrix"),
-        ([[1.0, 2.0], [2.0, 1.0]], "no negative eigenvalue; the least is -1"),  # eigenvalues 1 +- 2
+        ([[1.0, 2.0], [2.0, 1.0]], "no negative eigenvalue; the smallest is -1"),  # eigenvalues 1 +- 2
     ],
 )
 def test_a_gain_in_none_of_its_forms_is_one_fault(gain: Any, message: str) -> None:

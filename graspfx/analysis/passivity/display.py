@@ -74,7 +74,7 @@ class Function:
         values = [np.asarray(self.evaluate(cmath.exp(1j * th)), dtype=complex).reshape(n, n) for th in angles.tolist()]
         H = np.array(values)
         if not np.isfinite(H).all():
-            raise InputError("H", self.evaluate, "a function that is finite on the unit circle", "H has to be stable")
+            raise InputError("H", self.evaluate, "a function that is finite on the unit circle", "H must be stable")
         return H
 
 
@@ -188,7 +188,7 @@ def worst_motion(H: object, damping: ArrayLike, period: float, samples: int) -> 
 
     D_k = x_{k+1} - x_k. Of all motions between two samples, uniform motion dissipates least, D'B D/T. As N grows, the
     smallest eigenvalue of this form decreases to the damping margin, about as 1/N^2, and is never below it. A negative
-    value therefore comes with a motion that proves it.
+    value is therefore proved by its motion.
 
     Args:
         H: (A, B, C, D), an object with them, or a stiffness; not a function of z.

@@ -181,7 +181,7 @@ def grasp_display(
         K, damping: Stiffness and damping, (m, m) [N/m], [N s/m].
         G: Grasp matrix (w, m) with independent rows.
         mass: Mass M_o, a number, (w,) or (w, w), positive definite.
-        viscosity: Viscosity B_o, a number, (w,) or (w, w); without any the display is not stable.
+        viscosity: Viscosity B_o, a number, (w,) or (w, w); with zero viscosity, the display is not stable.
         integrator: Integrator of the object; "semi-implicit" moves with the new velocity, "explicit" with the old one.
     """
     number("period", period, "s", zero=False)

@@ -113,8 +113,8 @@ def late_loop(linear: Linearisation, motions: Motions | None = None, *, drift: b
     samples, most = int(operator.delay.max()), MOST_WALKED // m**2
     if samples > most:
         raise InputError(
-            "reaction.delay", f"{samples} samples", f"at most {most}, with {m} coordinates of fingers, for a judgement",
-            "a shorter delay, a longer period or fewer fingers; the scene itself can be run",
+            "reaction.delay", f"{samples} samples", f"at most {most}, with {m} finger coordinates, for a judgement",
+            "use a shorter delay, a longer period or fewer fingers; the scene itself can be run",
         )  # fmt: skip
     plant = LoopRows(linear, motions, opened=True)
     rows = plant.closed()
@@ -486,7 +486,7 @@ def without_drift(linear: Linearisation, A: FloatArray) -> FloatArray:
 
 
 def drift_free(linear: Linearisation, states: int) -> FloatArray | None:
-    """Find an orthonormal basis of the states without motions that change no force; None if all states count."""
+    """Find an orthonormal basis of the states without motions that change no force; None if there are none."""
     m, r = linear.coordinates
     K = np.zeros((m + r, m + r))
     K[:m, :m] = linear.stiffness

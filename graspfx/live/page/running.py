@@ -119,7 +119,7 @@ def _whole(servo: Servo) -> Arena:
         "a body in plain Python": arena.bodies, "a plant in plain Python": arena.plants,
         "a hand in plain Python": arena.tables, "a kernel of a plug-in": arena.foreign,
         "hardware": servo.hardware, "another program's object": [] if servo.host is None else [servo.host],
-        "parts apart from its memory": [] if arena.is_whole else [arena],
+        "parts outside its memory": [] if arena.is_whole else [arena],
     }  # fmt: skip
     found = [text for text, those in others.items() if those]
     if found:
@@ -248,7 +248,7 @@ def _all_sliders(
             owners.setdefault(k, []).append(i)
     shared = {k: (who[0], who[1]) for k, who in owners.items() if len(who) == 2}
     if any(len(who) > 2 for who in owners.values()):
-        raise InputError("scene", scene.title, "numbers that depend on at most two values")
+        raise InputError("scene", scene.title, "one whose numbers depend on at most two sliders each")
     together = []
     for a, b in sorted(set(shared.values())):
         entries = [k for k, pair in shared.items() if pair == (a, b)]
@@ -276,7 +276,7 @@ def _fit(
     """
     one, other = numbers[a], numbers[b]
     if not all(each.key.endswith("stiffness") and each.least > 0.0 for each in (one, other)):
-        raise InputError("scene", scene.title, f"numbers that do not depend on {one.key} and {other.key} together")
+        raise InputError("scene", scene.title, f"one without numbers that depend on both {one.key} and {other.key}")
     places = [
         (one.least, other.most), (1.5 * one.least, other.most), (one.most, 0.999 * other.most),
         (one.most, other.least), (one.value, other.value), (3.0 * one.least, 2.0 * other.least),
@@ -287,7 +287,7 @@ def _fit(
     p, floor = table[0] - q * c[0], table[2]
     guess = np.maximum(floor, p + c[:, None] * q)
     if not np.allclose(guess, table, rtol=AGREEMENT, atol=0.0):
-        raise InputError("scene", scene.title, f"numbers that depend on {one.key} and {other.key} like a fade")
+        raise InputError("scene", scene.title, f"one whose numbers depend on {one.key} and {other.key} like a fade")
     return [[k, *map(float, each)] for k, each in zip(entries, zip(floor, p, q, strict=True), strict=True)]
 
 

@@ -62,8 +62,8 @@ class TouchLog:
     def fates(self) -> list[str]:
         """List the outcome of each order.
 
-        An outcome is "applied", "superseded" if another order for the finger came before the next tick, or the reason
-        for dropping the order.
+        An outcome is "applied", "superseded" if another order for the finger arrived before the next tick, or the
+        reason for dropping the order.
         """
         fates, newest = [each.fate for each in self.entries], dict[int, int]()
         for k, each in enumerate(self.entries):

@@ -52,7 +52,7 @@ class FrameFeed:
         self._number, self._next, self._tick = -1, 0, -1
 
     def story(self) -> dict[str, Any]:
-        """Return the data of a page of this run, from its newest row if there is one soon."""
+        """Return the data of a page of this run, from its newest row if one arrives soon."""
         run = self._run
         run.await_row(0, PATIENCE)
         tick, rows = run.rows(run.tick) if run.ticks else (0, np.full((1, run.layout.width), np.nan))

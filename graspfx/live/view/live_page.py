@@ -1,4 +1,4 @@
-"""Page of a running scene: frames, state and certificate while a browser looks on, and the user's orders."""
+"""Page of a running scene: frames, state and certificate while a browser is connected, and the user's orders."""
 
 from __future__ import annotations
 
@@ -81,8 +81,8 @@ class LivePage(Resource):
         server: Server of the page.
         certificate: Stability results, and orders that change values.
         sliders: Sliders of the page.
-        recording: File that is being recorded; None without one.
-        last: File that was recorded last; None without one.
+        recording: File that is being recorded; None if nothing is recorded.
+        last: File that was recorded last; None before the first recording.
     """
 
     def __init__(
@@ -223,7 +223,7 @@ class LivePage(Resource):
     # Orders: in the server's thread, which keeps their sequence ---------------------------------------------------
 
     def order(self, order: Order) -> bool:
-        """Begin to execute an order of a page; return False for one that does not apply."""
+        """Begin to execute an order of a page; return False for an order that does not apply."""
         if order.act == "set":
             if not self.sliders.accepts(order.number, order.value):
                 return False
@@ -238,7 +238,7 @@ class LivePage(Resource):
         return True
 
     def _actions(self, count: int) -> dict[str, Callable[[], object]]:
-        """Return what buttons do; those that move or stop a device are not there with hardware."""
+        """Return the actions of the buttons; with hardware, buttons that move or stop a device are omitted."""
         recording: dict[str, Callable[[], object]] = {"record": self._record, "stop": self._stop}
         if self.run.has_hardware:
             return recording
@@ -327,7 +327,13 @@ def margin_bars(verdict: Verdict | None, loose: Mapping[str, float]) -> dict[str
         boxes.append(_box("grey", "Stability is not known", verdict.error))
     else:
         kind = "red" if not verdict.is_stable else "grey" if loose else "green"
-        words = "UNSTABLE: it will shake" if not verdict.is_stable else "stable once it is held" if loose else "stable"
+        words = (
+            "UNSTABLE: the grasp will shake"
+            if not verdict.is_stable
+            else "stable once it is held"
+            if loose
+            else "stable"
+        )
         how = "provisional, the full result is being computed" if verdict.is_provisional else "full"
         boxes.append(_box(kind, words, f"{how}; spectral radius {verdict.spectral_radius:.5f}"))
         rows = [_row(row, "grey" if row.name in loose else "green") for row in verdict.rows]
@@ -362,17 +368,18 @@ def _share(margin: float) -> float:
 
 
 class SliderOrders:
-    """Values that sliders ask for, and those that the run has.
+    """Values requested by the sliders, and the values of the run.
 
     Args:
         sliders: Sliders of the scene.
-        order: Function that sets values by live key; its future gives what was set, or an exception.
+        order: Function that sets values by live key; its future returns the values that were set, or raises an
+            exception.
         remark: Function that shows a message; an empty message removes it.
 
     Attributes:
         sliders: Sliders with their present ranges.
         values: Values of the run, by the key of the slider.
-        shown: Values that the page shows: pending orders, then what was set.
+        shown: Values that the page shows: those of pending orders, else those that were set.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Server of pages on 127.0.0.1: the documents, and for a live run the WebSocket that brings frames and takes orders."""
+"""Server of pages on 127.0.0.1: the documents, and for a live run the WebSocket for frames and orders."""
 
 from __future__ import annotations
 
@@ -98,13 +98,13 @@ class Shown(Protocol):
     """What a server shows. The methods are called in threads of the server."""
 
     def document(self, path: str, host: str) -> str | None:
-        """Return the document at a path, for a browser that calls this machine `host`; None without one.
+        """Return the document at a path, for a browser that calls this machine `host`; None for an unknown path.
 
         It may be slow.
         """
 
     def order(self, order: Order) -> bool:
-        """Begin to execute an order, without blocking; return False for one that does not apply."""
+        """Begin to execute an order, without blocking; return False for an order that does not apply."""
 
 
 class PageServer(ClaimServer):
@@ -114,7 +114,7 @@ class PageServer(ClaimServer):
     out.
 
     Args:
-        shown: What the server shows.
+        shown: Content that the server shows.
         port: Port on 127.0.0.1; None for the first free one from 8080, 0 for any.
 
     Attributes:
@@ -137,11 +137,11 @@ class PageServer(ClaimServer):
         self._sent: dict[int, int] = {}  # version of the frames, by client
 
     def tell(self, state: Mapping[str, Any]) -> None:
-        """Send the state of the page to every browser; a slow one gets the newest when it is ready."""
+        """Send the state of the page to every browser; a slow browser gets the newest state when it is ready."""
         self._post(self._set_state, json.dumps(state, separators=(",", ":"), allow_nan=False))
 
     def show(self, run: int, first: int, frames: FloatArray) -> None:
-        """Send frames of a run (k, w), numbered from `first`; one that was sent before is replaced."""
+        """Send frames of a run (k, w), numbered from `first`; a frame that was sent before is replaced."""
         self._post(self._add, run, first, frames)
 
     # In the server's thread ---------------------------------------------------------------------------------------
@@ -189,7 +189,7 @@ class PageServer(ClaimServer):
         self._tell_all()
 
     def _message(self, client: Client) -> bytes:
-        """Return the new frames for a client: run, first number, count, and the frames; empty without one."""
+        """Return the new frames for a client: run, first number, count, and the frames; empty if there are none."""
         newest = self._sent.get(client.number, 0)
         every = [each for each in self._frames if each[0] > newest]
         new = [each for k, each in enumerate(every) if each[1] == every[0][1] + k]  # up to a gap

@@ -1,4 +1,4 @@
-"""Page of a recording of any length, served in parts that a browser holds."""
+"""Page of a recording of any length, served in parts that fit into a browser."""
 
 from __future__ import annotations
 
@@ -70,5 +70,5 @@ class RecordingPage(Resource):
         return document(story_of(part, self._folder) | {"links": links})
 
     def order(self, order: Order) -> bool:
-        """Return False: a recording takes no orders; its page plays it by itself."""
+        """Return False: a recording accepts no orders; its page plays it by itself."""
         return False

@@ -82,8 +82,8 @@ class Table(BaseModel):
         super().__delattr__(name)
 
     def _fixed(self, name: str, value: Any) -> InputError:
-        do = "scene.replace({'coupling.internal.stiffness': 50.0}), say, gives another one"
-        return InputError(f"{type(self).__name__}.{name}", value, "no value: a scene is frozen, as it was checked", do)
+        do = "scene.replace({'coupling.internal.stiffness': 50.0}) returns a changed copy"
+        return InputError(f"{type(self).__name__}.{name}", value, "no assignment, because a scene is frozen", do)
 
     if not TYPE_CHECKING:  # a visible __getattr__ would hide misspelt names from the type checker
 
@@ -131,7 +131,7 @@ Gains = float | tuple[float, ...] | tuple[tuple[float, ...], ...] | tuple[tuple[
 
 
 def _gain(value: Any) -> Gains:
-    """Check a gain in any of its forms; an invalid gain gives a single fault."""
+    """Check a gain in any of its forms; an invalid gain causes a single fault."""
     value = listed(value)
     array = _numbers(value)
     square = array is not None and array.ndim in (2, 3) and array.shape[-1] == array.shape[-2]
@@ -157,11 +157,13 @@ def _check_matrices(matrices: np.ndarray[Any, np.dtype[np.float64]]) -> None:
     for matrix in matrices:
         scale = float(np.abs(matrix).max())
         if np.abs(matrix - matrix.T).max() > ROUNDING * scale:
-            raise PydanticCustomError("gain", "expected a symmetric matrix: one that is not creates energy by itself")
+            raise PydanticCustomError("gain", "expected a symmetric matrix: an asymmetric one creates energy by itself")
         least = float(np.linalg.eigvalsh(matrix)[0])
         if least < -ROUNDING * scale:
             raise PydanticCustomError(
-                "gain", "expected a matrix with no negative eigenvalue; the least is {least}", {"least": f"{least:.6g}"}
+                "gain",
+                "expected a matrix with no negative eigenvalue; the smallest is {least}",
+                {"least": f"{least:.6g}"},
             )
 
 

@@ -32,12 +32,12 @@ class Host(Table):
         default=0.1, description="time without a new sample after which forces fade to zero in 20 ms, a fault [s]"
     )
     tank: NotNegative = Field(
-        default=0.05, description="first energy of the tanks of push and squeeze, each [J]; 0 switches them off"
+        default=0.05, description="initial energy of each tank, of push and squeeze [J]; 0 switches them off"
     )
-    tank_room: NotNegative = Field(default=0.5, description="most energy of a tank [J]")
+    tank_room: NotNegative = Field(default=0.5, description="largest energy of a tank [J]")
     speed: Positive = Field(
-        default=1.0, description="largest speed of a finger for which the tanks vouch; beyond it the run ends [m/s]"
+        default=1.0, description="largest speed of a finger for which the tanks are valid; beyond it the run ends [m/s]"
     )
     largest: Positive = Field(
-        default=1e3, description="largest force of a finger that the host can mean; a larger one is a fault [N]"
+        default=1e3, description="largest plausible force of a finger from the host; a larger one is a fault [N]"
     )

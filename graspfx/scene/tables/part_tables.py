@@ -207,12 +207,12 @@ class Coupling(Table):
 
     contact: Literal["unilateral", "attached"] = Field(
         default="unilateral",
-        description="unilateral: fingers only push, and let go; attached: they hold a point of the object for ever",
+        description="unilateral: fingers only push, and can let go; attached: they always hold a point of the object",
     )
     external: ImpedanceOfEither = Field(
         description="kep and ked of eq. (4), which move the object; or the stiffness and damping of the object itself"
     )
-    internal: Impedance = Field(description="kip and kid of eq. (4), which squeeze it")
+    internal: Impedance = Field(description="kip and kid of eq. (4), which squeeze the object")
     form: Literal["literal", "symmetric"] = Field(
         default="literal",
         description="rule for gains that differ between fingers: eq. (4) literally, or P K P + (I - P) K (I - P)",
@@ -238,10 +238,11 @@ class Coupling(Table):
         json_schema_extra={"excludes": '`split = "pseudoinverse"`, `split = "mass"`'},
     )
     metric: Literal["equal", "mass"] = Field(
-        default="equal", description='another name: "mass" is `split = "mass"`, "equal" is `split = "pseudoinverse"`'
+        default="equal",
+        description='alternative name of `split`: "mass" is `split = "mass"`, "equal" is `split = "pseudoinverse"`',
     )
     absent: Literal["fade", "follow"] = Field(
-        default="fade", description="a free finger leaves the split as its gap grows, or follows the object for ever"
+        default="fade", description="a free finger leaves the split as its gap grows, or follows the object permanently"
     )
     fade: PairOrAuto = Field(
         default="auto",
@@ -254,7 +255,7 @@ class Coupling(Table):
     )
     damping_depth: NotNegative = Field(
         default=0.0,
-        description="penetration depth over which a touching finger's damping grows to its value [m]; 0: at once",
+        description="penetration depth over which a touching finger's damping grows to its value [m]; at once if 0",
     )
     force_bound: Positive = Field(
         default=1e4,
@@ -314,7 +315,7 @@ class Measures(Table):
         description="time from the reading of a sample to its force, without half a sample of hold [s]",
     )
     jitter: Annotated[Pair, AfterValidator(_no_negative), AfterValidator(_range)] | None = Field(
-        default=None, description="1st and 99th percentile of the lateness; the worse one counts [s]"
+        default=None, description="1st and 99th percentile of the lateness; certificates use the worse one [s]"
     )
     round_trip: NotNegative | None = Field(
         default=None,
@@ -331,7 +332,7 @@ class Device(Table):
     frame: Frame | None = Field(default=None, description="pose of the device in the scene; identity if not given")
     deadman: Count | None = Field(
         default=None,
-        description="index of the device's switch, from 0, that has to be pressed; forces decay when it is released",
+        description="index of the device's switch, from 0, that must be pressed; forces decay when it is released",
     )
     measures: Measures | None = Field(
         default=None, description="measured properties of the device, which replace its driver's"

@@ -49,11 +49,18 @@ Workspace = Annotated[Annotated[Literal["device", "none"], Tag("<name>")] | Anno
 class FingerSafety(Table):
     """Limits of one finger, which replace the scene's."""
 
-    force: Positive | None = Field(default=None, description="largest force of the finger [N]; the scene's")
-    rate: Positive | None = Field(default=None, description="largest growth of its force [N/s]; the scene's")
-    speed: Positive | None = Field(default=None, description="largest speed; beyond it the run ends [m/s]; the scene's")
+    force: Positive | None = Field(
+        default=None, description="largest force of the finger [N]; the scene's if not given"
+    )
+    rate: Positive | None = Field(
+        default=None, description="largest growth of its force [N/s]; the scene's if not given"
+    )
+    speed: Positive | None = Field(
+        default=None, description="largest speed, beyond which the run ends [m/s]; the scene's if not given"
+    )
     workspace: Workspace | None = Field(
-        default=None, description="box out of which no force pushes the finger, [[lower], [upper]] [m]; the scene's"
+        default=None,
+        description="box out of which no force pushes the finger, [[lower], [upper]] [m]; the scene's if not given",
     )
 
 

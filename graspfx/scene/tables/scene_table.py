@@ -22,7 +22,7 @@ PRESET_EXAMPLE = '{ "finger.*.hand.damping" = 0.3 }'
 
 def _stated(value: str) -> str:
     if not value.strip():
-        raise PydanticCustomError("reason", "expected a sentence that says what the preset is for")
+        raise PydanticCustomError("reason", "expected a sentence about the purpose of the preset")
     return value
 
 
@@ -66,7 +66,7 @@ class OperatorSpan(Table):
     low: Number = Field(description="smallest value")
     high: Number = Field(description="largest value")
     law: Literal["log", "uniform", "normal", "lognormal"] = Field(
-        default="log", description="distribution of a population; a bell has 95 % between low and high, then truncated"
+        default="log", description="distribution of a population; normal laws have 95 % in the range, and are truncated"
     )
 
     @model_validator(mode="before")
@@ -129,7 +129,7 @@ class SceneTable(Readable, Table):
     period: Positive = Field(description="period T of a tick [s]")
     engine: Annotated[Literal["auto", "compiled", "interpreted"], BeforeValidator(_engine)] = Field(
         default="auto",
-        description="engine of the ticks: compiled if possible, compiled or an error, or interpreted source",
+        description="engine of the ticks: auto compiles if possible, compiled requires it, interpreted never compiles",
     )
     duration: Positive = Field(description="duration of a run [s]")
     gravity: Vector | None = Field(default=None, description="gravity, (d,) [m/s^2]; none if not given")
@@ -147,7 +147,7 @@ class SceneTable(Readable, Table):
     )
     host: Host | None = Field(
         default=None,
-        description="host program that simulates the object; `object` and `coupling` are left out then",
+        description="host program that simulates the object; `object` and `coupling` are then omitted",
     )
     record: Annotated[Record, BeforeValidator(_columns)] = Field(
         default=Record(), description="columns and ticks of a recording"

@@ -30,7 +30,7 @@ FIXED, EDGE = "#d5d2cc", "#4a4f55"
 
 
 class Obstacle(NamedTuple):
-    """An obstacle: its name, the table of its shape (None without one), and its pose."""
+    """An obstacle: its name, the table of its shape (None if it has no shape), and its pose."""
 
     name: str
     shape: Table | None

@@ -425,7 +425,7 @@ def _names(now: Instant) -> list[str]:
 def _free_place(
     mark: FloatArray, first: float, box: FloatArray, occupied: Sequence[FloatArray], busy: FloatArray
 ) -> FloatArray:
-    """Search around a mark, starting in a direction, for a place for a box without overlap."""
+    """Search around a mark, from a given direction on, for a free place for a box."""
     places = []
     for ring in RINGS:
         for turn in TURNS:

@@ -287,9 +287,7 @@ def test_the_plan_says_who_takes_the_force_away() -> None:
     with board() as wire:
         [row] = [row for row in plan(boards_scene([wire])) if row.step == "guard"]
     assert row.runs
-    assert row.why == (
-        "the device of finger0 (Haply2Diy): if the process dies its driver's quench takes the force away"
-    )
+    assert row.why == ("the device of finger0 (Haply2Diy): if the process dies its driver's quench removes the force")
 
 
 def test_every_device_is_quenched_whatever_another_one_does(monkeypatch: pytest.MonkeyPatch) -> None:
