@@ -130,7 +130,7 @@ def substeps(plant: OperatedPlantState) -> int:
 
 @kernel
 def respond(plant: OperatedPlantState) -> None:
-    """Compute h of every finger, and store its present reaction in the line."""
+    """Compute h of every finger, and store its present reaction in the delay line."""
     d = plant.dimensions
     now = plant.since + plant.ticks * plant.period
     slot, room = plant.slot, plant.room

@@ -145,7 +145,7 @@ class Family:
         return (line.still + s * line.slope for line in self.lines)
 
     def roots(self, factors: FloatArray) -> NDArray[np.complex128]:
-        """Compute the eigenvalues for each factor, (f, states), without motions that change no force or duplicates."""
+        """Compute the eigenvalues for each factor, (f, states), without duplicates or force-free motions."""
         stacks = [A for A in self.matrices(factors.tolist()) if A.size]
         return np.concatenate([np.linalg.eigvals(A).astype(complex) for A in stacks], axis=1)
 

@@ -23,8 +23,8 @@ def terminal_keys(press: Callable[[str], object], end: Callable[[], object]) -> 
     """Report keys within the block, from a separate thread; the terminal does not echo them.
 
     Args:
-        press: Function called with each key. For input from a file or pipe, each line is its first letter, and
-            an empty line as Enter.
+        press: Function called with each key. In input from a file or pipe, each line is the key of its first
+            letter, and an empty line is Enter.
         end: Function called once when the input ends, such as when the terminal is closed.
     """
     over = threading.Event()

@@ -151,7 +151,7 @@ def _nearest(problem: Problem, constraint: Constraint, number: int, ones: list[J
 
 
 def _binding(at: list[ConstraintValue], more: tuple[Check, ...]) -> ConstraintValue | None:
-    """Return the constraint that breaks beyond the optimum, or else a constraint without slack."""
+    """Return the constraint that fails beyond the optimum, or else a constraint without slack."""
     broken = [check.broken for check in more if check.broken is not None]
     if broken and len(broken) == len(more):
         first = min(broken, key=lambda value: next(each.slack for each in at if each.text == value.text))

@@ -52,11 +52,11 @@ CALLS: dict[str, tuple[Callable[[gx.Scene], Any], str]] = {
     "run into a number": (run(out=3), "out: given 3, expected the path of a folder"),
     "run into NUL": (run(out="a\0b"), "remove the NUL character"),
     "run until text": (run(stop="x"), "stop: given 'x', expected a function"),
-    "key of a scene": (assign("period", lambda scene: scene), "Scene.period: given 3.0, expected no value: a"),
-    "key of a part": (assign("mass", lambda scene: scene.object[0]), "Object.mass: given 3.0, expected no value"),
+    "key of a scene": (assign("period", lambda scene: scene), "Scene.period: given 3.0, expected no assignment"),
+    "key of a part": (assign("mass", lambda scene: scene.object[0]), "Object.mass: given 3.0, expected no assignment"),
     "key of a driver": (assign("mass", lambda scene: scene.finger[0].device), "Device.mass: given 3.0"),
-    "new key": (assign("novel", lambda scene: scene), "Scene.novel: given 3.0, expected no value"),
-    "deletion": (lambda scene: delattr(scene, "period"), "Scene.period: given nothing, expected no value"),
+    "new key": (assign("novel", lambda scene: scene), "Scene.novel: given 3.0, expected no assignment"),
+    "deletion": (lambda scene: delattr(scene, "period"), "Scene.period: given nothing, expected no assignment"),
     "scene from a table": (
         lambda scene: gx.Scene(scene.to_dict()),  # type: ignore[arg-type] # a table in place of keys
         "expected keys and values: Scene(dimensions=1",

@@ -190,7 +190,7 @@ def _turns(phase: FloatArray) -> FloatArray:
 def _start(loop: LateLoop, radius: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Choose initial angles: evenly spaced, some about eigenvalues of A, and dense where the reaction matters.
 
-    Returned with phase and logarithm of the magnitude of det(T/z).
+    The angles are returned with phase and logarithm of the magnitude of det(T/z).
     """
     z = loop.eigenvalues
     z = z[(z.imag >= 0.0) & (np.abs(z) > 0.3 * radius)]

@@ -83,7 +83,7 @@ class Table(BaseModel):
 
     def _fixed(self, name: str, value: Any) -> InputError:
         do = "scene.replace({'coupling.internal.stiffness': 50.0}) returns a changed copy"
-        return InputError(f"{type(self).__name__}.{name}", value, "no assignment, because a scene is frozen", do)
+        return InputError(f"{type(self).__name__}.{name}", value, "no assignment or deletion: a scene is frozen", do)
 
     if not TYPE_CHECKING:  # a visible __getattr__ would hide misspelt names from the type checker
 
