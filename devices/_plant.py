@@ -104,7 +104,7 @@ class HeldPlant(ABC):
 
     @property
     def time(self) -> float:
-        """Time since `place` [s]: the time at the last change of the period, plus the samples since then times it."""
+        """Time since `place` [s]: the time at the last change of the period T, plus T times the samples since then."""
         S = self._entries
         now: float = S[SINCE] + S[TICKS] * S[PERIOD]
         return now

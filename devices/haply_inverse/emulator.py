@@ -41,7 +41,7 @@ class InverseWire(Wire):
             `answer`.
 
     Attributes:
-        messages: Received texts of all connections; the last thousands.
+        messages: Received texts of all connections, at most the last 10 000.
 
     Raises:
         MissingPackageError: If websockets is not installed.

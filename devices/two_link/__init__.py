@@ -2,7 +2,7 @@
 
 One device is one arm and moves one finger.
 
-The paper (section IV.1) specifies the links, 128 mm, and 5 ms sampling; the other values of the preset are ours:
+The paper (section IV.1) specifies the links, 128 mm, and 5 ms sampling; the preset's other values are our choice:
 
 | quantity | preset |
 |---|---|

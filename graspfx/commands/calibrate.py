@@ -40,7 +40,7 @@ def execute(options: Namespace) -> int:
     if not options.yes:
         if not sys.stdin.isatty():
             raise InputError("--yes", False, "True without a terminal", "add --yes, or start the command in a terminal")
-        input("The devices will move by a few millimetres. Clear the space around them, then press Enter. ")
+        input("The devices will move by themselves, a few millimetres. Clear the space around them, then press Enter. ")
     result = calibrate(
         scene, pulses=options.pulses, share=options.share, prompt=None if options.yes else _prompt
     )  # fmt: skip

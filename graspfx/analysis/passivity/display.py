@@ -119,7 +119,7 @@ def symmetric(name: str, matrix: ArrayLike, n: int) -> FloatArray:
     """Return a damping or a mass as (n, n), from a number, one per direction, or a symmetric matrix.
 
     Raises:
-        InputError: If the shape is another one, or the matrix is not finite or not symmetric.
+        InputError: If the shape is wrong, or the matrix is not finite or not symmetric.
     """
     b = _real(name, matrix)
     if b.shape not in ((), (n,), (n, n)):
