@@ -337,7 +337,7 @@ def _limits(parts: Parts) -> Iterator[Row]:
         limits = f"{limits}; {own} by [safety]" if limits else f"{own} by [safety]"
     if limits:
         ways = {limits_inside(scene, thing) for thing in scene.object}
-        way = "in the projection, on cones truncated at the limit" if True in ways else ""
+        way = "inside the projection, on cones truncated at the limit" if True in ways else ""
         way += ", or " if len(ways) > 1 else ""
         way += "scaled within the cones: internal forces first, without a change of the wrench" if False in ways else ""
         yield "limit", True, f"{limits}; {way}; before the reaction, so that the object receives what is displayed"
