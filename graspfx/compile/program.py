@@ -1,7 +1,7 @@
 """One program from kernels: all functions that an entry calls, as Python text in which every name is resolved.
 
 Kernels may use numbers, flat buffers and their entries, `if`, `while`, `for ... in range(...)`, calls of other kernels,
-of `math` and of a few builtins, and tuples that are returned or unpacked. Arithmetic stays as it is written, so the
+of `math` and of a few builtins, and tuples that are returned or unpacked. Arithmetic is never reordered, so the
 program computes the same bits as the kernels.
 """
 
