@@ -45,10 +45,10 @@ class Native:
 
     Args:
         description: Description of its arguments (`description_of`).
-        engine: Engine that has loaded it.
+        engine: Engine that has loaded the machine code.
         size: Size of the machine code [bytes].
         place: Location of the cached machine code; empty if it was compiled now.
-        note: Reason why it could not be cached; empty if it was.
+        note: Reason why the machine code could not be cached; empty if it was.
     """
 
     def __init__(self, description: dict[str, Any], engine: Any, *, size: int, place: str = "", note: str = "") -> None:
