@@ -23,23 +23,23 @@ from graspfx.system.scheduling import memory_limit
 COMMANDS = {  # modules of graspfx.commands; each has EXAMPLE, add_arguments(parser), execute(options) -> exit code
     "run": "simulate a scene, record it and print a summary",
     "check": "print the faults of a scene, whether it is stable, and the limits of its gains",
-    "stability": "print the stability limits of the gains, also over ranges of keys",
+    "stability": "print the stability limits of the gains, optionally over ranges of keys",
     "sweep": "simulate many variants on many processors or machines, and resume after a stop",
     "tune": "find the largest gains that keep the margins for every operator in a set",
-    "replay": "compute a recording again from its finger motion, and compare forces and objects bit for bit",
+    "replay": "recompute a recording from its finger motion, and compare forces and objects bit for bit",
     "calibrate": "measure the hardware of a scene: delay, mass, friction, axes",
     "export": "write a recording as CSV, netCDF or a ROS bag",
     "warmup": "compile kernels before they are needed",
     "bench": "measure run time against error, for the options of a scene or for common calls",
     "completion": "print a script that completes commands, options, scenes and recordings in a shell",
-    "devices": "list the drivers, and the hardware or software found for each; opens no device",
+    "devices": "list the drivers, and the hardware or software found for each, without opening a device",
     "doctor": "test whether this machine, and a device or a scene's hardware, can run a real-time loop",
-    "list": "list scenes, devices, hands and dynamics, with one line about each",
+    "list": "list scenes, devices, hands and dynamics, each with a one-line description",
     "schema": "print the JSON schema of a scene",
     "plot": "draw one recording, or several side by side",
     "picture": "draw one instant: objects, fingers, and forces as arrows",
     "view": "show and control a running scene in the browser, or show a recording",
-    "page": "write a page that runs a scene in a browser, without an installation and without a server",
+    "page": "write a page that runs a scene in a browser, without an installation or a server",
     "stream": "run a scene, and stream its states over a WebSocket or LSL",
     "experiment": "run trials in a planned order, ask for answers, and record each trial",
     "touch": "run a scene whose fingers follow a touch screen; forces are shown, not felt",
@@ -79,8 +79,8 @@ def parse(words: Sequence[str]) -> Namespace:
     """Parse the arguments of the command line.
 
     Raises:
-        UnknownNameError: No command or option has that name.
-        SystemExit: --help, --version, or invalid arguments.
+        UnknownNameError: If no command or option has that name.
+        SystemExit: For --help, --version, or invalid arguments.
     """
     if not words:
         words = ["--help"]
@@ -94,7 +94,7 @@ def parse(words: Sequence[str]) -> Namespace:
 
 
 def parser(words: Collection[str] = tuple(COMMANDS)) -> ArgumentParser:
-    """Build the parser with all commands; only the commands in `words` get arguments and are imported."""
+    """Build the parser with all commands; only the commands in `words` are imported and get their arguments."""
     top = ArgumentParser(prog="graspfx", description="Haptic display of grasping.", epilog=CODES)
     top.formatter_class = RawDescriptionHelpFormatter
     top.add_argument("--version", action="version", version=f"graspfx {__version__}")
@@ -114,7 +114,7 @@ def parser(words: Collection[str] = tuple(COMMANDS)) -> ArgumentParser:
 
 
 def _refuse(command: str, words: Sequence[str], options: Sequence[str]) -> NoReturn:
-    """Raise the error for words that the command does not take, with a close match."""
+    """Raise the error for unknown arguments of the command, with a close match."""
     option = next((word.partition("=")[0] for word in words if word.startswith("-")), None)
     if option is not None:
         raise UnknownNameError("option", option, options, f"`graspfx {command} --help` describes the options")

@@ -12,7 +12,7 @@ MOST_NAMES = 6  # names listed in a row
 
 
 class Card(NamedTuple):
-    """Description of an object: a title, rows of (label, text), and the calls to try next."""
+    """Description of an object: a title, rows of (label, text), and suggested calls."""
 
     title: str
     rows: Sequence[tuple[str, str]] = ()
@@ -28,7 +28,7 @@ class Card(NamedTuple):
         return _fitting(lines)
 
     def html(self) -> str:
-        """Write the card as a table of HTML; every text is escaped."""
+        """Format the card as an HTML table; every text is escaped."""
         from html import escape
 
         cell = 'style="text-align: left; vertical-align: top; padding: 0.1em 0.8em 0.1em 0"'
@@ -110,7 +110,7 @@ def _folded(line: str, width: int) -> list[str]:
 
 
 def _fitting(lines: list[str]) -> str:
-    """Join the lines that fit on a screen."""
+    """Join lines, shortened to fit on a screen."""
     lines = [line if len(line) <= 2 * WIDTH else f"{line[: 2 * WIDTH - 3]}..." for line in lines]
     fitting: list[str] = []
     letters = 0

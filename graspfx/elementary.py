@@ -1,4 +1,4 @@
-"""Elementary functions of kernels: sin, cos, exp, atan2, asin, acos and the cube root, with the same bits everywhere.
+"""Elementary functions for kernels: sin, cos, exp, atan2, asin, acos and the cube root, bit-identical on all machines.
 
 A platform's math library selects its code by processor, so results on another machine may differ in the last digits. A
 browser has yet another library. The functions here use only operations that IEEE 754 rounds correctly (+ - * / and
@@ -6,8 +6,8 @@ sqrt) and exact scaling; compiled kernels do not contract these operations. Pyth
 therefore return the same bits. Kernels of the package call these functions. Third-party kernels may call `math`, whose
 results depend on the platform.
 
-Polynomials are minimax on their intervals (Chebyshev expansions, computed with 60 digits and rounded); the comments
-state their largest error before rounding.
+Polynomials are nearly minimax on their intervals (Chebyshev expansions, computed with 60 digits and rounded). The
+comments state their largest error before rounding.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ def to_path(name: str, value: object, expected: str = "the path of a file", fold
         folder: Folder of relative paths.
 
     Raises:
-        InputError: The value is not a path, contains NUL, or names the home of an unknown user.
+        InputError: If the value is not a path, contains NUL, or names the home of an unknown user.
     """
     path = fspath(value) if isinstance(value, str | PathLike) else None
     if not isinstance(path, str):
@@ -50,7 +50,7 @@ def resolved(name: str, path: Path) -> Path:
     """Resolve all links of a path; the path need not exist.
 
     Raises:
-        InputError: The links form a loop, or the operating system refuses the name.
+        InputError: If the links form a loop, or the operating system refuses the name.
     """
     try:
         return path.resolve()
@@ -68,7 +68,7 @@ def require_file(name: str, value: str, path: Path, expected: str = "the path of
         expected, do: Description of a valid value, and what to do, for errors.
 
     Raises:
-        InputError: The file does not exist or is not regular, or the operating system refuses the name.
+        InputError: If the file does not exist or is not regular, or the operating system refuses the name.
     """
     try:
         if path.is_file():
@@ -80,7 +80,7 @@ def require_file(name: str, value: str, path: Path, expected: str = "the path of
 
 
 def is_granted() -> bool:
-    """Tell whether scene files are trusted: within `granted`, or by the environment variable GRASPFX_TRUST=1."""
+    """Return whether scene files are trusted: within `granted`, or by the environment variable GRASPFX_TRUST=1."""
     return _granted.get() or os.environ.get(VARIABLE, "0") not in ("", "0")
 
 

@@ -110,7 +110,7 @@ class Fault:
 
 
 class SceneError(GraspFXError, ValueError):
-    """A scene has faults. Lists all of them, each with its line; the message shows the first 50 and the total."""
+    """A scene has faults. The error lists all faults with their lines; the message shows the first 50 and the total."""
 
     def __init__(self, source: str, faults: Sequence[Fault]) -> None:
         self.source, self.faults = source, tuple(faults)
@@ -125,7 +125,7 @@ def __dir__() -> list[str]:
 
 
 def closest(name: str, names: Iterable[str], likeness: float = 0.6) -> str | None:
-    """Return the close match of a misspelt name, or None; a likeness of 1 accepts only the name itself.
+    """Return the close match of a misspelt name, or None; a `likeness` of 1 accepts only the name itself.
 
     A match contains the other name, or all its parts between dots in any order, or has an edit distance of at most one
     plus one per three letters. Words that merely share letters do not match.
@@ -139,7 +139,7 @@ def closest(name: str, names: Iterable[str], likeness: float = 0.6) -> str | Non
 
 
 def holds(name: str, other: str) -> bool:
-    """Tell whether a name contains another one: as a substring, or all of its parts between dots."""
+    """Return whether a name contains another one: as a substring, or all of its parts between dots."""
     return other in name or {*other.split(".")} <= {*name.split(".")}
 
 

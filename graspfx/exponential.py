@@ -1,7 +1,7 @@
-"""Exponential of a small matrix minus identity, in NumPy only: importing scipy.linalg takes as long as a run.
+"""Exponential of a small matrix minus identity, in NumPy only, because importing scipy.linalg takes as long as a run.
 
-Products and the solution do without BLAS and LAPACK, whose code depends on the processor: simulated devices are set up
-with this function, and a run repeats to the bit on other machines.
+Products and the solution avoid BLAS and LAPACK, whose code depends on the processor. Simulated devices are initialised
+by this function, and a run must repeat to the bit on other machines.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ ROUNDING = 2.0**-53
 def expm1(A: FloatArray) -> FloatArray:
     """Compute e^A - I by scaling and squaring: F = r_13(A / 2^s) - I, diagonal Pade approximant, then F <- 2 F + F^2.
 
-    Without the identity, a small change keeps its relative accuracy and is not rounded in every squaring. s follows
-    from norms of powers of A, so that a large nilpotent part (such as inputs held for a sample) costs no accuracy
-    (N. J. Higham, The scaling and squaring method for the matrix exponential revisited, SIAM J.
-    Matrix Anal. Appl. 26(4), 2005; A. H. Al-Mohy and N. J. Higham, A new scaling and squaring algorithm for the matrix
-    exponential, SIAM J. Matrix Anal. Appl. 31(3), 2009, with the norms themselves in place of estimates).
+    Without the identity, a small F keeps its relative accuracy and is not rounded in every squaring. s is chosen from
+    norms of powers of A, so that a large nilpotent part (such as inputs held for a sample) costs no accuracy (N. J.
+    Higham, The scaling and squaring method for the matrix exponential revisited, SIAM J. Matrix Anal. Appl. 26(4),
+    2005; A. H. Al-Mohy and N. J. Higham, A new scaling and squaring algorithm for the matrix exponential, SIAM J.
+    Matrix Anal. Appl. 31(3), 2009, with the norms themselves in place of estimates).
 
     Args:
         A: (k, k), finite.
@@ -52,7 +52,7 @@ def expm1(A: FloatArray) -> FloatArray:
         (k, k), with an error of a few 1e-16 times the larger of its norm and its condition number.
 
     Raises:
-        InputError: A is not square or not finite.
+        InputError: If A is not square or not finite.
     """
     if A.ndim != 2 or A.shape[0] != A.shape[1]:
         raise InputError("A", A, "a square matrix")

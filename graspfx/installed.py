@@ -1,4 +1,4 @@
-"""Versions and entry points of installed distributions, read from their folders: importlib.metadata is slower."""
+"""Versions and entry points of installed distributions, read from their folders (importlib.metadata is slower)."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ class EntryPoint(NamedTuple):
 
 
 def _looks_in_path(finder: object) -> bool:
-    """Tell whether a finder looks for distributions in `sys.path` only."""
+    """Return whether a finder looks for distributions in `sys.path` only."""
     return finder is PathFinder or type(finder).__module__ == "importlib_metadata"
 
 
 def distributions() -> tuple[Distribution, ...] | None:
-    """List all distributions in the order of import; None if folders cannot tell.
+    """List all distributions in the order of import; None if their folders do not show all of them.
 
-    They cannot tell if packages are imported from archives or by custom finders.
+    They do not if packages are imported from archives or by custom finders.
     """
     if any(hasattr(finder, "find_distributions") and not _looks_in_path(finder) for finder in sys.meta_path):
         return None
@@ -63,7 +63,7 @@ def distributions() -> tuple[Distribution, ...] | None:
 
 @lru_cache(64)
 def _in_folder(place: str, changed: int) -> tuple[Distribution, ...]:
-    """List the distributions in a folder; cached while none has come or gone, which changes the folder's time."""
+    """List the distributions in a folder; cached until one is added or removed, which changes the folder's time."""
     with os.scandir(place) as entries:
         own = [(entry.path, entry.stat().st_mtime_ns) for entry in entries if entry.name.endswith(ENDINGS)]
     return tuple(Distribution(*each) for each in sorted(own))

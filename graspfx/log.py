@@ -1,6 +1,6 @@
 """Log messages, sent to Python's logger `graspfx`; silent by default.
 
-Nothing is logged until some module imports `logging`: without it there is no handler, and its import is slow.
+Nothing is logged until some module imports `logging`, because without it there is no handler, and importing it is slow.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def warn(text: str, category: type[Warning] = UserWarning) -> None:
 
 
 def is_heard(level: int = INFO) -> bool:
-    """Tell whether a message of this level is shown; check before building an expensive one."""
+    """Return whether a message of this level is shown; check this before building an expensive message."""
     logger = _logger()
     return logger is not None and logger.isEnabledFor(level)
 

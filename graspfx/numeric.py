@@ -26,7 +26,7 @@ def real(name: str, argument: object, expected: str = "", do: str = "") -> Float
         expected, do: Description of a valid value, and what to do, for errors.
 
     Raises:
-        InputError: The argument is not a rectangular array of real numbers.
+        InputError: If the argument is not a rectangular array of real numbers.
     """
     try:
         raw = np.asarray(argument)
@@ -41,14 +41,14 @@ def finite(name: str, argument: object, expected: str = "", do: str = "", *, lar
     """Copy finite numbers within +-largest into a float array.
 
     Raises:
-        InputError: As in `real`; or a number is not finite, or too large.
+        InputError: As for `real`, or if a number is not finite, or too large.
     """
     value = real(name, argument, expected, do)
     if value.size <= FEW and sum(map(abs, value.ravel().tolist())) <= min(largest, FINITE):
         return value  # none is NaN, and none exceeds the sum
     expected = expected or "finite values"
     if not np.isfinite(value).all():
-        raise InputError(name, argument, expected, do or "find where the NaN or infinity comes from")
+        raise InputError(name, argument, expected, do or "find the origin of the NaN or infinity")
     if np.abs(value).max(initial=0.0) > largest:
         raise InputError(name, argument, expected, do or f"use at most {largest:g} in SI units: check the units")
     return value
@@ -58,7 +58,7 @@ def number(name: str, argument: object, expected: str, do: str = "", *, zero: bo
     """Return one non-negative number; with zero=False, one of at least SMALLEST.
 
     Raises:
-        InputError: As in `finite`; or the number is negative or too small, or there are several.
+        InputError: As for `finite`, or if the number is negative or too small, or there are several.
     """
     value = finite(name, argument, expected, do)
     if value.ndim or not (value >= 0.0 if zero else value >= SMALLEST):

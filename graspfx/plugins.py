@@ -1,4 +1,4 @@
-"""Find devices, hands, scenes and dynamics by name: a file's path, a built-in one, or an installed entry point."""
+"""Look up devices, hands, scenes and dynamics by name: a file's path, a built-in name, or an installed entry point."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Plugin:
 
 
 def names(group: Group) -> dict[str, str]:
-    """List the names of a group, each with its origin; imports nothing."""
+    """List the names of a group, each with its origin, without importing anything."""
     return {name: " and ".join(plugin.origin for plugin in plugins) for name, plugins in sorted(_table(group).items())}
 
 
@@ -61,8 +61,8 @@ def find(group: Group, name: str | PathLike[str], folder: Path | None = None) ->
     """Find the file of a name or path; a relative path is taken from `folder` (default: the current folder).
 
     Raises:
-        UnknownNameError: No plug-in has that name.
-        InputError: The file does not exist, or two plug-ins have the same name.
+        UnknownNameError: If no plug-in has that name.
+        InputError: If the file does not exist, or two plug-ins have the same name.
     """
     plugin = _plugin(group, name, folder)
     return plugin.path if plugin.path is not None else _module_file(group, plugin)
@@ -83,12 +83,12 @@ def source_of(group: Group, name: str) -> Path | None:
 
 
 def load(group: Group, name: str | PathLike[str], folder: Path | None = None) -> ModuleType:
-    """Import the module of a name or path; raises the errors of `find`, and whatever the module raises."""
+    """Import the module of a name or path; raise the errors of `find`, and those of the module."""
     return _loaded(group, _plugin(group, name, folder))
 
 
 def load_blaming(group: Group, name: str | PathLike[str], folder: Path | None = None) -> ModuleType:
-    """Import like `load`, but turn exceptions of the module into a PluginError with file and line."""
+    """Import like `load`, but convert exceptions of the module to a PluginError with file and line."""
     plugin = _plugin(group, name, folder)
     with blaming(plugin.path or Path(plugin.module)):
         return _loaded(group, plugin)
@@ -103,12 +103,12 @@ def _loaded(group: Group, plugin: Plugin) -> ModuleType:
 
 
 def is_file_name(text: str) -> bool:
-    """Tell whether a text is the path of a file rather than the name of a plug-in."""
+    """Return whether a text is the path of a file rather than the name of a plug-in."""
     return text.endswith((".py", ".toml"))
 
 
 def shelf(group: Group) -> Path:
-    """Return the folder of the built-in drivers or scenes: inside the package, or beside it in a checkout."""
+    """Return the folder of the built-in drivers or scenes: inside the package, or next to it in a checkout."""
     package = Path(__file__).parent
     inside = package / group
     return inside if inside.is_dir() else package.parent / group
@@ -116,7 +116,7 @@ def shelf(group: Group) -> Path:
 
 @contextmanager
 def blaming(path: Path) -> Iterator[None]:
-    """Turn exceptions of the code in a file into a PluginError with file and line; GraspFX's own errors pass.
+    """Convert exceptions of the code in a file to a PluginError with file and line; pass on GraspFX's own errors.
 
     User code may raise anything: this is the only place that catches every exception.
     """
@@ -163,7 +163,9 @@ def _plugin(group: Group, name: str | PathLike[str], folder: Path | None) -> Plu
     first, *others = table[text]
     if others:
         origins = " and ".join(plugin.origin for plugin in table[text])
-        raise InputError(SINGULAR[group], text, f"one plug-in of that name, found {origins}", "name a file by its path")
+        raise InputError(
+            SINGULAR[group], text, f"one plug-in of that name, but found {origins}", "name a file by its path"
+        )
     return first
 
 
@@ -184,7 +186,7 @@ _tables: ContextVar[dict[Group, dict[str, list[Plugin]]] | None] = ContextVar("k
 
 @contextmanager
 def unchanged() -> Iterator[None]:
-    """Look up installed packages and built-in files only once within the block."""
+    """Search installed packages and built-in files only once within the block."""
     token = _tables.set({})
     try:
         yield

@@ -1,4 +1,4 @@
-"""Lock held by one program on this machine, for hardware that several programs could reach."""
+"""Lock held by one program on this machine, for hardware that several programs could access."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NAME = re.compile(r"[^A-Za-z0-9._-]+")
 
 
 class ProgramLock:
-    """Lock with the name of a piece of hardware. It is released when its program ends, however it ends.
+    """Lock named after a piece of hardware. The operating system releases it when the program ends, for any reason.
 
     Args:
         name: Name of the hardware, equal in all programs that use it.
@@ -29,7 +29,7 @@ class ProgramLock:
         """Acquire the lock.
 
         Raises:
-            DeviceError: Another program, or another part of this one, holds it.
+            DeviceError: If another program, or another part of this program, holds the lock.
         """
         self.release()
         file = Path(gettempdir()) / f"graspfx-{NAME.sub('-', self.name)}.lock"
@@ -46,7 +46,7 @@ class ProgramLock:
         self._descriptor = descriptor
 
     def release(self) -> None:
-        """Release the lock; does nothing if it is not held."""
+        """Release the lock; do nothing if it is not held."""
         descriptor, self._descriptor = self._descriptor, -1
         if descriptor >= 0:
             with suppress(OSError):

@@ -5,7 +5,7 @@
             wait.done += 1
             ...
 
-A listener reads the progress from its own thread: nothing here draws or waits.
+A listener reads the progress in its own thread; this module neither draws nor waits.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from typing import Protocol
 
 
 class Wait:
-    """A computation that the user waits for.
+    """A computation for which the user waits.
 
     Attributes:
-        text: Description, in words for users.
+        text: Description for users.
         total: Amount of work; None if unknown.
-        unit: Unit of `total` and `done`, in the plural; empty for none.
+        unit: Unit of `total` and `done`, in the plural; empty if there is none.
         done: Amount of work done.
-        count: Function that returns the amount done, if it is counted elsewhere; replaces `done`.
+        count: Function that returns the amount of work done, used instead of `done`; None to use `done`.
         began: Start time, on the clock of `time.perf_counter` [s].
     """
 
@@ -50,7 +50,7 @@ class Listener(Protocol):
         ...
 
     def clear(self) -> None:
-        """Hide the display for a moment, because something else is printed."""
+        """Hide the display temporarily, because other text is printed."""
         ...
 
 
@@ -75,20 +75,20 @@ def waiting(
 
 
 def clear() -> None:
-    """Hide the display before something else is printed; it returns later."""
+    """Hide the display before other text is printed; it reappears later."""
     listener = _listener.get()
     if listener is not None:
         listener.clear()
 
 
 def is_heard() -> bool:
-    """Tell whether the waits of this thread are displayed."""
+    """Return whether the waits of this thread are displayed."""
     return _listener.get() is not None
 
 
 @contextmanager
 def listening(listener: Listener) -> Iterator[None]:
-    """Let a listener show the waits within the block, of this thread and of threads that copy its context."""
+    """Let a listener show the waits within the block, those of this thread and of threads that copy its context."""
     token = _listener.set(listener)
     try:
         yield
@@ -98,7 +98,7 @@ def listening(listener: Listener) -> Iterator[None]:
 
 @contextmanager
 def unheard() -> Iterator[None]:
-    """Show no waits within the block, which is part of a wait that is already shown."""
+    """Hide waits within the block, which is part of a wait that is already shown."""
     token = _listener.set(None)
     try:
         yield

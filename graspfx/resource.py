@@ -7,7 +7,7 @@ from typing import Self
 
 
 class Resource(ABC):
-    """Context manager that is open from its creation; leaving the block closes it."""
+    """Context manager that is open from its creation, and closed when its block ends."""
 
     @abstractmethod
     def close(self) -> None:

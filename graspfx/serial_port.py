@@ -1,4 +1,4 @@
-"""Serial port of a microcontroller board: exclusive, sends whole frames, and never blocks without a time limit."""
+"""Serial port of a microcontroller board, with exclusive access, whole frames, and a time limit on every call."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class SerialPort:
 
     Args:
         path: Path of the port, such as /dev/ttyACM0 or a link in /dev/serial/by-id.
-        baud: Rate [bit/s]; None leaves it unchanged, for boards with native USB, which ignore it.
+        baud: Rate [bit/s]; None to leave it unchanged, for boards with native USB, which ignore it.
     """
 
     def __init__(self, path: str, baud: int | None = None) -> None:
@@ -44,10 +44,10 @@ class SerialPort:
         return self._descriptor >= 0
 
     def open(self) -> None:
-        """Open the port; if it is open, open it again.
+        """Open the port; if it is already open, reopen it.
 
         Raises:
-            DeviceError: The port cannot be opened, or another program uses it.
+            DeviceError: If the port cannot be opened, or another program uses it.
         """
         self.close()
         try:
@@ -89,14 +89,14 @@ class SerialPort:
         return f"{self.path} is taken by another program; end that program first: only one may drive a device"
 
     def send(self, frame: bytes, patience: float = 0.01) -> None:
-        """Send a frame, in one write if the port accepts all of it, otherwise in several.
+        """Send a frame in one write if the port accepts the whole frame, otherwise in several.
 
         Args:
             frame: Complete frame; boards wait for the rest of a partial one.
             patience: Time limit for sending [s].
 
         Raises:
-            DeviceError: The port has failed, or does not accept the frame in time.
+            DeviceError: If the port has failed, or does not accept the frame in time.
         """
         left, deadline = memoryview(frame), self.now() + patience
         while True:
@@ -109,11 +109,11 @@ class SerialPort:
             if not left:
                 return
             if self.now() > deadline:
-                raise DeviceError(f"the board at {self.path} accepts no more bytes: a frame was cut off")
+                raise DeviceError(f"the board at {self.path} does not accept more bytes: a frame is incomplete")
             select.select([], [self._descriptor], [], 0.001)
 
     def receive(self, deadline: float) -> bytes:
-        """Wait for bytes until `deadline`, a time of `now` [s]; return those received, possibly none."""
+        """Wait for bytes until `deadline`, on the clock of `now` [s]; return the received bytes, possibly none."""
         wait = max(0.0, deadline - self.now())
         try:
             if self._poll is None or not self._wait(wait):

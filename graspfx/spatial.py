@@ -45,7 +45,7 @@ class Vector:
         return (self.x, self.y, self.z)[i]
 
     def __setitem__(self, i: int, value: float) -> None:
-        raise TypeError("a vector of its own does not change: assign to an entry of a record's field")
+        raise TypeError("a vector outside a record is constant: assign to an entry of a record's field")
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +74,7 @@ class Vector4:
         return (self.x, self.y, self.z, self.t)[i]
 
     def __setitem__(self, i: int, value: float) -> None:
-        raise TypeError("a vector of its own does not change: assign to an entry of a record's field")
+        raise TypeError("a vector outside a record is constant: assign to an entry of a record's field")
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +125,7 @@ class Matrix:
         return (self.xx, self.xy, self.xz, self.yx, self.yy, self.yz, self.zx, self.zy, self.zz)[i]
 
     def __setitem__(self, i: int, value: float) -> None:
-        raise TypeError("a matrix of its own does not change: assign to an entry of a record's field")
+        raise TypeError("a matrix outside a record is constant: assign to an entry of a record's field")
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +146,7 @@ class Quaternion:
         return Vector(self.x, self.y, self.z)
 
     def __matmul__(self, other: Quaternion) -> Quaternion:
-        """Compose rotations: `other` first, then this one."""
+        """Compose rotations: Return the rotation by `other`, followed by this rotation."""
         return Quaternion(
             self.w * other.x + self.x * other.w + self.y * other.z - self.z * other.y,
             self.w * other.y - self.x * other.z + self.y * other.w + self.z * other.x,
@@ -204,7 +204,7 @@ def total(v: Vector) -> float:
 
 @inline
 def rotate(q: Quaternion, v: Vector) -> Vector:
-    """Rotate v by a unit quaternion: v + w t + q x t with t = 2 q x v. The conjugate gives the inverse rotation."""
+    """Rotate v by a unit quaternion: v + w t + q x t with t = 2 q x v. The conjugate is the inverse rotation."""
     tx, ty, tz = 2.0 * (q.y * v.z - q.z * v.y), 2.0 * (q.z * v.x - q.x * v.z), 2.0 * (q.x * v.y - q.y * v.x)
     return Vector(
         v.x + q.w * tx + q.y * tz - q.z * ty,

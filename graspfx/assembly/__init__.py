@@ -1,1 +1,1 @@
-"""From a scene to a run: connects devices, makes bodies and hands, builds the servo and runs it."""
+"""From a scene to a run: connection of devices, creation of bodies and hands, and building and running of the servo."""

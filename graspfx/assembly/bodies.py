@@ -44,11 +44,11 @@ SHAPES = {  # classes of graspfx.surfaces.closed_form.shape by kind; the module 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """The shape of an object or obstacle.
+    """Shape of an object or obstacle.
 
     Attributes:
-        primitive: shape in closed form, in the body's frame; None for a mesh, and for an object without a shape.
-        mesh: mesh with its mass properties; None for every other shape.
+        primitive: Shape in closed form, in the body's frame; None for a mesh, and for an object without a shape.
+        mesh: Mesh with its mass properties; None for every other shape.
     """
 
     primitive: Shape | None = None
@@ -64,8 +64,8 @@ def make_solid(table: Object | Obstacle, folder: Path | None) -> Solid:
     """Make the shape that a table describes; relative paths of meshes start in `folder`.
 
     Raises:
-        InputError: naming the key of the shape's table that cannot be.
-        MissingPackageError: the package that reads a mesh's file is not installed.
+        InputError: If a value of the shape's table is invalid; the error names its key.
+        MissingPackageError: If the package that reads a mesh's file is not installed.
     """
     mesh = scene_mesh(table, folder)
     return Solid(None if mesh is not None else _primitive(table), mesh)
@@ -85,7 +85,7 @@ def mass(table: Object, solid: Solid) -> float:
     """Return the mass in the table, or density times volume of the shape [kg].
 
     Raises:
-        InputError: the table has neither a mass nor a density with a volume.
+        InputError: If the table has neither a mass nor a density with a volume.
     """
     if table.mass is not None:
         return table.mass
@@ -122,7 +122,7 @@ def place(table: Object | Obstacle, solid: Solid) -> tuple[tuple[float, ...] | N
 
 
 def _integrator(table: Object) -> str:
-    """Name the body's integrator; third-party dynamics have their own integrator and do not predict free motion."""
+    """Return the name of the body's integrator; third-party dynamics have their own, and do not predict free motion."""
     return table.integrator if table.dynamics == "native" else "semi-implicit"
 
 
@@ -133,11 +133,11 @@ def fill(scene: SceneTable, table: Object, solid: Solid, state: FloatArray, *, p
     mass and its axes along the principal axes.
 
     Args:
-        predicts: whether to keep the implicit integrator; if False, the semi-implicit integrator replaces it, so that
+        predicts: Whether the implicit integrator is used as such; if False, the semi-implicit one replaces it, so that
             forces are functions of the pose.
 
     Raises:
-        InputError: a value is invalid; the error names its key.
+        InputError: If a value is invalid; the error names its key.
     """
     integrator = _integrator(table)
     position, orientation = place(table, solid)
@@ -164,11 +164,11 @@ Location = tuple[str | int, ...]
 class Stock:
     """Connected devices, shapes and recorded paths, by the locations of their tables in the scene.
 
-    The checks of a scene fill the stock, and the scene keeps it. A copy of a scene starts with an empty stock, because
-    neither pickling nor `copy.deepcopy` copies devices.
+    The checks of a scene fill the stock, which belongs to the scene. A copy of a scene starts with an empty stock,
+    because neither pickling nor `copy.deepcopy` copies devices.
 
     Args:
-        folder: folder of the scene's relative paths; None for the current folder.
+        folder: Folder of the scene's relative paths; None for the current folder.
     """
 
     def __init__(self, folder: Path | None) -> None:
@@ -187,8 +187,8 @@ class Stock:
         """Return the shape of the object or obstacle whose table is at this location.
 
         Raises:
-            InputError: naming the key of the shape's table that cannot be.
-            MissingPackageError: the package that reads a mesh's file is not installed.
+            InputError: If a value of the shape's table is invalid; the error names its key.
+            MissingPackageError: If the package that reads a mesh's file is not installed.
         """
         if at not in self._solids:
             self._solids[at] = make_solid(table, self.folder)
@@ -198,14 +198,14 @@ class Stock:
         """Return the motion recorded in a file.
 
         Raises:
-            InputError: the file is missing or has another format; the error names the line.
+            InputError: If the file is missing or has another format; the error names the line.
         """
         if file not in self._paths:
             self._paths[file] = motion.Path.read(file, self.folder)
         return self._paths[file]
 
     def claim(self) -> bool:
-        """Give the connected devices to the first caller only; return whether this is the first call."""
+        """Reserve the connected devices for the first caller; return whether this is the first call."""
         with self._lock:
             first, self._unused = self._unused, False
         return first
@@ -227,12 +227,12 @@ Finding = tuple[Location, str]
 
 
 def moves(scene: SceneTable, thing: Object) -> bool:
-    """Tell whether an object has a free degree of freedom."""
+    """Return whether an object has a free degree of freedom."""
     return any(scene.free(thing))
 
 
 def collide(scene: SceneTable) -> bool:
-    """Tell whether objects of a world collide with one another."""
+    """Return whether objects of a world collide with one another."""
     return scene.world.collide if scene.world.collide is not None else scene.dimensions == 3
 
 
@@ -249,7 +249,7 @@ def groups(scene: SceneTable) -> list[list[int]]:
 
 
 def in_world(scene: SceneTable, group: Sequence[int]) -> bool:
-    """Tell whether the objects of a group can collide, with an obstacle or with one another."""
+    """Return whether the objects of a group can collide, with an obstacle or with one another."""
     things = [scene.object[i] for i in group]
     if scene.obstacle:
         return any(thing.shape is not None and moves(scene, thing) for thing in things)
@@ -266,19 +266,19 @@ def obstacles(scene: SceneTable, stock: Stock) -> list[PlacedObstacle]:
 
 
 def meeting(scene: SceneTable, thing: Object) -> tuple[bool, str]:
-    """Tell whether an object collides with anything, and describe with what and how."""
+    """Return whether an object collides with anything, and a description of its collisions."""
     if thing.shape is None:
-        return False, "it has no shape: it meets nothing"
+        return False, "it has no shape, and therefore no contacts"
     if not moves(scene, thing) and thing.dynamics == "native":
-        return False, "every freedom is locked: nothing moves it, and native objects pass through it"
+        return False, "every degree of freedom is locked: nothing moves it, and native objects pass through it"
     names = ", ".join(table.name for table in scene.obstacle)
     law = f"friction {scene.world.friction:g}"
     if thing.dynamics == "native":
         passes = len(scene.object) > 1
-        others = f"; it passes through other objects (dynamics = {MEETING} meets them)" if passes else ""
+        others = f"; it passes through other objects (it collides with them if dynamics = {MEETING})" if passes else ""
         if not scene.obstacle:
             return False, f"there are no obstacles{others}"
-        law += f", {scene.world.stiffness:g} N/m a point"
+        law += f", {scene.world.stiffness:g} N/m per point"
         return True, f"{names}, {law}; {_points(thing)}{others}"
     group = next(group for group in groups(scene) if thing in [scene.object[i] for i in group])
     if not in_world(scene, group):

@@ -52,7 +52,7 @@ def loop_fields(wired: Sequence[Wire], fingers: Sequence[str]) -> dict[str, Any]
 
 
 def device_names(wired: Sequence[Wire], fingers: Sequence[str]) -> tuple[str, ...]:
-    """Name each device by the first finger that it moves."""
+    """Return the name of each device, which is that of its first finger."""
     return tuple(fingers[int(wire.used[0])] for wire in wired)
 
 
@@ -60,10 +60,10 @@ FloatArray = NDArray[np.float64]
 
 
 def make_movers(parts: Parts, states: Sequence[FloatArray], stack: ExitStack) -> Iterator[BodyGroup]:
-    """Make the movers of the objects with these blocks; closing the stack closes the movers.
+    """Make the movers of the objects with these blocks; they are closed with the stack.
 
     Raises:
-        PluginError: third-party code raises an error when it makes a body.
+        PluginError: If third-party code raises an error when it creates a body.
     """
     scene, world = parts.scene, parts.scene.world
     meeting = Meeting(world.friction, world.restitution, world.stiffness, collide(scene))
@@ -95,14 +95,14 @@ def make_plants(
     """Make the plants of the simulated devices, one for all devices that share hands.
 
     Args:
-        parts: parts of the scene.
-        wired: devices of the scene.
-        inward: unit normals of the fingers' contacts (n, d).
-        live: keys that may change during the run; a live squeeze is a motion even if it is zero.
+        parts: Parts of the scene.
+        wired: Devices of the scene.
+        inward: Unit normals of the fingers' contacts (n, d).
+        live: Keys that may change during the run; a live squeeze is a motion even if it is zero.
 
     Raises:
-        SceneError: a finger starts out of its device's reach.
-        DeviceError: A plant cannot be placed where its fingers start.
+        SceneError: If a finger starts outside its device's reach.
+        DeviceError: If a plant cannot be placed at its fingers' start.
     """
     scene, start = parts.scene, parts.start
     others = [key for key in live if general(key) not in GUIDE]  # goals of guided hands do not change a plant
@@ -165,26 +165,26 @@ def build(
     playback: Playback | None = None,
     room: int = ROOM,
 ) -> Iterator[Servo]:
-    """Build a servo that is ready to tick; simulated devices and bodies are always closed at the end.
+    """Build a servo that is ready to run; simulated devices and bodies are always closed on exit.
 
     Hardware is not opened; a run opens it when everything else is ready (`graspfx.assembly.hardware`). The first build
     of a scene uses the devices that its checks connected; a later build connects new ones.
 
     Args:
-        scene: scene to build.
-        engine: engine that replaces the scene's.
-        record: whether the servo's ticks are recorded.
-        selected: whether ticks write only the columns and rows that the scene's `record` selects; otherwise all.
-        live: keys that may change during the run (`graspfx.assembly.live`); programs do not fold their values.
-        real_time: whether ticks follow the wall clock and record its data.
-        varying: whether the devices' largest forces are always recorded.
-        playback: playback of a recording instead of devices, hands and plants; no device is then opened.
-        room: number of entries of the memory for the parts' blocks; other blocks are separate.
+        scene: Scene to build.
+        engine: Engine that replaces the scene's.
+        record: Whether the servo's ticks are recorded.
+        selected: Whether ticks write only the columns and rows that the scene's `record` selects; otherwise all.
+        live: Keys that may change during the run (`graspfx.assembly.live`); programs do not fold their values.
+        real_time: Whether ticks follow the wall clock and record its data.
+        varying: Whether the devices' largest forces are always recorded.
+        playback: Playback of a recording instead of devices, hands and plants; no device is then opened.
+        room: Number of entries of the memory for the parts' blocks; other blocks are separate.
 
     Raises:
-        InputError: a live key cannot change during a run.
-        SceneError: a finger starts outside its device's reach.
-        DeviceError: a device does not open, or a plant cannot be placed at its fingers' start.
+        InputError: If a live key cannot change during a run.
+        SceneError: If a finger starts outside its device's reach.
+        DeviceError: If a device does not open, or a plant cannot be placed at its fingers' start.
     """
     fields = live_fields(live)
     parts = resolve(scene)
@@ -229,7 +229,7 @@ def build(
 
 @contextmanager
 def build_again(scene: Scene, **how: Any) -> Iterator[Servo]:
-    """Build as `build` does, or return the previous run's servo with its memory reset to the start.
+    """Build a servo as `build` does, or return the previous run's servo with its memory reset to the start.
 
     A servo is reused only if all its parts are kernels, because then a run changes nothing but the memory. Each run
     opens and closes the devices.
@@ -258,13 +258,13 @@ def build_again(scene: Scene, **how: Any) -> Iterator[Servo]:
 def meet(
     parts: Parts, objects: Sequence[GraspedPart], movers: Sequence[BodyGroup], start: FloatArray | None = None
 ) -> FloatArray:
-    """Let the fingers meet their objects at their start; return the unit normals into the objects, (n, d).
+    """Set the fingers' contacts at their start; return the unit normals into the objects, (n, d).
 
     Args:
-        parts: parts of the scene.
-        objects: grasped objects.
-        movers: bodies of the objects.
-        start: positions of the fingers, (n, d) [m]; by default their start positions in the scene.
+        parts: Parts of the scene.
+        objects: Grasped objects.
+        movers: Bodies of the objects.
+        start: Positions of the fingers, (n, d) [m]; by default their start positions in the scene.
     """
     start = parts.start if start is None else start
     for mover in movers:
@@ -283,8 +283,8 @@ def make_layout(parts: Parts, *, real_time: bool = False) -> Layout:
     """Lay out the columns of a recording; simulated devices add their true positions.
 
     Args:
-        parts: parts of the scene.
-        real_time: whether the run follows the wall clock.
+        parts: Parts of the scene.
+        real_time: Whether the run follows the wall clock.
     """
     scene = parts.scene
     soft = any(finger.model == "soft" for finger in scene.finger)

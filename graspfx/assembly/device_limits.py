@@ -29,7 +29,7 @@ def force_limits(fingers: int, wired: Sequence[Wire]) -> FloatArray | None:
     """Return the largest force of each finger [N], infinite if its device reports none; None if all are infinite.
 
     Raises:
-        InputError: a device's `features.peak_force` is not above zero.
+        InputError: If a device's `features.peak_force` is not above zero.
     """
     limits = np.full(fingers, np.inf)
     for wire in wired:
@@ -45,23 +45,23 @@ def peak_force(wire: Wire) -> float:
     if isinstance(peak, bool) or not peak > 0.0:
         raise InputError(
             "features.peak_force", peak, "a force above zero [N], or None",
-            f"as the driver {type(wire.device).__qualname__} tells it",
+            f"as reported by the driver {type(wire.device).__qualname__}",
         )  # fmt: skip
     return float(peak)
 
 
 def changes(wire: Wire) -> bool:
-    """Tell whether a device's largest force depends on its position."""
+    """Return whether a device's largest force depends on its position."""
     return isinstance(wire.device, LimitedDevice)
 
 
 def may_hide(wire: Wire) -> bool:
-    """Tell whether a device reports no largest force, but may limit forces in its own code."""
+    """Return whether a device reports no largest force, but may limit forces in its own code."""
     return math.isinf(peak_force(wire)) and not (changes(wire) or is_forceless(wire)) and fused(wire.device) is None
 
 
 def is_forceless(wire: Wire) -> bool:
-    """Tell whether a device declares that it displays no force."""
+    """Return whether a device declares that it displays no force."""
     return wire.features.continuous_force == 0.0
 
 
@@ -87,7 +87,7 @@ def _listing(scene: Scene, wired: Sequence[Wire]) -> str:
 def _limit_of(scene: Scene, wire: Wire) -> str:
     peak = peak_force(wire)
     text = f"{peak:.4g} N" if math.isfinite(peak) else "a limit"
-    text += " as it tells in every sample" if changes(wire) else ""
+    text += " as it reports in every sample" if changes(wire) else ""
     first = int(wire.used[0])
     return f"{_fingers(scene, wire)} {text} ({table_at(scene, first)[1].name})"
 

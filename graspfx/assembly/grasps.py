@@ -1,4 +1,4 @@
-"""The grasps of a scene at the start: closed hands, contacts, and start of the fade."""
+"""Grasps of a scene at the start: closed hands, contacts, and start of the fade."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class StillHand:
         """Compute the stiffness K (d, n, n) of the hand at rest [N/m]: r - p = K^-1 f.
 
         Args:
-            force: force f of its fingers at rest (n, d) [N], for a hand that stiffens with the grip.
+            force: Force f of its fingers at rest (n, d) [N], for a hand that stiffens with the grip.
         """
         operator = getattr(self.hand, "operator", None)
         return self.hand.stiffness if operator is None else np.asarray(operator.at_rest(self.hand.stiffness, force))
@@ -48,9 +48,9 @@ def still_hands(parts: Parts, inward: FloatArray, *, guided: bool = True) -> Ite
     """Make the hands of a scene without motion and turns.
 
     Args:
-        parts: parts of the scene.
-        inward: unit normals of the fingers' contacts (n, d).
-        guided: if True, guides are at their goals; if False, guides are ignored.
+        parts: Parts of the scene.
+        inward: Unit normals of the fingers' contacts (n, d).
+        guided: Whether guides are at their goals; otherwise guides are ignored.
     """
     for hand in parts.hands:
         yield StillHand(hand.still(guided=guided).hold(parts.start, inward), hand.fingers, _closing_time(hand))
@@ -59,13 +59,13 @@ def still_hands(parts: Parts, inward: FloatArray, *, guided: bool = True) -> Ite
 def most_forces(parts: Parts, inward: FloatArray, contacts: FloatArray) -> FloatArray:
     """Compute the largest squeezing forces of the hands, K (r - p), (n,) [N].
 
-    r is the closed position of the hand without its guide. p is the finger's start, or its contact if it starts inside
-    the object, because a finger that starts inside would be closer to r.
+    r is the closed position of the hand without its guide. p is the finger's start or, if the finger starts inside the
+    object, its contact, because the start would be closer to r.
 
     Args:
-        parts: parts of the scene.
-        inward: unit normals of the fingers' contacts (n, d).
-        contacts: contact points (n, d) [m].
+        parts: Parts of the scene.
+        inward: Unit normals of the fingers' contacts (n, d).
+        contacts: Contact points (n, d) [m].
     """
     start = parts.start
     inside = ((start - contacts) * inward).sum(axis=1) > 0.0
@@ -91,7 +91,7 @@ def _closing_time(hand: HandPart) -> float:
 
 
 def set_fade(parts: Parts, objects: Sequence[GraspedPart], inward: FloatArray, start: FloatArray) -> None:
-    """Set the start of an automatic fade from the squeeze of the hands; fingers must have met their objects.
+    """Set the start of an automatic fade from the squeeze of the hands; the contacts must have been set.
 
     h1 = 1/2 |1/kep - 1/kip| sum |f| with the hands' largest squeezing forces |f|, and at least 2 mm; h2 = h1 + 8 mm.
     """
@@ -109,7 +109,7 @@ def set_fade(parts: Parts, objects: Sequence[GraspedPart], inward: FloatArray, s
 
 
 def squeezes(parts: Parts, objects: Sequence[GraspedPart], inward: FloatArray) -> list[float]:
-    """Compute the largest total squeeze of each object, sum |f| [N]; fingers must have met their objects."""
+    """Compute the largest total squeeze of each object, sum |f| [N]; the contacts must have been set."""
     contacts = parts.start.copy()
     for each in objects:
         contacts[each.fingers] = each.grasped.contact_position
@@ -137,16 +137,16 @@ def grasps(parts: Parts) -> list[GraspedPart]:
 
 
 def axes_notes(parts: Parts) -> list[str]:
-    """Report the energy that each object's gains generate in a closed rotation, in axes that allow it.
+    """Report the energy that each object's gains generate in a closed rotation, for axes in which this is possible.
 
-    Only gains in world axes, or gains in any axes with the reaction at the contact, generate such energy. The value is
+    Only gains in world axes, or gains in any axes with the reaction at the contact, generate this energy. The value is
     the line integral of `worst_turn` about the grasp at the start, without cones.
     """
     return list(_notes(parts)) if _has_axes(parts.scene) else []
 
 
 def _has_axes(scene: Scene) -> bool:
-    """Tell whether a gain is a matrix in axes in which springs may generate energy."""
+    """Return whether a gain is a matrix in axes in which springs may generate energy."""
     rules = scene.coupling
     sound = rules.axes != "world" and rules.reaction == "fingertip"
     if hasattr(rules.external, "object_stiffness"):

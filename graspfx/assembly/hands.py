@@ -1,4 +1,4 @@
-"""The hands of a scene: their fingers, their motions, and their springs and dampers."""
+"""Hands of a scene: their fingers, their motions, and their springs and dampers."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ PARTS = ("limb", "stiffening", "reaction", "noise")  # parts of a hand's table t
 
 
 def is_operated(table: object) -> bool:
-    """Tell whether a hand's table has parts beyond spring and damper."""
+    """Return whether a hand's table has parts beyond spring and damper."""
     return any(getattr(table, name, None) is not None for name in PARTS)
 
 
@@ -45,9 +45,9 @@ def operator_of(table: Moving, fingers: Sequence[int], dimensions: int) -> Opera
     """Make the operator model of a hand; None for spring and damper only.
 
     Args:
-        table: table of the hand.
-        fingers: indices of its fingers in the scene, which seed their noise.
-        dimensions: number of dimensions d.
+        table: Table of the hand.
+        fingers: Indices of its fingers in the scene, which seed their noise.
+        dimensions: Number of dimensions d.
     """
     if not is_operated(table):
         return None
@@ -78,7 +78,7 @@ Location = tuple[str | int, ...]
 
 @dataclass(frozen=True)
 class Holding:
-    """The fingers of one hand, its table (None without a hand) and the table's location."""
+    """Fingers of one hand, its table (None without a hand) and the table's location."""
 
     at: Location
     table: OwnHand | SharedHand | MadeHand | SharedMadeHand | None
@@ -104,7 +104,7 @@ def axis_of(axis: AxisTable, dimensions: int) -> FloatArray:
 
 
 def descriptions(scene: SceneTable) -> Iterator[str]:
-    """Describe each hand by its name, fingers and motion."""
+    """Return a description of each hand: name, fingers and motion."""
     own: dict[str, list[str]] = {}
     for holding in holdings(scene):
         names = [scene.finger_names[i] for i in holding.fingers]
@@ -117,7 +117,7 @@ def descriptions(scene: SceneTable) -> Iterator[str]:
 
 
 def doing(table: OwnHand | SharedHand | MadeHand) -> str:
-    """Describe the motion of a hand."""
+    """Return a description of a hand's motion."""
     if table.form == "made":
         return f"motion by {table.kind}"
     texts = [f"motion: {' + '.join(each.kind for each in listed(table.motion)) or 'rest'}"]
@@ -141,13 +141,13 @@ class HandPart:
     """A hand, its fingers, and its intended motion, squeeze and turns.
 
     Attributes:
-        holding: table and fingers of the hand.
-        driver: module of a plug-in's hand, which computes its own motion.
-        motion: translation of all fingers of the hand.
-        squeeze: closing distance over time [m].
-        turns: turns in order.
-        guided: whether the hand follows the guide of its table.
-        settled: whether the followers of its guide start at their goals.
+        holding: Table and fingers of the hand.
+        driver: Module of a plug-in's hand, which computes its own motion.
+        motion: Translation of all fingers of the hand.
+        squeeze: Closing distance over time [m].
+        turns: Turns in order.
+        guided: Whether the hand follows the guide of its table.
+        settled: Whether the followers of its guide start at their goals.
     """
 
     holding: Holding
@@ -167,12 +167,12 @@ class HandPart:
         """Return the hand without motion and turns; a plug-in's hand is unchanged.
 
         Args:
-            guided: if True, the guide is at its goals; if False, the guide is ignored.
+            guided: Whether the guide is at its goals; otherwise the guide is ignored.
         """
         return self if self.driver is not None else replace(self, motion=None, turns=(), guided=guided, settled=True)
 
     def with_course(self) -> HandPart:
-        """Return the hand with its squeeze represented as a motion, even if the squeeze is zero."""
+        """Return the hand with its squeeze as a motion, even if the squeeze is zero."""
         table = self.holding.table
         if (
             self.driver is not None
@@ -187,8 +187,8 @@ class HandPart:
         """Make the hand that holds the fingers.
 
         Args:
-            start: start positions of all fingers of the scene (n, d) [m].
-            inward: unit normals into the objects at the contacts (n, d).
+            start: Start positions of all fingers of the scene (n, d) [m].
+            inward: Unit normals into the objects at the contacts (n, d).
         """
         table, rest, normals = self.holding.table, start[self.fingers], inward[self.fingers]
         if table is None:
@@ -248,8 +248,8 @@ def plugin_hand(
     """Call a plug-in's `hold`, and check that it returns a hand for these fingers.
 
     Raises:
-        InputError: The returned object is not a hand for these fingers.
-        PluginError: `hold` raises another error; the message names its line.
+        InputError: If the returned object is not a hand for these fingers.
+        PluginError: If `hold` raises another error; the message names its line.
     """
     parameters = signature(module.hold).parameters
     scene = {"rest": rest.copy(), "inward": inward.copy()}
@@ -262,7 +262,7 @@ def plugin_hand(
             file = plugins.shown_path(FilePath(module.__file__ or module.__name__))
             raise InputError(
                 "hold()", hand, "a hand, with stiffness, damping and target(time)",
-                f"that of {file} lacks {', '.join(lacking)}: add what is missing; see graspfx.protocols.Hand",
+                f"the hand of {file} lacks {', '.join(lacking)}: add them; see graspfx.protocols.Hand",
             )  # fmt: skip
         n, d = rest.shape
         r, v = hand.target(0.0)

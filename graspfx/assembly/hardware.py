@@ -1,4 +1,4 @@
-"""A run's hardware, in the safe order: open, settle, arm, run, rest, close."""
+"""Hardware of a run, in the safe order: open, settle, arm, run, rest, close."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ TOUCH = 1e-3  # depth up to which a finger counts as touching [m]
 
 
 class Hardware:
-    """Open hardware at rest and at zero force.
+    """Open hardware, at rest and at zero force.
 
     Args:
-        servo: servo that is ready to tick.
-        parts: parts of its scene.
-        devices: open devices.
-        clock: clock of the run.
-        exits: signals that end the run.
+        servo: Servo that is ready to tick.
+        parts: Parts of its scene.
+        devices: Open devices.
+        clock: Clock of the run.
+        exits: Signals that end the run.
 
     Attributes:
-        pacer: pacer of the run's ticks.
+        pacer: Pacer of the run's ticks.
     """
 
     def __init__(self, servo: Servo, parts: Parts, devices: DeviceExchange, clock: Clock, exits: Exits) -> None:
@@ -60,7 +60,7 @@ class Hardware:
         return replace(header, settled=settled, round_trip=self._rest.round_trip)
 
     def run(self, ticks: int, recorder: RowTaker, stop: Callable[[], bool] | None) -> None:
-        """Arm and run; however the run ends, the next force is zero.
+        """Arm and run; whatever ends the run, the next force is zero.
 
         A signal ends the run like `stop`.
         """
@@ -87,7 +87,7 @@ class Hardware:
         return Stops(self._exits, stop)
 
     def _arm(self) -> None:
-        """Check the fingers' positions again, and start forces gradually for fingers inside an object."""
+        """Check the fingers' positions again, and increase forces gradually for fingers inside an object."""
         periods = 1 + int((self._clock.now() - self._time) / self._servo.period)
         look_again(self._devices, self._rest, periods)
         for each in self._devices.ports:
@@ -99,10 +99,10 @@ class Hardware:
                 each.readings.let_in(offset, self._servo.guards.soft_start, step)
 
     def _meet(self, positions: dict[int, FloatArray]) -> FloatArray:
-        """Let the fingers meet their objects at their positions; return the depth of each as a vector, (n, d) [m].
+        """Set the fingers' contacts at their positions; return the depth of each finger as a vector, (n, d) [m].
 
         Raises:
-            InputError: a finger is inside its object, and `coupling.enter` does not allow it.
+            InputError: If a finger is inside its object, and `coupling.enter` does not allow it.
         """
         servo = self._servo
         offset = meet_hardware(servo, self._parts, positions)
@@ -115,11 +115,11 @@ class Hardware:
 
 
 class Stops:
-    """Tells whether a run must stop, because of a signal or the caller's function.
+    """Condition for the end of a run: a signal, or the caller's function.
 
     Args:
-        exits: the signals.
-        stop: function of the caller.
+        exits: Signals that end the run.
+        stop: Function of the caller.
     """
 
     def __init__(self, exits: Exits, stop: Callable[[], bool] | None) -> None:
@@ -135,10 +135,10 @@ class Stops:
 
 
 def meet_hardware(servo: Servo, parts: Parts, positions: Mapping[int, FloatArray]) -> FloatArray:
-    """Let fingers on hardware meet their objects at these positions; a finger inside meets its object at the surface.
+    """Set the contacts of fingers on hardware at these positions; those of fingers inside an object are at its surface.
 
     Returns:
-        Depth of each finger below the point at which it meets its object, as a vector, (n, d) [m].
+        Depth of each finger below its contact point, as a vector, (n, d) [m].
     """
     start = parts.start.copy()
     for f, position in positions.items():
@@ -163,15 +163,15 @@ def at_hardware(
     """Open a scene's hardware, and close it at the end; all slow preparations must be done before.
 
     Args:
-        servo: servo that is ready to tick.
-        parts: parts of its scene.
-        clock: clock of the run.
-        ready: function that is called when everything is ready, before the hardware is opened.
+        servo: Servo that is ready to tick.
+        parts: Parts of its scene.
+        clock: Clock of the run.
+        ready: Function that is called when everything is ready, before the hardware is opened.
 
     Raises:
-        DeviceError: a device does not open or is not at rest.
-        InputError: a finger is inside its object.
-        KeyboardInterrupt: a signal arrived before or during the run, and its handler let the process continue.
+        DeviceError: If a device does not open or is not at rest.
+        InputError: If a finger is inside its object.
+        KeyboardInterrupt: If a signal arrived before or during the run, and its handler let the process continue.
     """
     with waiting("preparing ticks"):
         devices = servo.prepare()

@@ -55,11 +55,11 @@ REASONS = {
 
 
 def live_fields(keys: Iterable[str]) -> frozenset[str]:
-    """Name the fields of grasps' blocks that select what is computed and that may change with these live keys.
+    """Return the names of the fields of grasps' blocks that select the computation and may change with these live keys.
 
     Raises:
-        InputError: a key is not a text.
-        UnknownNameError: a key cannot change during a run; the error gives the reason.
+        InputError: If a key is not a text.
+        UnknownNameError: If a key cannot change during a run; the error states the reason.
     """
     return frozenset().union(*(_choices(general(require(key))) for key in keys))
 
@@ -78,8 +78,8 @@ def require(key: str) -> str:
     """Require a key that can change during a run.
 
     Raises:
-        InputError: the key is not a text, or cannot change during a run; the error gives the reason.
-        UnknownNameError: no scene has this key.
+        InputError: If the key is not a text, or cannot change during a run; the error states the reason.
+        UnknownNameError: If no scene has this key.
     """
     if not isinstance(key, str):
         raise InputError("live", key, "keys of the scene with dots, such as 'coupling.internal.stiffness'")
@@ -90,26 +90,26 @@ def require(key: str) -> str:
         raise UnknownNameError("live key", key, (), f"did you mean {close!r}?")
     first = key.partition(".")[0]
     if plain == f"{first}.*":
-        do = f"{key!r} denotes whole tables: name the values in them that may change, with dots"
-        raise InputError("live", key, "a key that may change in mid-run", do)
+        do = f"{key!r} denotes whole tables: give the keys of the values in them that may change, with dots"
+        raise InputError("live", key, "a key that may change during a run", do)
     reason = next((text for keys, text in REASONS.items() if reaches(keys, plain)), "")
     if not reason:
         raise UnknownNameError("live key", key, (*GAINS, *OBJECT_GAINS, *RULES, *BODY, *DEVICE, *HAND))
-    raise InputError("live", key, "a key that may change in mid-run", reason)
+    raise InputError("live", key, "a key that may change during a run", reason)
 
 
 def is_live(plain: str) -> bool:
-    """Tell whether a key in its general form can change during a run."""
+    """Return whether a key in its general form can change during a run."""
     return plain in (*GAINS, *OBJECT_GAINS, *RULES, *BODY, *DEVICE) or is_of_a_hand(plain)
 
 
 def is_of_a_hand(plain: str) -> bool:
-    """Tell whether a key in its general form is a live key of a hand."""
+    """Return whether a key in its general form is a live key of a hand."""
     return any(plain == each or plain.startswith(f"{each}.") for each in HAND)
 
 
 def covers(live: str, key: str) -> bool:
-    """Tell whether a live key includes a key: `*` includes every number, and a table all keys below it."""
+    """Return whether a live key includes a key: `*` includes every number, and a table all keys below it."""
     ours, theirs = _indexed(live), _indexed(key)
     return len(ours) <= len(theirs) and all(a in ("*", b) for a, b in zip(ours, theirs, strict=False))
 
@@ -118,7 +118,7 @@ def numbered(scene: Scene, key: str) -> str:
     """Replace table names in a key by numbers: `finger.left.hand.stiffness` becomes `finger.0.hand.stiffness`.
 
     Raises:
-        InputError: no text.
+        InputError: If the key is not a text.
     """
     if not isinstance(key, str):
         raise InputError("key", key, "a key of the scene with dots, such as 'coupling.internal.stiffness'")
@@ -131,10 +131,10 @@ def numbered(scene: Scene, key: str) -> str:
 
 
 def keys_of(live: Any) -> list[str]:
-    """List live keys; a single key may be given as a text.
+    """List live keys; a single key may be a string.
 
     Raises:
-        InputError: the argument is not a key or a list of keys.
+        InputError: If the argument is not a key or a list of keys.
     """
     if isinstance(live, str):
         return [live]
@@ -149,7 +149,7 @@ def require_value(scene: Scene, key: str) -> None:
     """Require that a scene has a value for a live key, with numbers for names.
 
     Raises:
-        UnknownNameError: it does not; the error lists close matches.
+        UnknownNameError: If the scene has none; the error lists close matches.
     """
     if not _has(scene, key):
         present = [each for each in (*GAINS, *OBJECT_GAINS, *RULES, *BODY, *DEVICE, *HAND) if _has(scene, each)]
@@ -167,8 +167,8 @@ def value_of(scene: Scene, key: str) -> Any:
     """Return the present value of a key; for `*` the common value, or a tuple of all values.
 
     Raises:
-        UnknownNameError: no scene has this key, or this scene has no table of that name or number.
-        InputError: the setting is left to its driver, or the table is defined elsewhere.
+        UnknownNameError: If no scene has this key, or this scene has no table of that name or number.
+        InputError: If the setting is left to its driver, or the table is defined elsewhere.
     """
     path, (first, *rest) = _indexed(key), key.split(".")
     tables: tuple[Any, ...] = getattr(scene, first) if rest and first in LISTS else ()
@@ -178,7 +178,7 @@ def value_of(scene: Scene, key: str) -> Any:
     if not values:
         raise InputError(
             "key", key, "a key of a table that the scene has",
-            "if a name denotes a table, ask for that table, as in hand.NAME.stiffness",
+            "if a name denotes a table, use the key of that table, as in hand.NAME.stiffness",
         )  # fmt: skip
     return values[0] if all(each == values[0] for each in values) else tuple(values)
 
@@ -207,7 +207,7 @@ def _values(part: Any, path: list[str], at: str = "") -> Iterator[Any]:
         elif hasattr(part, "settings") and path[0] in ("mass", "damping") and path[0] not in settings:
             yield None  # left to the device's driver
         elif hasattr(part, "settings") and path[0] not in fields | settings and not closest(path[0], fields | settings):
-            raise InputError("key", f"{at}.{path[0]}", "a setting that the scene gives", "the driver's default applies")
+            raise InputError("key", f"{at}.{path[0]}", "a setting that is in the scene", "the driver's default applies")
         else:
             yield from _below(fields | settings, path, at)
     elif part is not None and not isinstance(part, str):  # None, or the name of a table elsewhere

@@ -1,4 +1,4 @@
-"""Mechanics of a scene's fingers as matrices: masses and damping of devices, stiffness and damping of hands."""
+"""Mechanics of a scene's fingers as matrices: mass and damping of devices, stiffness and damping of hands."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ class Mechanics:
     """Matrices of n fingers in d dimensions at their positions.
 
     Attributes:
-        mass, friction: mass and friction of the devices, (n, d, d) [kg], [N s/m].
-        stiffness, damping: stiffness and damping of the hands, (n d, n d) [N/m], [N s/m].
-        delay: output delay of each device, (n,) [samples].
-        lateness: additional time from the reading to the force, (n,) [s].
-        age: age of the positions when they are read, (n,) [s].
-        jitter: smallest and largest lateness, (2, n) [s].
-        round_trip: part of the lateness due to reading and writing, (n,) [s].
-        hardware: mask that is True for fingers on real devices, (n,).
-        assumed: unreported values that are assumed to be zero.
+        mass, friction: Mass and friction of the devices, (n, d, d) [kg], [N s/m].
+        stiffness, damping: Stiffness and damping of the hands, (n d, n d) [N/m], [N s/m].
+        delay: Output delay of each device, (n,) [samples].
+        lateness: Additional time from the reading to the force, (n,) [s].
+        age: Age of the positions when they are read, (n,) [s].
+        jitter: Smallest and largest lateness, (2, n) [s].
+        round_trip: Part of the lateness due to reading and writing, (n,) [s].
+        hardware: Mask that is True for fingers on real devices, (n,).
+        assumed: Unreported values that are assumed to be zero.
     """
 
     mass: FloatArray
@@ -64,7 +64,7 @@ def mechanics(parts: Parts, position: FloatArray, hands: Sequence[StillHand]) ->
     """Compute the mechanics of devices, with fingers at positions (n, d) [m], and of hands.
 
     Raises:
-        InputError: a device does not report its mass or damping; the error names its finger.
+        InputError: If a device does not report its mass or damping; the error names its finger.
     """
     n, d = position.shape
     mass, friction = np.zeros((n, d, d)), np.zeros((n, d, d))
@@ -97,10 +97,10 @@ def mechanics(parts: Parts, position: FloatArray, hands: Sequence[StillHand]) ->
 
 
 def _assumed(wire: Wire, names: Sequence[str]) -> Iterator[str]:
-    """Yield sentences about the unknown values of a device, and about values that differ from its simulation."""
+    """Yield sentences about unknown values of a device, and about values that differ from its simulation."""
     features, who = wire.features, ", ".join(names)
     if features.delay is None and features.lateness is None:
-        yield "no output delay of devices that report none"
+        yield "no output delay for devices that do not report it"
     if features.resolution:
         yield "encoder resolution neglected"
     late = (features.lateness or 0.0) + (features.latency or 0.0)
@@ -129,7 +129,7 @@ def _device_mechanics(scene: Scene, fingers: NDArray[np.intp], features: Feature
         raise InputError(
             f"the device of {names}",
             None,
-            f"one that reports its {' and '.join(lacking)}",
-            "a stability limit needs both; give the driver the settings that determine its features",
+            f"a device that reports its {' and '.join(lacking)}",
+            "a stability limit depends on both; pass the driver the settings that determine its features",
         )
     return _DeviceMechanics(features.mass, features.friction, features.delay)

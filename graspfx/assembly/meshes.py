@@ -31,9 +31,9 @@ def through_cache(
     """Return the mesh and mass properties from the cache if it has the same content, else from `make`.
 
     Args:
-        content: content of the mesh's file, or bytes of its arrays.
-        settings: everything else on which the mesh depends, as a value with a complete text form.
-        make: function that makes the mesh and its mass properties, or raises; a refused mesh is not cached.
+        content: Content of the mesh's file, or bytes of its arrays.
+        settings: Everything else on which the mesh depends, as a value with a complete text form.
+        make: Function that makes the mesh and its mass properties, or raises; an invalid mesh is not cached.
     """
     distributions = installed.distributions()
     if distributions is None:
@@ -63,8 +63,8 @@ class SceneMesh:
     """A mesh in its body's frame, and the body's pose in the file's frame.
 
     Attributes:
-        mesh: mesh in the body's frame.
-        unit: mass properties in the file's frame, for a density of 1 kg/m^3, or for a shell of mass 1 kg.
+        mesh: Mesh in the body's frame.
+        unit: Mass properties in the file's frame, for a density of 1 kg/m^3, or for a shell of mass 1 kg.
     """
 
     mesh: Mesh
@@ -74,7 +74,7 @@ class SceneMesh:
         """Compute the volume [m^3].
 
         Raises:
-            InputError: the mesh is a shell.
+            InputError: If the mesh is a shell.
         """
         if self.mesh.shell:
             raise InputError("density", "a shell", "the object's mass", "a surface has no volume")
@@ -108,8 +108,8 @@ def scene_mesh(table: Object | Obstacle, folder: Path | None) -> SceneMesh | Non
     """Load the mesh of an object or obstacle; None if its shape is not a mesh.
 
     Raises:
-        InputError: a value of the shape's table is invalid; the error names its key.
-        MissingPackageError: the package that reads the file is not installed.
+        InputError: If a value of the shape's table is invalid; the error names its key.
+        MissingPackageError: If the package that reads the file is not installed.
     """
     shape = table.shape
     if shape is None or shape.kind != "mesh":
@@ -124,7 +124,7 @@ def scene_mesh(table: Object | Obstacle, folder: Path | None) -> SceneMesh | Non
 
 
 def mesh_name(table: Object) -> str:
-    """Name a mesh after its file."""
+    """Return the name of a mesh, that of its file."""
     path = getattr(table.shape, "mesh", None)
     return Path(path).name if path else f"mesh of {table.name}"
 
@@ -165,6 +165,6 @@ def _scene_mesh(vertices: Any, faces: Any, scale: float, shell: bool) -> SceneMe
 
 
 def _weighed(mesh: Mesh) -> tuple[Mesh, MassProperties]:
-    """Transform a mesh to its body's frame; return it with its mass properties in the file's frame."""
+    """Transform a mesh to its body's frame; return it, with its mass properties in the file's frame."""
     unit = mesh.mass_properties(mass=1.0) if mesh.shell else mesh.mass_properties(density=1.0)
     return mesh.seen_from(unit.centre, unit.axes), unit

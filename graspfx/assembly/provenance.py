@@ -35,8 +35,8 @@ OURS = Path(__file__).resolve().parents[1]
 def python_files(path: Path) -> list[Path]:
     """List a file and, for a Python file, its direct and indirect imports from its own folder or package.
 
-    All `import` and `from ... import` statements count. Other kinds of import, other folders, extension modules, files
-    that are not Python, and GraspFX itself are omitted.
+    All `import` and `from ... import` statements are included. Other kinds of import, other folders, extension modules,
+    files that are not Python, and GraspFX itself are omitted.
     """
     files: dict[Path, None] = {}
     left = [path]
@@ -100,8 +100,8 @@ def files_of(scene: Scene, values: Any = ()) -> dict[str, str]:
     devices, hands and dynamics, with its imports from its own folder or package (`own_imports`).
 
     Args:
-        scene: scene of the run.
-        values: values that replace the scene's, nested in any way; each text in them may name a file or a plug-in.
+        scene: Scene of the run.
+        values: Values that replace the scene's, nested in any way; each text in them may name a file or a plug-in.
     """
     texts = list(dict.fromkeys(texts_in(values)))
     paths = [path for text in chain(_code(scene), _code_in(scene, texts), texts_in(scene.to_dict()), texts)
@@ -141,7 +141,7 @@ def digest_of(path: str) -> str | None:
 
 
 def _file(scene: Scene, text: str) -> Path | None:
-    """Find the file that a text names; None if it names none."""
+    """Find the file named by a text; None if there is none."""
     try:
         path = to_path("file", text, folder=scene.source.folder).resolve()
         return path if len(text) < LONGEST and path.is_file() else None
@@ -159,7 +159,7 @@ def _code(scene: Scene) -> Iterator[str]:
 
 
 def _code_in(scene: Scene, texts: Sequence[str]) -> Iterator[str]:
-    """List the files of plug-ins of any group that texts name."""
+    """List the files of plug-ins, of any group, that are named in texts."""
     for group in GROUPS:
         table = plugins.names(group)
         for text in texts:
@@ -241,12 +241,12 @@ def header_of(parts: Parts, objects: Sequence[GraspedPart] = ()) -> Header:
 
 @cache
 def _versions(*packages: str) -> Mapping[str, str]:
-    """Look up versions once: packages installed later do not change what a process has imported."""
+    """Look up versions once, because packages installed later do not change the imported ones."""
     return versions(*packages)
 
 
 def source_name(source: Source) -> str:
-    """Name a scene after its file, like a built-in scene; without a file, return the name that messages use."""
+    """Return the name of a scene: that of its file, as for a built-in scene, or the name used in messages."""
     return source.path.stem.replace("_", "-") if source.path is not None else source.name
 
 

@@ -1,4 +1,4 @@
-"""Sessions that run on the wall clock in another process and can be inspected and steered."""
+"""Sessions that run in real time in another process, and can be inspected and steered."""
 
 from __future__ import annotations
 
@@ -37,15 +37,15 @@ LOOK = 0.05  # interval of checks for signals and faults of the recording [s]
 
 
 class RealTimeSession(Session):
-    """A run on the wall clock in a separate process; `gx.open(scene, real_time=True)` creates it.
+    """A real-time run in a separate process; `gx.open(scene, real_time=True)` creates it.
 
     Ticks run until the end of the `with` block, with or without hardware. At the end every force decays to zero, then
-    the recording is closed, and the hardware last. Positions, velocities and forces belong to the last received tick,
-    which is at most some 20 ms old. A signal (Ctrl-C, SIGTERM, SIGHUP) ends the block, and the run, at once.
+    the recording is closed, and the hardware last. Positions, velocities and forces are those of the last received
+    tick, which is at most about 20 ms old. A signal (Ctrl-C, SIGTERM, SIGHUP) ends the block, and the run, at once.
 
     Args:
-        scene: what is run.
-        live, out, overwrite: as of `open`.
+        scene: Scene to run.
+        live, out, overwrite: As for `open`.
     """
 
     is_paced = True
@@ -55,8 +55,8 @@ class RealTimeSession(Session):
             if self.servo.hardware and (is_of_a_hand(general(key)) or general(key) in DEVICE):
                 raise InputError(
                     "live", key, "gains, friction and numbers of objects",
-                    f"a scene with hardware, {', '.join(self.servo.hardware)}, begins with the hands and the devices "
-                    "that it has",
+                    f"in a scene with hardware, {', '.join(self.servo.hardware)}, hands and devices cannot change "
+                    "before the start",
                 )  # fmt: skip
         self._guided = [] if self.servo.hardware else guide_keys(self.scene, self.servo)
         goals = sum(len(place.entries) for place in goal_places(self.servo)) if self._guided else 0
@@ -94,16 +94,16 @@ class RealTimeSession(Session):
         """Raise an error, because ticks follow the wall clock.
 
         Raises:
-            InputError: always.
+            InputError: Always.
         """
-        raise InputError("ticks", ticks, "a session without real time", "ticks run by themselves: use wait")
+        raise InputError("ticks", ticks, "a session without real time", "ticks run automatically: use wait")
 
     def wait(self, seconds: float) -> bool:
         """Wait while the run continues; return whether it is still running.
 
         Raises:
-            RecordingError: the recording cannot be written; every force is then zero.
-        Exception: the error that ended the run in its process, such as an error of a driver.
+            RecordingError: If the recording cannot be written; every force is then zero.
+        Exception: The error that ended the run in its process, such as an error of a driver.
         """
         end = time.monotonic() + seconds
         with self._undisturbed():
@@ -120,7 +120,7 @@ class RealTimeSession(Session):
         """Record a text marker, for example at the beginning of a trial; return the tick of the marker.
 
         Raises:
-            InputError: the argument is not a text, or the session has ended.
+            InputError: If the argument is not a text, or the session has ended.
         """
         if not isinstance(text, str):
             raise InputError("text", text, "a text")
@@ -128,7 +128,7 @@ class RealTimeSession(Session):
             return self._mail.post(Letter([], []), {MARK: text}, self._require_going)
 
     def rest(self) -> None:
-        """Let every force decay to zero and stay there; the recording remains accessible."""
+        """Let every force decay to zero and stay zero; the recording remains accessible."""
         with self._undisturbed():
             self._remote.rest()
 
@@ -201,12 +201,12 @@ BEGINNING = 0.005  # interval of checks whether a servo runs [s]
 
 
 class LiveSession(RealTimeSession):
-    """A real-time run that keeps rows only in the ring buffer unless a folder is given.
+    """A real-time run whose rows are only in the ring buffer unless a folder is given.
 
     Args:
-        scene: what is run.
-        live, out, overwrite: as of `open`.
-        paused: whether the session pauses before the first tick.
+        scene: Scene to run.
+        live, out, overwrite: As for `open`.
+        paused: Whether the session pauses before the first tick.
     """
 
     keeps_rows = False
@@ -311,16 +311,16 @@ class LiveSession(RealTimeSession):
         """Pause before the next tick; values and goals are still accepted.
 
         Raises:
-            InputError: a scene with hardware.
+            InputError: If the scene has hardware.
         """
         self.require_no_hardware("pause")
         self.ring.words[Word.HALT] = 1
 
     def resume(self) -> None:
-        """Continue; the ticks of the paused time are not made up for.
+        """Continue; the ticks of the paused time are omitted.
 
         Raises:
-            InputError: a scene with hardware.
+            InputError: If the scene has hardware.
         """
         self.require_no_hardware("resume")
         self.ring.words[Word.HALT] = 0
@@ -329,7 +329,7 @@ class LiveSession(RealTimeSession):
         """Run a number of ticks at the normal rate during a pause.
 
         Raises:
-            InputError: the scene has hardware, or the number is not an integer above zero.
+            InputError: If the scene has hardware, or the number is not an integer above zero.
         """
         self.require_no_hardware("step")
         if type(ticks) is not int or ticks < 1:
@@ -344,7 +344,7 @@ class LiveSession(RealTimeSession):
         """Require that no device of the scene displays forces to a person.
 
         Raises:
-            InputError: a device does.
+            InputError: If a device does display forces.
         """
         if self.servo.hardware:
             raise InputError(

@@ -46,26 +46,26 @@ def replay(
 ) -> Recording:
     """Replay a recording: fingers follow their recorded motion, and forces and objects are recomputed.
 
-    Without overrides, forces and objects are identical to the recording bit by bit, also after held samples,
-    skipped periods, key changes and device faults. With overrides, forces and motions of objects on the same path of
-    the fingers are computed. Such a replay is an open loop, because fingers do not respond to the changed force.
+    Without overrides, forces and objects are identical to the recording bit by bit, also after held samples, skipped
+    periods, key changes and device faults. With overrides, forces and motions of objects are computed for the same
+    motion of the fingers. This replay is open-loop, because fingers do not respond to the changed force.
 
     Args:
-        recording: recording of every tick, or its path.
-        overrides: values by dotted key, which replace those of the run.
-        out: folder for recording.h5.
-        overwrite: whether to replace an existing recording.
-        trust: whether Python files that the recording names (drivers, hands, bodies) may run, and files outside the
+        recording: Recording of every tick, or its path.
+        overrides: Values by dotted key, which replace those of the run.
+        out: Folder for recording.h5.
+        overwrite: Whether to replace an existing recording.
+        trust: Whether Python files that the recording names (drivers, hands, bodies) may run, and files outside the
             scene's folder may be used, as with `graspfx replay --trust`. Read them first.
 
     Returns:
         Recording of the replay, with the columns that follow from the fingers' motion.
 
     Raises:
-        InputError, UnknownNameError, SceneError: An override is unknown or not allowed in the scene, or `trust` is
+        InputError, UnknownNameError, SceneError: If an override is unknown or not allowed in the scene, or `trust` is
             neither True nor False.
-        RecordingError: the recording lacks data that a replay needs, its scene cannot be restored, or its mesh has
-            changed; it names Python files, without `trust` or GRASPFX_TRUST=1; or `out` already has a recording.
+        RecordingError: If the recording lacks data that a replay needs, its scene cannot be restored, its mesh has
+            changed, it names Python files without `trust` or GRASPFX_TRUST=1, or `out` already has a recording.
     """
     if not isinstance(trust, bool):
         raise InputError("trust", trust, "True or False")
@@ -85,10 +85,10 @@ class Replay:
     """A replay and its original.
 
     Attributes:
-        original: original recording.
-        recording: recording of the replay.
-        is_open_loop: whether its values differ from those of the original.
-        differences: differences between the two, by column.
+        original: Original recording.
+        recording: Recording of the replay.
+        is_open_loop: Whether its values differ from those of the original.
+        differences: Differences between the two, by column.
     """
 
     original: Recording
@@ -103,7 +103,7 @@ class Replay:
 
 
 def replayed_with(original: Recording, overrides: Mapping[str, Any]) -> Replay:
-    """Replay a recording with some values replaced, and compare the two; raises the errors of `replay`."""
+    """Replay a recording with some values replaced, and compare the two; raise the errors of `replay`."""
     _require(original)
     is_open = any(key != OWN for key in overrides)
     scene = _scene_of(original, overrides)
@@ -130,14 +130,14 @@ def _require(recording: Recording) -> None:
     header, layout = recording.header, recording.layout
     if header.every > 1:
         raise RecordingError(
-            f"a replay needs every tick, but this recording has one in {header.every}: run with record.every = 1"
+            f"a replay needs every tick, but this recording has one tick in {header.every}: run with record.every = 1"
         )
     needs = [*NEEDS, *(("fresh",) if layout.timed else ()), *(("largest_force",) if layout.timed else ())]
     missing = [name for name in needs if name in layout.omitted]
     if missing:
         raise RecordingError(
-            f"a replay needs {', '.join(missing)}, which the scene's record.columns leave out: add the names, or "
-            "leave record.columns empty, and run again"
+            f"a replay needs {', '.join(missing)}, which the scene's record.columns omit: add the names, or leave "
+            "record.columns empty, and run again"
         )
     if not header.scene_table:
         raise RecordingError("a replay needs the scene, which this recording of an earlier format does not have")
@@ -150,7 +150,7 @@ def _require(recording: Recording) -> None:
 
 
 def _scene_of(original: Recording, overrides: Mapping[str, Any]) -> Scene:
-    """Restore the scene of a recording with some values replaced; relative paths keep their folder."""
+    """Restore the scene of a recording with some values replaced; the folder of relative paths is unchanged."""
     from graspfx.scene.model import make_scene
 
     header = original.header
@@ -167,19 +167,19 @@ def _scene_of(original: Recording, overrides: Mapping[str, Any]) -> Scene:
             raise
         version = header.versions.get("graspfx", "an earlier version")
         raise RecordingError(
-            f"the scene of this recording, made with GraspFX {version}, cannot be made again; its paths start in "
-            f"{folder}; {message(error)}"
+            f"the scene of this recording, made with GraspFX {version}, cannot be restored; its paths are relative "
+            f"to {folder}; {message(error)}"
         ) from error
     layout = original.layout
     if (scene.finger_names, scene.dimensions, scene.period) != (layout.fingers, layout.dimensions, header.period):
         raise InputError(
-            "overrides", dict(overrides), "values that leave fingers, dimensions and period as they were recorded"
+            "overrides", dict(overrides), "values that do not change the recorded fingers, dimensions and period"
         )
     return scene
 
 
 def _is_sound(table: Mapping[str, Any], source: Source) -> bool:
-    """Tell whether a scene is valid without overrides."""
+    """Return whether a scene is valid without overrides."""
     from graspfx.scene.model import make_scene
 
     try:
@@ -201,7 +201,7 @@ def _require_meshes(original: Recording, parts: Parts) -> None:
 
 
 def _lacks_largest(original: Recording, parts: Parts) -> bool:
-    """Tell whether largest forces depended on the fingers' positions and are not recorded."""
+    """Return whether largest forces depended on the fingers' positions and are not recorded."""
     from graspfx.assembly.device_limits import changes
 
     return any(changes(wire) for wire in parts.wires) and "largest_force" not in original.layout.columns
@@ -222,9 +222,9 @@ class Replaying(Session):
     """A run with recorded readings, or a repeated simulation, with the recorded key changes at their ticks.
 
     Args:
-        original: original recording.
-        scene: scene to run.
-        playback: playback of the recording; None for the scene's own simulations.
+        original: Original recording.
+        scene: Scene to run.
+        playback: Playback of the recording; None for the scene's own simulations.
     """
 
     def __init__(self, original: Recording, scene: Scene, playback: Playback | None) -> None:

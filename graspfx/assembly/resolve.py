@@ -1,4 +1,4 @@
-"""The parts of a scene, resolved once for all users: connected devices, loaded shapes, laws and hands."""
+"""Parts of a scene, resolved once for all users: connected devices, loaded shapes, laws and hands."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ Location = tuple[str | int, ...]
 def start_of(scene: SceneTable, i: int, stock: Stock) -> Point | None:
     """Compute the start position of finger i, (d,) [m]; None for a faulty table.
 
-    The table gives a direction from the object's centre of mass, in world axes at the object's initial pose. The
+    The table contains a direction from the object's centre of mass, in world axes at the object's initial pose. The
     fingertip approaches from far away along this direction and starts at the gap that the table specifies.
     """
     start = scene.finger[i].start
@@ -105,13 +105,13 @@ class ObjectPart:
     """An object of a scene, prepared for its coupling.
 
     Attributes:
-        scene: scene of the object.
-        table: table of the object.
-        index: index of the object in the scene.
-        fingers: indices of its fingers.
-        solid: shape of the object.
-        gains: gains of eq. (4) for its fingers; gains in the object's axes are converted to its body's axes.
-        rules: contact rules of its fingers.
+        scene: Scene of the object.
+        table: Table of the object.
+        index: Index of the object in the scene.
+        fingers: Indices of its fingers.
+        solid: Shape of the object.
+        gains: Gains of eq. (4) for its fingers; gains in the object's axes are converted to its body's axes.
+        rules: Contact rules of its fingers.
     """
 
     scene: Scene
@@ -129,7 +129,7 @@ class ObjectPart:
 
     @property
     def law(self) -> Coupling:
-        """New coupling law with these gains. Each run needs its own, because the law remembers its warnings."""
+        """New coupling law with these gains. Each run needs its own law, because the law records its warnings."""
         return replace(self.gains)
 
     def grasped(
@@ -138,10 +138,10 @@ class ObjectPart:
         """Make the grasped object with a new block.
 
         Args:
-            limits: largest forces of all fingers of the scene [N], infinite for a finger without a limit; None without
+            limits: Largest forces of all fingers of the scene [N], infinite for a finger without a limit; None without
                 limits.
-            predicts: whether the implicit integrator is used as such (`bodies.fill`).
-            live: names of the block's fields that may change during a run.
+            predicts: Whether the implicit integrator is used as such (`bodies.fill`).
+            live: Names of the block's fields that may change during a run.
         """
         n, d, fill_body = len(self.fingers), self.scene.dimensions, self._fill_body(predicts)
         return GraspedObject(n, d, law=self.law, fill_body=fill_body, live=live, **self._numbers(limits))
@@ -160,7 +160,7 @@ class ObjectPart:
 
 
 def make_objects(scene: Scene, stock: Stock, wired: Sequence[Wire]) -> tuple[ObjectPart, ...]:
-    """Make the law and the rules of each object of a scene; devices in `wired` give the masses for the split."""
+    """Make the law and the rules of each object of a scene; the split uses the masses of the devices in `wired`."""
     masses = device_masses(scene, wired) if scene.coupling.split == "mass" else None
     if scene.coupling.split == "weights":
         masses = np.array(scene.coupling.weights)
@@ -209,7 +209,7 @@ def make_law(scene: Scene, fingers: Index, solid: Solid) -> Coupling:
 
 
 def _given(part: Any, quantity: str) -> Any:
-    """Return a gain of a table, even of a cached table, which has only fields; a gain of an object is a matrix."""
+    """Return a gain of a table, which may be a cached table that has only fields; a gain of an object is a matrix."""
     if not hasattr(part, "object_stiffness"):
         return getattr(part, quantity)
     value = getattr(part, f"object_{quantity}")
@@ -221,7 +221,7 @@ def _given(part: Any, quantity: str) -> Any:
 def _own(gain: Gains, fingers: Index) -> float | FloatArray:
     """Select these fingers from gains per finger; return other gains unchanged.
 
-    An object without fingers gets one number instead, because no force depends on it.
+    Return one number for an object without fingers, because no force depends on it.
     """
     values = np.asarray(gain, dtype=float)
     if values.ndim == 0 or not len(fingers):
@@ -265,8 +265,8 @@ class Parts:
     """A scene's parts, each made on demand.
 
     Attributes:
-        scene: description of the scene.
-        stock: connected devices and shapes.
+        scene: Description of the scene.
+        stock: Connected devices and shapes.
     """
 
     scene: Scene
@@ -286,7 +286,7 @@ class Parts:
         """Return devices as `own_wires` does, with the memory for their blocks.
 
         Args:
-            room: number of entries of that memory; devices connected by the checks have the default number.
+            room: Number of entries of that memory; devices connected by the checks have the default number.
         """
         if self.stock.claim():
             return self.wires, self.stock.memory
@@ -297,7 +297,7 @@ class Parts:
         """Return devices that no other run uses, to be opened or moved by a plant.
 
         The first caller gets the devices that the checks connected. A later caller gets newly connected ones, because a
-        device holds the state of one run, and hardware may still be open.
+        device contains the state of one run, and hardware may still be open.
         """
         return self.claim()[0]
 
@@ -392,29 +392,29 @@ def late_wires(parts: Parts) -> Iterator[tuple[Wire, float]]:
 
 
 def require_no_host(scene: Scene, action: str) -> None:
-    """Refuse an action that needs the scene's object if another program simulates it.
+    """Reject an action that needs the scene's object if another program simulates it.
 
     Args:
-        scene: scene to check.
-        action: name of the action in the message.
+        scene: Scene to check.
+        action: Name of the action in the message.
 
     Raises:
-        InputError: the scene has a host.
+        InputError: If the scene has a host.
     """
     host = getattr(scene, "host", None)
     if host is not None:
         raise InputError(
             "host", host.name, f"a scene that simulates its object, for {action}",
-            "the host simulates the object, so the scene lacks its forces; gx.Feedback.limits judges a host that "
-            "is linear",
+            "the host simulates the object, so the scene lacks its forces; gx.Feedback.limits computes the limits of "
+            "a linear host",
         )  # fmt: skip
 
 
 def require_prompt_simulations(parts: Parts) -> None:
-    """Refuse to simulate devices whose forces are late by a fraction of a sample.
+    """Reject a simulation of devices whose forces are late by a fraction of a sample.
 
     Raises:
-        InputError: there is such a device; a certificate accepts any delay.
+        InputError: If there is such a device; a certificate supports any delay.
     """
     for wire, late in late_wires(parts):
         if isinstance(wire.device, SimulatedDevice):
@@ -422,6 +422,6 @@ def require_prompt_simulations(parts: Parts) -> None:
             raise InputError(
                 "measures.lateness", late, f"none in a simulation: forces of the simulated device of {names} start "
                 "at the beginning of a sample",
-                "`check` and `stability` take any delay; leave the measures out to run it, or give the driver whole "
+                "`check` and `stability` support any delay; remove the measures to run it, or give the driver whole "
                 f"samples, delay = {round(late / parts.scene.period)}",
             )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Running a scene, to its end or step by step as a session."""
+"""Runs of a scene, to its end or step by step as a session."""
 
 from __future__ import annotations
 
@@ -69,24 +69,24 @@ def open(
 
     The recording is identical to that of `gx.run`, bit by bit, for any division into steps.
 
-    With `real_time`, the result is a `RealTimeSession`, which runs on the wall clock in another process until it is
-    closed. Its scene may have hardware. Forces start as soon as the session is open.
+    With `real_time`, the result is a `RealTimeSession`, which runs in real time in another process until it is closed.
+    Its scene may have hardware. Forces act as soon as the session is open.
 
     Args:
-        scene: scene, its name or its path.
-        overrides: values by dotted key.
-        live: keys that `Session.set` may change during the run, such as "coupling.internal.stiffness"; `*` stands for
+        scene: Scene, its name or its path.
+        overrides: Values by dotted key.
+        live: Keys that `Session.set` may change during the run, such as "coupling.internal.stiffness"; `*` stands for
             all entries of a list.
-        out: folder for recording.h5; it may exist. While the session is open, its rows are in recording.h5.part.
-        overwrite: whether to replace an existing recording, or the part of a killed run.
-        real_time: whether ticks follow the wall clock.
+        out: Folder for recording.h5; it may exist. While the session is open, its rows are in recording.h5.part.
+        overwrite: Whether to replace an existing recording, or the part of a killed run.
+        real_time: Whether ticks follow the wall clock.
 
     Raises:
-        InputError, UnknownNameError: the scene does not exist; a live key cannot change during a run; `out` is not a
+        InputError, UnknownNameError: If the scene does not exist; a live key cannot change during a run; `out` is not a
             path; there is hardware without `real_time`; or a finger on hardware is inside its object.
-        SceneError: the scene has faults; the error lists all of them.
-        DeviceError: a device does not open, or is not at rest.
-        RecordingError: `out` already has a recording, another run is writing there, or it is not writable.
+        SceneError: If the scene has faults; the error lists all of them.
+        DeviceError: If a device does not open, or is not at rest.
+        RecordingError: If `out` already has a recording, another run is writing there, or it is not writable.
     """
     if not isinstance(real_time, bool):
         raise InputError("real_time", real_time, "True for the wall clock, or False for steps")
@@ -110,31 +110,31 @@ def run(
 ) -> Recording:
     """Run a scene, as a simulation (time = tick x period; runs are bit-identical) or in real time.
 
-    A scene with hardware runs in real time only. Its fingers must be still for a fifth of a second before the start.
-    However the run ends, forces are set to zero first, then files are closed, and the hardware last. In the main
-    thread, SIGINT, SIGTERM and SIGHUP end the run in this order and are passed on afterwards.
+    A scene with hardware runs in real time only. Its fingers must be still for a fifth of a second before the start. At
+    the end of a run, for any reason, first forces are set to zero, then files are closed, then the hardware. In the
+    main thread, SIGINT, SIGTERM and SIGHUP end the run in this order and are passed on afterwards.
 
     Args:
-        scene: name of a built-in scene, path of a .toml or .py file, or a Scene.
-        overrides: values by dotted key, as for `load`. (A bare number is interpreted as the duration, with a
+        scene: Name of a built-in scene, path of a .toml or .py file, or a Scene.
+        overrides: Values by dotted key, as for `load`. (A bare number is interpreted as the duration, with a
             FutureWarning.)
-        duration: duration that replaces the scene's [s]; rounded to whole periods.
-        out: folder for recording.h5; it may exist. During the run, rows are only in recording.h5.part, which
+        duration: Duration that replaces the scene's [s]; rounded to whole periods.
+        out: Folder for recording.h5; it may exist. During the run, rows are only in recording.h5.part, which
             `Recording.load` can read even if the run is killed.
-        overwrite: whether to replace an existing recording, or the part of a killed run.
-        stop: function that is called before every tick or, for compiled ticks, before every 64. The first True ends
-            the run, and the recording is marked as incomplete.
-        real_time: whether each tick waits for its time on the wall clock; a late tick skips whole periods. The results
+        overwrite: Whether to replace an existing recording, or the part of a killed run.
+        stop: Function that is called before every tick or, for compiled ticks, before every 64. The first True ends the
+            run, and the recording is marked as incomplete.
+        real_time: Whether each tick waits for its time on the wall clock; a late tick skips whole periods. The results
             of a simulation do not change.
 
     Raises:
-        InputError: the duration is not a positive time, or too long for memory or disk; `out` is not a path; `stop` is
-            not callable; there is hardware without `real_time`; or a finger on hardware is inside its object.
-        UnknownNameError, PluginError: the scene cannot be loaded.
-        SceneError: the scene has faults, or a finger starts outside its device's reach.
-        DeviceError: a device does not open, or is not at rest before the run.
-        RecordingError: `out` already has a recording, another run is writing there, or it is not writable. If rows
-            have been written, the error tells where they are.
+        InputError: If the duration is not a positive time, or too long for memory or disk; `out` is not a path; `stop`
+            is not callable; there is hardware without `real_time`; or a finger on hardware is inside its object.
+        UnknownNameError, PluginError: If the scene cannot be loaded.
+        SceneError: If the scene has faults, or a finger starts outside its device's reach.
+        DeviceError: If a device does not open, or is not at rest before the run.
+        RecordingError: If `out` already has a recording, another run is writing there, or it is not writable. If rows
+            have been written, the error states their location.
     """
     if isinstance(overrides, int | float):
         if duration is not None:
@@ -145,13 +145,13 @@ def run(
     if not isinstance(real_time, bool):
         raise InputError("real_time", real_time, "True for the wall clock, or False for the scene's own")
     if stop is not None and not callable(stop):
-        raise InputError("stop", stop, "a function without arguments that tells whether to stop, or None")
+        raise InputError("stop", stop, "a function without arguments that returns whether to stop, or None")
     scene_ = scene if isinstance(scene, Readable) and not overrides else _loaded(scene, overrides)
     host: Any = getattr(scene_, "host", None)
     if host is not None and not real_time:
         raise InputError(
             "real_time", False, f"True for the scene of a host, {host.name!r}, which needs real time",
-            "`graspfx run SCENE --real-time`; gx.open(scene) steps it beside a host in the same program",
+            "`graspfx run SCENE --real-time`; gx.open(scene) steps it together with a host in the same program",
         )  # fmt: skip
     log.info("scene %s; objects: %d, fingers: %d", scene_.source.name, len(scene_.object), len(scene_.finger))
     ticks = ticks_of(scene_.duration if duration is None else duration, scene_.period)
@@ -196,7 +196,7 @@ class WholeRun(Session):
 
 
 class RealTimeRun(WholeRun):
-    """A run on the wall clock, whose hardware is open until its end.
+    """A real-time run, whose hardware is open until its end.
 
     With hardware, the servo runs in a separate process, unless the clock is not the machine's.
     """
@@ -240,10 +240,10 @@ def _loaded(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | N
 
 
 def ticks_of(duration: float, period: float) -> int:
-    """Count the whole periods in a time.
+    """Return the number of whole periods in a time.
 
     Raises:
-        InputError: the time is not positive, or shorter than a period.
+        InputError: If the time is not positive, or shorter than a period.
     """
     expected = f"a time of at least one period, {period} s"
     ratio = number("duration", duration, expected) / period

@@ -1,4 +1,4 @@
-"""Disk cache of validated scenes, which are run without repeating their checks."""
+"""Disk cache of validated scenes, which run without repeating their checks."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def place(name: str, overrides: Mapping[str, Any], preset: str | None = None) ->
     compared with the checked ones by their content.
 
     Raises:
-        UnknownNameError, InputError: as for `load`.
+        UnknownNameError, InputError: As for `load`.
     """
     path = plugins.find("scenes", name)
     installed_ = installed.distributions()
@@ -124,7 +124,7 @@ def keep(where: Place, scene: Scene, notes: list[str]) -> None:
 
 
 def is_self_contained(scene: Scene) -> bool:
-    """Tell whether the scene uses built-in code only, no other distribution and no hardware."""
+    """Return whether the scene uses only built-in code, no other distribution and no hardware."""
     from graspfx.assembly.resolve import resolve
 
     folder = scene.source.folder
@@ -161,7 +161,7 @@ def digests(source: Source, names: Iterable[str]) -> list[list[str]] | None:
 
 
 def _written(value: Any) -> Any:
-    """Convert a table, tuple or list to a name and a list; TypeError for other values that are not plain."""
+    """Convert a table, tuple or list to a name and a list; raise TypeError for other values that are not plain."""
     if isinstance(value, PLAIN):
         return value
     if isinstance(value, tuple | list):
@@ -262,7 +262,7 @@ def _canonical(value: Any) -> Any:
     """Convert nested values to a form whose `repr` is unique, including types and exact numbers.
 
     Raises:
-        TypeError: a value is not a number, text, list, table or array of numbers.
+        TypeError: If a value is not a number, text, list, table or array of numbers.
     """
     if type(value) in PLAIN:
         return value

@@ -53,11 +53,11 @@ class ObjectView:
     """State of an object in one tick.
 
     Attributes:
-        position: position of its centre, (d,) [m].
-        velocity: velocity of its centre, (d,) [m/s].
-        orientation: angle [rad], quaternion x y z w, or None on a line.
-        angular_velocity: angular velocity [rad/s], in space (3,) in world axes, or None on a line.
-        wrench: wrench of the fingers on the object about its centre, (w,) [N, N m].
+        position: Position of its centre, (d,) [m].
+        velocity: Velocity of its centre, (d,) [m/s].
+        orientation: Angle [rad], quaternion x y z w, or None on a line.
+        angular_velocity: Angular velocity [rad/s], in space (3,) in world axes, or None on a line.
+        wrench: Wrench of the fingers on the object about its centre, (w,) [N, N m].
     """
 
     position: FloatArray
@@ -68,16 +68,16 @@ class ObjectView:
 
 
 class Session(Carded):
-    """A run that its caller steps. `open` creates it, and the end of its `with` block closes it.
+    """A run that is stepped by its caller. `open` creates it, and the end of its `with` block closes it.
 
     Positions, velocities and forces are the recorded ones of the last tick. Before the first tick, positions and
     velocities are those at the start, and forces are zero.
 
     Args:
-        scene: scene to run.
-        live, out, overwrite: arguments of `open`.
-        ticks: number of ticks of the whole run, if known.
-        how: further arguments of `build`.
+        scene: Scene to run.
+        live, out, overwrite: Arguments of `open`.
+        ticks: Number of ticks of the whole run, if known.
+        how: Further arguments of `build`.
     """
 
     is_paced = False  # whether it runs in real time
@@ -141,7 +141,7 @@ class Session(Carded):
         return header_of(parts, self.servo.objects)
 
     def _go(self) -> None:
-        """Begin, after the recording has been prepared."""
+        """Begin the run, after the recording has been prepared."""
 
     def _card(self) -> Card:
         rows = [("live", ", ".join(self.live)), ("fault", str(self.fault or ""))]
@@ -200,8 +200,8 @@ class Session(Carded):
         """Run a number of ticks.
 
         Raises:
-            InputError: the number is not an integer above zero, the session is closed, memory is exhausted, or a block
-                was written directly instead of by `set`. A failing device does not raise an error; its failure is
+            InputError: If the number is not an integer above zero, the session is closed, memory is exhausted, or a
+                block was written directly instead of by `set`. A failing device does not raise an error; its failure is
                 recorded as a fault.
         """
         count = ticks if type(ticks) is int else number("ticks", ticks, WHOLE)
@@ -317,7 +317,7 @@ class Session(Carded):
         return values
 
     def _column(self, i: int, name: str) -> FloatArray:
-        """Return a quantity of object i as a flat array, empty if the object lacks it."""
+        """Return a quantity of object i as a flat array, which is empty if the object does not have it."""
         part = self.servo.objects[i]
         column = self.servo.layout.columns.get(f"objects/{part.name}/{name}")
         if column is None:
@@ -342,8 +342,8 @@ class Session(Carded):
         """Return the present value of a key of the scene; for `*` the common value, or a tuple of all values.
 
         Raises:
-            UnknownNameError: the key does not exist; the error names a close match.
-            InputError: the setting is left to its driver, or the table is defined elsewhere.
+            UnknownNameError: If the key does not exist; the error names a close match.
+            InputError: If the setting is left to its driver, or the table is defined elsewhere.
         """
         return value_of(self.scene, numbered(self.scene, key))
 
@@ -351,17 +351,17 @@ class Session(Carded):
         """Change live keys from the next tick on: `session.set("coupling.internal.stiffness", 55.0)`.
 
         Dependent values, such as an automatic `coupling.fade`, change too. States (positions, contacts, anchors) are
-        kept. The change is recorded with its tick.
+        unchanged. The change is recorded with its tick.
 
         Args:
-            key: key, or values by key, which change together.
-            value: value of the key.
+            key: Key, or values by key, which change together.
+            value: Value of the key.
 
         Raises:
-            InputError: the key is not live, the value would change more than numbers, or a block was written directly
-                instead of by `set`.
-            UnknownNameError: the key does not exist; the error names a close match.
-            SceneError: the scene does not allow the value; nothing is changed.
+            InputError: If the key is not live, the value would change more than numbers, or a block was written
+                directly instead of by `set`.
+            UnknownNameError: If the key does not exist; the error names a close match.
+            SceneError: If the scene does not allow the value; nothing is changed.
         """
         changes = dict(key) if isinstance(key, Mapping) else {key: value}
         if not changes:
@@ -371,7 +371,7 @@ class Session(Carded):
             plain = numbered(self.scene, each)
             self._steering.require_live(plain, new)
             if plain in values:
-                raise InputError(each, new, f"one value for {plain}", "write its number or its name, not both")
+                raise InputError(each, new, f"one value for {plain}", "use its number or its name, not both")
             values[plain] = new
         self._require_open()
         self.servo.watch.require()

@@ -1,4 +1,4 @@
-"""Transfer of live values to a running servo: the scene checks them, then they are written into the servo's memory."""
+"""Transfer of live values to a running servo: the scene validates them, and they are written to the servo's memory."""
 
 from __future__ import annotations
 
@@ -61,16 +61,16 @@ CACHES = {"gains_known": ALL_GAINS, "pads_known": ALL_GAINS, "split_known": ("co
 
 
 class Steering:
-    """The live keys of a servo.
+    """Live keys of a servo.
 
     Args:
-        servo: servo that was built with these live keys.
-        scene: scene from which it was built.
-        keys: keys with numbers for names of tables.
-        playback: playback of the servo, whose devices, hands and plants have no numbers.
+        servo: Servo that was built with these live keys.
+        scene: Scene from which it was built.
+        keys: Keys, with numbers in place of table names.
+        playback: Playback of the servo, whose devices, hands and plants have no numbers.
 
     Raises:
-        InputError: this scene's parts do not allow changes of a key; the error gives the reason.
+        InputError: If this scene's parts do not allow changes of a key; the error gives the reason.
     """
 
     def __init__(
@@ -80,7 +80,7 @@ class Steering:
         for key in self.keys:
             reason = self._obstacle(general(require(key)))
             if reason:
-                raise InputError("live", key, "a key that may change in mid-run", reason)
+                raise InputError("live", key, "a key that may change during a run", reason)
 
     def _obstacle(self, plain: str) -> str:
         """Return the reason why this scene's parts do not allow changes of a key; empty if they do."""
@@ -92,7 +92,7 @@ class Steering:
         if plain in ALL_GAINS and servo.safety is not None and any(part.grasped.matrices for part in servo.objects):
             return "the energy tank of [safety], which limits increases of gains, does not support matrices"
         if plain in BODY and not all(isinstance(mover.body, NativeBody) for mover in servo.movers):
-            return "other software moves an object and has its own copy of the number"
+            return "other software moves an object, and has a separate copy of the number"
         if plain in DEVICE and coupling.split == "mass":
             return "coupling.split = 'mass' weights fingers by it"
         if plain in DEVICE and not (
@@ -100,20 +100,20 @@ class Steering:
         ):
             return "only the mechanics of a simulated point device can change"
         if is_of_a_hand(plain) and not all(_is_steerable(m.hand) for m in servo.plants):
-            return "a hand or a motion of a plug-in has its own numbers"
+            return "a hand or a motion of a plug-in has separate numbers"
         return ""
 
     def update(self, scene: Scene, values: Mapping[str, Any]) -> Update:
         """Make the update to a scene with other values.
 
         Args:
-            scene: scene of the servo with these values.
-            values: values by live key, with numbers for names of tables.
+            scene: Scene of the servo with these values.
+            values: Values by live key, with numbers for names of tables.
 
         Raises:
-            InputError: the values would change the form of a gain, a switch or a layout, and not only numbers, or a key
-                affects no number of a run.
-            SceneError, DeviceError: as for `build`.
+            InputError: If the values would change the form of a gain, a switch or a layout, and not only numbers, or a
+                key affects no number of a run.
+            SceneError, DeviceError: As for `build`.
         """
         for key, value in values.items():
             if not is_live(general(key)):  # a change of the key would be recorded but have no effect
@@ -143,7 +143,7 @@ class Steering:
         return Update(dict(values), entries, parts, [j for j, _ in plants])
 
     def _plants(self, other: Servo, values: Mapping[str, Any]) -> Iterator[tuple[int, tuple[PlantWiring, PlantWiring]]]:
-        """List by index the plants whose hands get new numbers, each with the corresponding plant of the variant.
+        """List the plants whose hands get new numbers, by index, each with the corresponding plant of the variant.
 
         Before the first tick, all plants are listed. A hand closes along the normals at its fingers' start. With the
         implicit integrator, these normals depend on the object's free motion, and so on mass, viscosity and gravity.
@@ -156,8 +156,8 @@ class Steering:
                 yield j, (wiring, anew)
             elif self.servo.ticks == 0 and not np.array_equal(_normals(self.servo), _normals(other)):
                 raise InputError(
-                    ", ".join(values), list(values.values()), "values that keep the normals at the fingers' start",
-                    "a hand or a motion of a plug-in has received them; start the run with such values",
+                    ", ".join(values), list(values.values()), "values that preserve the normals at the fingers' start",
+                    "a hand or a motion of a plug-in has received the normals; start the run with these values",
                 )  # fmt: skip
 
     def _goals(self, other: Servo) -> Iterator[Numbers]:
@@ -194,18 +194,18 @@ class Steering:
         """Require that a key, with numbers for names, is live.
 
         Raises:
-            InputError: the key is not live.
-            UnknownNameError: no scene has this key.
+            InputError: If the key is not live.
+            UnknownNameError: If no scene has this key.
         """
         if not any(covers(each, key) for each in self.keys):
             with suppress(InputError):  # an omitted setting or table
                 value_of(self.scene, key)
             live = f"live are {', '.join(self.keys)}" if self.keys else "no key is"
-            raise InputError(key, value, "a live key", f"{live}: name it in gx.open(scene, live=[{key!r}, ...])")
+            raise InputError(key, value, "a live key", f"{live}: list it in gx.open(scene, live=[{key!r}, ...])")
 
 
 def _is_steerable(hand: Any) -> bool:
-    """Tell whether the numbers of a hand may change."""
+    """Return whether the numbers of a hand may change."""
     return isinstance(hand, Steerable) and isinstance(hand, FusedHand)
 
 
@@ -222,20 +222,20 @@ def _require_structure(own: GraspedObject, new: GraspedObject, values: Mapping[s
     if not np.array_equal(slips, stays):
         raise InputError(
             keys, value, "coefficients of friction that are above zero for the same fingers as before",
-            "only a contact with friction has a state of friction; start the run with such a value",
+            "only a contact with friction has a state of friction; start the run with this value",
         )  # fmt: skip
     if new.block.size != own.block.size:
         raise InputError(
             keys, value, "a value of the same form as at the start",
-            "another form needs another memory layout; start the run with it",
+            "another form needs another memory layout; start the run with this form",
         )  # fmt: skip
     places = own.structure
     same = own.block[places].view(np.int64) == new.block[places].view(np.int64)
     if not same.all():
         field = name_of(GraspState, int(places[np.flatnonzero(~same)[0]]), own.block)
         raise InputError(
-            keys, value, "a value that changes numbers only",
-            f"{field} would change with it, which selects what is computed; start the run with such a value",
+            keys, value, "a value that changes only numbers",
+            f"{field} would also change, which selects what is computed; start the run with this value",
         )  # fmt: skip
 
 
@@ -262,16 +262,16 @@ def _caches(
 
 
 def _require_hand(own: Any, new: Any, values: Mapping[str, Any]) -> None:
-    """Require a hand of the same structure; both hands, or neither, have an operator model, because plants differ."""
+    """Require a hand of the same structure; either both hands or neither have an operator model, as plants differ."""
     if (getattr(own, "operator", None) is None) != (getattr(new, "operator", None) is None):
         raise InputError(
             ", ".join(values), list(values.values()), f"a part of {', '.join(PARTS)} either always or never",
-            "a hand with such a part has another simulation; start the run with one without effect, "
-            "such as stiffening = { stiffness = 0, lag = 0.1 }",
+            "a hand with this part has another simulation; start the run with a part without effect, such "
+            "as stiffening = { stiffness = 0, lag = 0.1 }",
         )  # fmt: skip
     same = own.state.shape == new.state.shape and np.array_equal(own.structure, new.structure)
     if not same or not np.array_equal(own.state[own.structure], new.state[new.structure]):
         raise InputError(
-            ", ".join(values), list(values.values()), "as many motions and turns of the same kinds",
-            "a hand's motion has a fixed memory layout; start the run with such a motion",
+            ", ".join(values), list(values.values()), "the same numbers and kinds of motions and turns",
+            "a hand's motion has a fixed memory layout; start the run with this motion",
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Compilation in advance: the program of all scenes, and third-party kernels of scenes."""
+"""Compilation in advance of the program of all scenes, and of third-party kernels of scenes."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class Warmed:
     """Result of warming up.
 
     Attributes:
-        scene: name or path of the scene, or `KERNELS`.
+        scene: Name or path of the scene, or `KERNELS`.
         state: "compiled" (now in the cache), "was there", "nothing" (no kernels of its own) or "cannot".
-        seconds: time taken [s].
-        size: size of the machine code [bytes].
-        why: reason for "cannot".
+        seconds: Time taken [s].
+        size: Size of the machine code [bytes].
+        why: Reason for "cannot".
     """
 
     scene: str

@@ -1,4 +1,4 @@
-"""Connected devices of a scene before they are opened: their features compared with the scene's requirements."""
+"""Connected devices of a scene before they are opened, and the comparison of their features with the scene's needs."""
 
 from __future__ import annotations
 
@@ -109,11 +109,11 @@ class Wire:
     """A connected device and its features before it is opened.
 
     Attributes:
-        at: location of its table.
-        device: device, not opened.
-        fingers: finger of each of its channels, -1 for none.
-        features: features that the device reports, converted to axes and units of the scene.
-        fitting: relation of the device to the scene.
+        at: Location of its table.
+        device: Device, not opened.
+        fingers: Finger of each of its channels, -1 for none.
+        features: Features that the device reports, converted to axes and units of the scene.
+        fitting: Relation of the device to the scene.
     """
 
     at: Location
@@ -164,7 +164,7 @@ def wires(scene: SceneTable, stock: Stock) -> tuple[Wire, ...]:
 
 
 def wires_anew(scene: SceneTable, folder: Path | None) -> tuple[Wire, ...]:
-    """Connect all devices of a scene again, because two runs share no device."""
+    """Connect all devices of a scene again, because two runs cannot share a device."""
     return tuple(_wires(scene, folder, {}))
 
 
@@ -244,11 +244,12 @@ def _hand_faults(
 def placing_faults(start: FloatArray, wired: Iterable[Wire]) -> list[Finding]:
     """Find the fingers of simulated devices that cannot be placed at their start, in a scene without other faults.
 
-    Loading a scene does not call this, because placing a plant may import the packages that move it.
+    The loading of a scene does not include this check, because the placement of a plant may import packages that move
+    it.
 
     Args:
-        start: start positions of all fingers of the scene (n, d) [m].
-        wired: devices that no other run uses; each gets a plant.
+        start: Start positions of all fingers of the scene (n, d) [m].
+        wired: Devices that no other run uses; each gets a plant.
     """
     faults: list[Finding] = []
     for wire in wired:

@@ -85,7 +85,7 @@ class Batch(Carded):
             ("notes", "\n".join(self.notes)),
         ]
         calls = f"{self._results()}, .fault_tick, .to_xarray(), .to_frame(), .to_dict()"
-        zipped = ", their values taken together" if together else ""
+        zipped = ", their values combined one by one" if together else ""
         title = f"Batch of {self.scene or 'a scene'}: {counted(len(self), 'variant')}{grid}{zipped}"
         return Card(title, rows, calls)
 
@@ -108,14 +108,14 @@ class Batch(Carded):
         """Return the statistics of a quantity by name.
 
         Raises:
-            UnknownNameError: The quantity was not measured, or the batch kept no measures.
+            UnknownNameError: If the quantity was not measured, or the batch kept no measures.
         """
         if quantity in self.measures:
             return self.measures[quantity]
         name = str(quantity)
         if not self.measures:
             outcomes = "summaries" if self.recordings is None else "recordings"
-            remedy = f"batch.{outcomes} has one of each run; for statistics run the batch with keep='measures'"
+            remedy = f"batch.{outcomes} has one entry per run; for statistics run the batch with keep='measures'"
             raise UnknownNameError("measure", name, (), f"this batch kept {outcomes}: {remedy}")
         if self.layout is not None and is_quantity(self.layout, name):
             raise UnknownNameError(
@@ -126,7 +126,7 @@ class Batch(Carded):
     def growth(self, quantity: str = "finger_position") -> FloatArray:
         """Return the largest growth over the entries of a quantity for each variant; above 1, the quantity grows.
 
-        After a fault (`fault_tick`) all forces are zero, so that a small growth does not show that the run was stable.
+        After a fault (`fault_tick`) all forces are zero, so that a small growth does not imply that the run was stable.
         """
         statistics = self[quantity]
         if "growth" not in statistics:
@@ -146,7 +146,7 @@ class Batch(Carded):
         """Return the description of a quantity: dimensions, unit and meaning.
 
         Raises:
-            UnknownNameError: The quantity does not exist.
+            UnknownNameError: If the quantity does not exist.
         """
         if self.layout is None:
             raise UnknownNameError("measure", quantity, ())
@@ -159,8 +159,8 @@ class Batch(Carded):
         `Recording.to_xarray`, and summaries their numbers. Each variable has `units` and `long_name`.
 
         Raises:
-            MissingPackageError: xarray is not installed: `pip install 'graspfx[data]'`.
-            InputError: The recordings have different columns or lengths.
+            MissingPackageError: If xarray is not installed: `pip install 'graspfx[data]'`.
+            InputError: If the recordings have different columns or lengths.
         """
         from graspfx.show.conversions import batch_dataset
 
@@ -169,10 +169,10 @@ class Batch(Carded):
     def to_frame(self) -> pandas.DataFrame:
         """Convert to a pandas DataFrame with one row per variant, and one column per key and component.
 
-        Names of components are such as `finger_force.rms.thumb.x`.
+        Components have names such as `finger_force.rms.thumb.x`.
 
         Raises:
-            MissingPackageError: pandas is not installed: `pip install 'graspfx[data]'`.
+            MissingPackageError: If pandas is not installed: `pip install 'graspfx[data]'`.
         """
         from graspfx.show.conversions import batch_frame
 
@@ -218,7 +218,7 @@ def run_batch(
 
     Variants run one by one on all processors, by the program of all scenes: nothing is compiled for a batch.
 
-    Measures take a few hundred bytes of memory per variant, and each processor some megabytes. Recordings take the
+    Measures need a few hundred bytes of memory per variant, and each processor some megabytes. Recordings need the
     memory of their rows.
 
     Args:
@@ -226,7 +226,8 @@ def run_batch(
         values: Lists of values by dotted key, as for `scene.replace`. All combinations are run; the last key changes
             fastest.
         duration: Duration [s], rounded to whole periods; by default the duration in the scene.
-        zip: Whether to combine the first values of all keys, then the second values, and so on.
+        zip: Whether to combine the first values of all keys, then the second values, and so on, instead of all
+            combinations.
         keep: Results to keep: "measures" of the quantities in `measure`, "recordings", or "summary" for
             `Recording.summary()`, which takes a millisecond per run.
         measure: Quantities: columns of a recording; `internal_force`, `external_force`, `internal_displacement`,
@@ -237,11 +238,11 @@ def run_batch(
         threads: Number of threads; by default the number of processors. The results do not depend on this number.
 
     Raises:
-        SceneError: A variant is not a valid scene; the error names the variant's values.
-        InputError: Lists have different lengths with `zip`, there are no values, or a part of the scene is not a
+        SceneError: If a variant is not a valid scene; the error names the variant's values.
+        InputError: If lists have different lengths with `zip`, there are no values, or a part of the scene is not a
             kernel.
-        UnknownNameError: A quantity or statistic does not exist.
-        MissingPackageError: llvmlite is not installed, and the installation brings no compiled program.
+        UnknownNameError: If a quantity or statistic does not exist.
+        MissingPackageError: If llvmlite is not installed, and the installation does not include the compiled program.
     """
     from graspfx.scene.load import to_scene
 
@@ -285,7 +286,7 @@ def run_batch(
 
 
 def names_of(argument: str, names: Sequence[str]) -> Sequence[str]:
-    """Return a list of names; a single name may be given as a text."""
+    """Return a list of names; a single name may be a string."""
     if isinstance(names, str):
         return [names]
     if not isinstance(names, Iterable):

@@ -1,4 +1,4 @@
-"""The grid of a batch: the values of each key, and the combination of each variant."""
+"""Grid of a batch: the values of each key, and the combination of each variant."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ def grid(
         for key, items in values.items()
     }
     if not lists or not all(lists.values()):
-        raise InputError("values", dict(values), "at least one key, with a list of values each")
+        raise InputError("values", dict(values), "at least one key, each with a list of values")
     if "duration" in lists:
-        raise InputError("values", "duration", "keys of the scene itself", "give `run_batch` its duration")
+        raise InputError("values", "duration", "keys of the scene", "give `run_batch` its duration")
     lengths = [len(items) for items in lists.values()]
     if zip and len(set(lengths)) > 1:
-        raise InputError("values", {key: len(items) for key, items in lists.items()}, "lists of one length with zip")
+        raise InputError("values", {key: len(items) for key, items in lists.items()}, "lists of equal length with zip")
     alike = [_first_alike(items) for items in lists.values()]
     axes = np.tile(np.arange(lengths[0]), (len(lengths), 1)) if zip else np.indices(lengths).reshape(len(lengths), -1)
     numbers = np.array([same[axis] for same, axis in builtins.zip(alike, axes, strict=True)]).T

@@ -40,14 +40,14 @@ MOST_TICKS = 2**53  # larger numbers are not all floats
 
 
 class Runs:
-    """The runs of all groups of variants.
+    """Runs of all groups of variants.
 
     Args:
-        scene: scene of the variants.
-        variants: variants of the scene.
-        count: number of variants.
-        duration: duration that replaces the scene's [s].
-        threads: number of threads.
+        scene: Scene of the variants.
+        variants: Variants of the scene.
+        count: Number of variants.
+        duration: Duration that replaces the scene's [s].
+        threads: Number of threads.
     """
 
     def __init__(self, scene: Scene, variants: Variants, count: int, duration: float | None, threads: int) -> None:
@@ -146,13 +146,13 @@ def measured_variants(
     """Measure some variants of a scene.
 
     Args:
-        scene: scene that consists of kernels only.
-        lists: values by key.
-        numbers: index of each key's value in each variant, (V, keys).
-        duration: duration that replaces the scene's [s].
-        measure, statistics: as for `run_batch`.
-        threads: number of threads, which does not affect results.
-        memory: memory of other variants of the scene that this thread has run.
+        scene: Scene that consists of kernels only.
+        lists: Values by key.
+        numbers: Index of each key's value in each variant, (V, keys).
+        duration: Duration that replaces the scene's [s].
+        measure, statistics: As for `run_batch`.
+        threads: Number of threads, which does not affect results.
+        memory: Memory of other variants of the scene that this thread has run.
 
     Returns:
         Measures, the tick of each variant's first fault or -1, and notes on long computing times.

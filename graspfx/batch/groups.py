@@ -22,7 +22,7 @@ Index = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Program:
-    """The shared program of variants: a servo that was built for one variant, and its arena."""
+    """Shared program of variants: a servo that was built for one variant, and its arena."""
 
     servo: Servo
     arena: Arena
@@ -37,7 +37,7 @@ class Program:
         self.arena.memory.floats[: self.size] = arena
 
     def check_activity(self, arena: FloatArray) -> None:
-        """Warn like `gx.run` if matrix gains in a variant's arena can generate energy."""
+        """Warn, as `gx.run` does, if matrix gains in a variant's arena can generate energy."""
         self.fill(arena)
         for part in self.servo.objects:
             part.grasped.check_activity()
@@ -48,8 +48,8 @@ class Built:
     """A built variant.
 
     Attributes:
-        arena: initial memory of the variant.
-        layout: digest of the arena's layout; variants with equal digests run in one servo.
+        arena: Initial memory of the variant.
+        layout: Digest of the arena's layout; variants with equal digests run in one servo.
     """
 
     arena: FloatArray
@@ -58,13 +58,13 @@ class Built:
 
 @dataclass
 class Group:
-    """Variants with the same programs.
+    """Variants with the same program.
 
     Attributes:
-        program: shared program.
-        base: buffer contents of one variant, (arena,).
-        members: indices of the variants, (V,).
-        factors: differences: entries of the arena, a row of values for each choice, and the choice of each member.
+        program: Shared program.
+        base: Buffer contents of one variant, (arena,).
+        members: Indices of the variants, (V,).
+        factors: Differences: entries of the arena, a row of values for each choice, and the choice of each member.
     """
 
     program: Program

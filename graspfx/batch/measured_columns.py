@@ -47,7 +47,7 @@ def columns_of(layout: Layout, quantities: Sequence[str]) -> tuple[dict[str, Col
 
 
 def is_quantity(layout: Layout, name: str) -> bool:
-    """Tell whether a batch of runs with this layout can measure a quantity."""
+    """Return whether a batch of runs with this layout can measure a quantity."""
     try:
         columns_of(layout, [name])
     except UnknownNameError:

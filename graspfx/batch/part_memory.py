@@ -1,4 +1,4 @@
-"""Memory of programs, which later variants of a scene in the same thread reuse."""
+"""Memory of programs, reused by later variants of a scene in the same thread."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from graspfx.batch.groups import Built, Program
 
 @dataclass
 class PartMemory:
-    """A memory for variants that are run in parts.
+    """Memory for variants that are run in several parts.
 
     Attributes:
-        programs: programs by layout.
-        bases: built and verified variant for each kind of values of some keys.
+        programs: Programs by layout.
+        bases: Built and verified variant for each kind of values of some keys.
     """
 
     programs: dict[str, Program] = field(default_factory=dict)

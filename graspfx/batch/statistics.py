@@ -27,12 +27,12 @@ def take(rows: Any, columns: Any, measures: Any, count: int, width: int, numbers
     """Update measures with rows.
 
     Args:
-        rows: buffer of rows.
-        columns: indices of the selected numbers of a row.
-        found: measures, MEASURES of each number.
-        count: number of rows.
-        width: number of entries of a row.
-        numbers: number of selected numbers.
+        rows: Buffer of rows.
+        columns: Indices of the selected numbers of a row.
+        found: Measures, MEASURES of each number.
+        count: Number of rows.
+        width: Number of entries of a row.
+        numbers: Number of selected numbers.
         low: LOW in the first half of a run, LATE_LOW in the second.
     """
     for r in range(count):

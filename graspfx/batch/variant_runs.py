@@ -75,7 +75,7 @@ class Job:
         return measures, faults
 
     def recorded(self, threads: int) -> Iterator[Ended]:
-        """Run every variant in turn and yield its rows."""
+        """Run the variants one after another, and yield the rows of each."""
         single = self._single
         began = perf_counter()
         with ThreadPoolExecutor(threads) as pool:
@@ -90,7 +90,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Ended:
-    """End of one recorded variant: rows, the tick of its fault or -1, and its buffers, (arena,).
+    """End of a recorded variant's run: rows, the tick of its fault or -1, and its buffers, (arena,).
 
     `told` contains the buffers after the tick of the fault; the fault's message quotes values from these buffers.
     """
@@ -174,7 +174,7 @@ class SingleRuns:
 
 
 def _shared(run: Callable[[Index], None], jobs: Iterable[Index], threads: int) -> None:
-    """Distribute jobs over threads; each free thread takes the next job."""
+    """Distribute jobs over threads; each idle thread takes the next job."""
     left = iter(jobs)
     lock = Lock()
 

@@ -32,18 +32,18 @@ FULL = 16  # number of variants up to which all are built
 
 
 class ForeignPartsError(InputError):
-    """A scene has parts that are not kernels, so its variants run one by one."""
+    """A scene has parts that are not kernels, so that its variants must be run one by one."""
 
 
 class Variants:
     """All variants of a scene.
 
     Args:
-        scene: scene of the variants.
-        values: values by dotted key.
-        numbers: index of each key's value in each variant, (V, keys).
-        beside: values of other keys, common to all variants.
-        memory: memory of other variants of the scene.
+        scene: Scene of the variants.
+        values: Values by dotted key.
+        numbers: Index of each key's value in each variant, (V, keys).
+        beside: Values of other keys, common to all variants.
+        memory: Memory of other variants of the scene.
     """
 
     def __init__(
@@ -71,8 +71,8 @@ class Variants:
         """Build the variant with these values.
 
         Raises:
-            SceneError: the scene is invalid; the error names the values.
-            InputError: a part of the scene is not a kernel.
+            SceneError: If the scene is invalid; the error names the values.
+            InputError: If a part of the scene is not a kernel.
         """
         key = tuple(numbers.tolist())
         if key not in self._built:
@@ -111,10 +111,10 @@ class Variants:
         return len(self._built)
 
     def groups(self) -> list[Group]:
-        """Group the variants by their layouts.
+        """Group all variants by layout.
 
         Raises:
-            SceneError, InputError: as `built`.
+            SceneError, InputError: As for `built`.
         """
         if len(self.numbers) > FULL and (plain := plain_keys(self.scene, resolve(self.scene), self.values)):
             return self._in_columns(plain)
@@ -170,7 +170,7 @@ class Variants:
             except NotAlikeError:
                 same = False
             if not same:
-                self.notes.append(f"{len(group.members)} variants: columns of values contradict built variants")
+                self.notes.append(f"{len(group.members)} variants: columns of values differ from built variants")
                 return None
         if kind is not None:
             self.memory.bases[kind] = base
@@ -204,7 +204,7 @@ class Variants:
             yield members[np.flatnonzero(pattern_of.ravel() == k)]
 
     def _same(self, key: str, other: str, one: Index, two: Index) -> NDArray[np.bool_]:
-        """Tell in which variants two keys have equal values."""
+        """Return in which variants two keys have equal values."""
         lists = self.values[key], self.values[other]
         if all(type(each) in (int, float) for items in lists for each in items):
             a, b = (np.array(items, dtype=float) for items in lists)
@@ -274,7 +274,7 @@ class Variants:
         return rows, choice.ravel()
 
     def _is_grid(self, members: Index) -> bool:
-        """Tell whether every value occurs together with the middle variant's other values."""
+        """Return whether every value occurs together with the middle variant's other values."""
         have = {tuple(row) for row in self.numbers.tolist()}
         middle = self.numbers[members[len(members) // 2]]
         return all(
@@ -320,7 +320,7 @@ class Variants:
 
 
 def _layout(arena: Arena) -> str:
-    """Digest the properties that a copy of the memory lacks: the locations of blocks and columns, and the period."""
+    """Compute the digest of properties not in the memory: the locations of blocks and columns, and the period."""
     places = [(arena.place(array), array.size) for array in arena.arrays]
     columns, period = list(arena.parts.layout.columns), arena.servo.period
     return sha256(repr((places, columns, period)).encode() + bytes(arena.world.buffer)).hexdigest()
@@ -356,7 +356,7 @@ def _extremes(values: Sequence[Any], used: Index) -> list[int]:
 
 
 def _equal(a: Any, b: Any) -> bool:
-    """Tell whether two values are equal, as scalars or arrays."""
+    """Return whether two values are equal, as scalars or arrays."""
     if type(a) in (int, float) and type(b) in (int, float):
         return bool(a == b)
     if not isinstance(a, list) and not isinstance(b, list):

@@ -1,9 +1,9 @@
-"""Values of a scene's keys for many variants, as columns of numbers for block entries, without building each variant.
+"""Values of a scene's keys for many variants, as columns of numbers for blocks' entries, without building each variant.
 
-A key is plain if its values are written to entries directly or by a short formula, and if a scene's checks of them can
-be vectorised. Other keys require building. Special values, such as equal gains or a zero coefficient, define kinds of
-variants, and one variant of each kind is built. Blocks of devices and hands are made for each choice of values by the
-functions for single scenes, so that these blocks are bit-identical to those of single scenes.
+A key is plain if its values are written to entries directly or by a short formula, and if a scene's checks of these
+values can be vectorised. Other keys require building. Special values, such as equal gains or a zero coefficient, define
+kinds of variants, and one variant of each kind is built. Blocks of devices and hands are made for each choice of values
+by the functions for single scenes, so that these blocks are bit-identical to those of single scenes.
 """
 
 from __future__ import annotations
@@ -63,11 +63,11 @@ class NotAlikeError(Exception):
 
 @dataclass(frozen=True, eq=False)
 class PartColumns:
-    """Values of keys of devices and hands, for every variant.
+    """Values of the keys of devices and hands, for every variant.
 
     Args:
-        scene: the scene; other keys of it may be replaced, too.
-        values: by key, numbered, (V,).
+        scene: Scene, other keys of which may also be replaced.
+        values: Values by key with indices of tables, (V,).
     """
 
     scene: Scene
@@ -85,7 +85,7 @@ class PartColumns:
         return any(map(is_of_a_hand, self.values))
 
     def sound(self, parts: Parts) -> BoolArray:
-        """Tell which variants certainly pass the scene's checks, given that another variant passes."""
+        """Return which variants certainly pass the scene's checks, given that another variant passes."""
         rows, choice = self._choices
         return np.array([self._is_sound(parts, row) for row in rows])[choice]
 
@@ -101,7 +101,7 @@ class PartColumns:
         return all(_fits(wire, own, parts.start) for wire, own in zip(wired, parts.wires, strict=True))
 
     def _scene(self, row: FloatArray) -> Scene:
-        """Copy the scene with a combination of values, validated by the fields of their tables."""
+        """Copy the scene with a combination of values, which the fields of their tables validate."""
         tables: dict[str, list[Any]] = {name: list(getattr(self.scene, name)) for name in ("finger", "device", "hand")}
         for key, value in zip(self.values, row.tolist(), strict=True):
             first, number, *path = key.split(".")
@@ -117,11 +117,11 @@ class PartColumns:
         """Make the blocks of all combinations, for devices, plants and hands that depend on the keys.
 
         Args:
-            parts: parts of the scene.
-            servo: servo of one of the variants, which has not run.
+            parts: Parts of the scene.
+            servo: Servo of one of the variants, which has not run.
 
         Raises:
-            NotAlikeError: some values select different computations.
+            NotAlikeError: If some values select different computations.
         """
         rows, choice = self._choices
         first = self._scene(rows[0])
@@ -163,11 +163,11 @@ class PartBlocks:
     """Blocks of devices, plants and hands for each combination of values.
 
     Attributes:
-        blocks: blocks of the servo.
-        states: values of each block for every combination, (R, size).
-        limits: largest forces of fingers for every combination [N], (n,), or None.
-        pushes: largest squeeze of each object [N], (R, objects).
-        choice: index of each variant's combination, (V,).
+        blocks: Blocks of the servo.
+        states: Values of each block for every combination, (R, size).
+        limits: Largest forces of fingers for every combination [N], (n,), or None.
+        pushes: Largest squeeze of each object [N], (R, objects).
+        choice: Index of each variant's combination, (V,).
     """
 
     blocks: list[Any]
@@ -190,12 +190,12 @@ class PartBlocks:
 
 
 def is_of_a_hand(own: str) -> bool:
-    """Tell whether a numbered key belongs to a hand."""
+    """Return whether a numbered key belongs to a hand."""
     return own.startswith("hand.") or own.split(".")[2:3] == ["hand"]
 
 
 def is_of_a_part(scene: Scene, own: str) -> bool:
-    """Tell whether a numbered key is a number of a device or hand that affects blocks only."""
+    """Return whether a numbered key is a number of a device or hand that only affects blocks."""
     first, *rest = own.split(".")
     path = rest[1:]
     if scene.coupling.split == "mass" or not path:
@@ -213,7 +213,7 @@ def is_of_a_part(scene: Scene, own: str) -> bool:
 
 
 def fades(scene: SceneTable) -> bool:
-    """Tell whether the start of the fade follows automatically from the hands' squeeze."""
+    """Return whether the start of the fade is chosen automatically from the hands' squeeze."""
     rules = scene.coupling
     return rules.fade == "auto" and rules.absent != "follow" and rules.contact != "attached"
 
@@ -238,7 +238,7 @@ def _wires(parts: Parts, scene: Scene, places: Collection[Location]) -> list[Wir
 
 
 def _fits(wire: Wire, own: Wire, start: FloatArray) -> bool:
-    """Tell whether a device differs from another only in its numbers, for other parts of the scene."""
+    """Return whether a device differs from another only in numbers, as far as other parts of the scene depend on it."""
     if wire is own:
         return True
     same = all(getattr(wire.features, name) == getattr(own.features, name) for name in SAME)
@@ -311,8 +311,8 @@ class Columns:
     """Values of the plain keys of a scene, for every variant.
 
     Args:
-        scene: the scene; other keys of it may be replaced, too.
-        values: by key, (V,).
+        scene: Scene, other keys of which may also be replaced.
+        values: Values by key, (V,).
     """
 
     scene: Scene
@@ -320,13 +320,13 @@ class Columns:
 
     @cached_property
     def by_field(self) -> dict[str, FloatArray]:
-        """Values by key: in general form, or with a number if only one table of a list is replaced."""
+        """Values by key, in the general form, or with an index if only one table of a list is replaced."""
         numbers = {_own(self.scene, key): each for key, each in self.values.items()}
         return {key: each for key, each in numbers.items() if not is_of_a_part(self.scene, key)}
 
     @cached_property
     def of_parts(self) -> PartColumns | None:
-        """Values of devices and hands; None without any."""
+        """Values of devices and hands; None if there are none."""
         numbers = {_own(self.scene, key): each for key, each in self.values.items()}
         own = {key: each for key, each in numbers.items() if key not in self.by_field}
         return PartColumns(self.scene, own) if own else None
@@ -356,7 +356,7 @@ class Columns:
     # Kinds and checks ---------------------------------------------------------------------------------------------
 
     def kinds(self) -> NDArray[np.int_]:
-        """Number the kinds of variants; all variants of a kind select the same computation with these values."""
+        """Assign numbers to the kinds of variants; the values of all variants of a kind select the same computation."""
         tests = [self.gain(key) == 0.0 for key in GAINS] if self.has_gains else []
         if self.has_gains:
             tests += [self.gain(one) == self.gain(other) for one, other in PAIRS]
@@ -370,7 +370,7 @@ class Columns:
         return any(key in GAINS for key in self.by_field)
 
     def sound(self, parts: Parts) -> BoolArray:
-        """Tell which variants certainly pass the scene's checks, given that another variant passes."""
+        """Return which variants certainly pass the scene's checks, given that another variant passes."""
         sound = np.ones(self.count, dtype=bool)
         if self.of_parts is not None:
             sound &= self.of_parts.sound(parts)
@@ -392,7 +392,7 @@ class Columns:
         return sound
 
     def _slowed(self, part: ObjectPart) -> BoolArray:
-        """Tell for which variants the integrator is stable with the viscosity, by the test for one scene."""
+        """Return for which variants the integrator is stable with the viscosity, by the test for one scene."""
         table, T = part.table, self.scene.period
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             ratio = self.body(part.index, "viscosity") * T / self.body(part.index, "mass")
@@ -419,7 +419,7 @@ class Columns:
         """Yield the entries of a servo's blocks that depend on these values, with their numbers.
 
         Raises:
-            NotAlikeError: values of devices and hands select different computations.
+            NotAlikeError: If values of devices and hands select different computations.
         """
         blocks = None if self.of_parts is None else self.of_parts.blocks(parts, servo)
         if blocks is not None:
@@ -535,7 +535,7 @@ def _is_plain(scene: Scene, parts: Parts, own: str) -> bool:
 
 
 def _own(scene: Scene, key: str) -> str:
-    """Write a key with the numbers of its tables; the number of a single table is 0."""
+    """Return a key with the indices of its tables; the index of a single table is 0."""
     key = numbered(scene, key)
     first, *rest = key.split(".")
     if first in ("object", "finger", "device", "hand") and rest and not (rest[0].isdecimal() or rest[0] == "*"):

@@ -26,7 +26,7 @@ def content_key(settings: object, content: bytes) -> str:
 
 
 def store_arrays(key: str, table: dict[str, Any], arrays: Sequence[NDArray[Any]]) -> None:
-    """Store arrays, and a table for JSON, unless they are too large for the cache."""
+    """Store arrays, and a JSON-serialisable table, unless they are too large for the cache."""
     plain = [np.ascontiguousarray(each) for each in arrays]
     head = {"table": table, "arrays": [[each.dtype.str, each.shape] for each in plain]}
     entry = b"".join([json.dumps(head).encode(), SEPARATOR, *(each.tobytes() for each in plain)])

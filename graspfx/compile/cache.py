@@ -1,4 +1,4 @@
-"""Disk cache: a folder of bounded size whose entries are verified on reading."""
+"""Disk cache: a folder of bounded size whose entries are verified when they are read."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ SUFFIX = ".machine"
 
 
 class CacheWarning(UserWarning):
-    """Warning of an unused cache, to which other users could write forged programs or scenes."""
+    """Warning that the cache is not used, because other users could write forged programs or scenes to it."""
 
 
 def folder() -> Path:
     """Return the cache's folder: `$GRASPFX_CACHE`, or `graspfx` in the platform's cache folder.
 
     Raises:
-        OSError: the user has no home folder, and the environment names no folder.
+        OSError: If the user has no home folder, and the environment names no folder.
     """
     if override := os.environ.get("GRASPFX_CACHE"):
         return Path(override)
     try:
         return _own()
     except RuntimeError as error:  # for example a container's user without an entry in the user table
-        raise OSError(f"{error} Name a folder with GRASPFX_CACHE") from error
+        raise OSError(f"{error} Set GRASPFX_CACHE to a folder") from error
 
 
 def _own() -> Path:
@@ -44,7 +44,7 @@ def _own() -> Path:
 
 
 def lock_folder() -> Path | None:
-    """Create the cache's folder, which also holds locks; None if it is not writable."""
+    """Create the cache's folder, which also contains locks; return None if it is not writable."""
     try:
         make_own(here := folder())
         return None if intrusion(here) else here
@@ -53,7 +53,7 @@ def lock_folder() -> Path | None:
 
 
 def folder_text() -> str:
-    """Describe the location of the cache."""
+    """Return the location of the cache, for messages."""
     try:
         return str(folder())
     except OSError:
@@ -63,7 +63,7 @@ def folder_text() -> str:
 def load(key: str) -> bytes | None:
     """Read an entry of the cache; None if it is missing or damaged.
 
-    Warns if other users can write to the folder or the file, which is then not used.
+    Warn if other users can write to the folder or the file, which is then not used.
     """
     try:
         path = folder() / f"{key}{SUFFIX}"
@@ -75,7 +75,7 @@ def load(key: str) -> bytes | None:
         log.info("the cache cannot be read: %s", error.strerror or error)
         return None
     if entry is None:
-        _warn(path.parent, stranger or f"{path.name} is not a file of its user alone")
+        _warn(path.parent, stranger or f"other users can write to {path.name}, or it is not a regular file")
         return None
     digest, content = entry[:32], entry[32:]
     if hashlib.sha256(key.encode() + content).digest() != digest:
@@ -95,7 +95,7 @@ def store(key: str, content: bytes) -> str:
         make_own(here)
         if stranger := intrusion(here):
             _warn(here, stranger)
-            return f"nothing can be kept in {here}: {stranger}"
+            return f"cannot write to the cache {here}: {stranger}"
         handle, name = tempfile.mkstemp(dir=here, suffix=".part")
         try:
             with os.fdopen(handle, "wb") as file:
@@ -107,17 +107,17 @@ def store(key: str, content: bytes) -> str:
             raise
         _trim(here)
     except OSError as error:
-        log.info("nothing can be kept in %s: %s", here, error.strerror or error)
-        return f"nothing can be kept in {here}: {error.strerror or error}"
-    log.debug("kept %s, %d bytes, in %s", key[:12], len(content), here)
+        log.info("cannot write to the cache %s: %s", here, error.strerror or error)
+        return f"cannot write to the cache {here}: {error.strerror or error}"
+    log.debug("stored %s, %d bytes, in %s", key[:12], len(content), here)
     return ""
 
 
 def require_room() -> None:
-    """Check that the cache is writable; if it is not, each run compiles again.
+    """Require that the cache is writable; without it, each run would compile again.
 
     Raises:
-        InputError: the cache is not writable, or other users can write to it.
+        InputError: If the cache is not writable, or other users can write to it.
     """
     import tempfile
 
@@ -126,18 +126,18 @@ def require_room() -> None:
         here = folder()
         make_own(here)
         if stranger := intrusion(here):
-            expected = "a folder to which nobody else can write"
-            raise InputError("GRASPFX_CACHE", str(here), expected, f"{stranger}: name another")
+            expected = "a folder to which other users cannot write"
+            raise InputError("GRASPFX_CACHE", str(here), expected, f"{stranger}: use another folder")
         with tempfile.TemporaryFile(dir=here):
             pass
     except OSError as error:
         raise InputError(
-            "GRASPFX_CACHE", str(here), "a folder that can be written", f"{error.strerror or error}: name another"
+            "GRASPFX_CACHE", str(here), "a writable folder", f"{error.strerror or error}: use another folder"
         ) from error
 
 
 def _warn(here: Path, why: str) -> None:
-    text = f"the cache {here} is not used: {why}; or name another folder with GRASPFX_CACHE"
+    text = f"the cache {here} is not used: {why}; or set GRASPFX_CACHE to another folder"
     warnings.warn(text, CacheWarning, stacklevel=2)  # always from this line: Python warns once per line
 
 

@@ -13,14 +13,14 @@ class Call:
     """A repeated call with fixed argument objects, in which only the numbers change.
 
     Attributes:
-        function: callable.
-        arguments: positional arguments.
-        keywords: keyword arguments.
-        sends: lists of floats within the arguments, each with a memory of equal size from which it is filled before the
-            call. The function must not keep the lists.
-        receipts: indices in the returned tuple, each with a memory; the tuple of floats at the index is written to it.
-        nonzero: memory of floats; the call is skipped while all are zero.
-        changed: two memories of equal size; the call is skipped while they are equal bit by bit.
+        function: Callable.
+        arguments: Positional arguments.
+        keywords: Keyword arguments.
+        sends: Lists of floats in the arguments, each with a memory of equal size from which it is filled before the
+            call. The function must not store the lists.
+        receipts: Indices in the returned tuple, each with a memory; the tuple of floats at the index is written to it.
+        nonzero: Memory of floats; the call is skipped while all are zero.
+        changed: Two memories of equal size; the call is skipped while they are equal bit by bit.
     """
 
     function: Callable[..., Any]

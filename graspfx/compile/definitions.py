@@ -34,8 +34,9 @@ def definition(function: FunctionType) -> ast.FunctionDef:
     """Parse a function.
 
     Raises:
-        InputError: If its source is not found, or has changed since the function was created.
-        KernelError: If only some paths return a value; on the others Python returns None, but machine code zero.
+        InputError: If the function's source is not found, or has changed since the function was created.
+        KernelError: If only some paths return a value; on the others Python returns None, but machine code returns
+            zero.
     """
     code = function.__code__
     name = f"{function.__module__}.{function.__qualname__}"
@@ -50,7 +51,9 @@ def definition(function: FunctionType) -> ast.FunctionDef:
         code.co_consts,
         code.co_names,
     ):
-        raise InputError("kernel", name, f"{code.co_filename} as it was imported", "it has changed: restart Python")
+        raise InputError(
+            "kernel", name, f"{code.co_filename} unchanged since its import", "it has changed: restart Python"
+        )
     line = _lost_end(node)
     if line:
         raise KernelError(

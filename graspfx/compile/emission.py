@@ -1,4 +1,4 @@
-"""Emission of machine code from LLVM's text, and its loading."""
+"""Emission of machine code from LLVM text, and its loading."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def require_llvm() -> None:
     """Require LLVM.
 
     Raises:
-        MissingPackageError: LLVM is not installed.
+        MissingPackageError: If LLVM is not installed.
     """
     try:
         import_module("llvmlite")
@@ -77,8 +77,8 @@ def loaded(objects: Iterable[bytes], libm: Iterable[str]) -> Any:
     """Load machine code; the returned engine must stay alive as long as the code may be called.
 
     Args:
-        objects: object files, which may call one another and functions registered by `show`.
-        libm: functions of the platform's library that the object files call.
+        objects: Object files, which may call one another and functions registered by `show`.
+        libm: Functions of the platform's library that the object files call.
     """
     import llvmlite.binding as llvm
 
@@ -94,7 +94,7 @@ def address(engine: Any, name: str) -> int:
     """Find a function of loaded machine code.
 
     Raises:
-        OSError: the function does not exist.
+        OSError: If the function does not exist.
     """
     place = int(engine.get_function_address(name))
     if not place:
@@ -149,7 +149,7 @@ def _machine() -> Any:
 
 
 def _define(libm: Iterable[str]) -> None:
-    """Register function addresses with the loader, which silently skips all calls if one is missing."""
+    """Register function addresses with the loader, which would silently skip all calls if one were missing."""
     import llvmlite.binding as llvm
 
     for name, library in [(n, n) for n in NEEDED] + [(f"graspfx_{n}", n) for n in libm]:

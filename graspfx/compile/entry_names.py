@@ -1,4 +1,4 @@
-"""Names of a block's entries, by its declared record."""
+"""Names of a block's entries, from its declared record."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from graspfx.compile.records import SCALARS, Floats, Many, Record, Table, evalua
 
 
 def name_of(cls: type[Record], entry: int, buffer: Any, prefix: str = "", offset: int = 0) -> str:
-    """Name an entry of a block by its fields, such as `fingers[0].force.x`.
+    """Return the name of an entry of a block by its fields, such as `fingers[0].force.x`.
 
     Args:
-        cls: class of the record at `offset`.
-        entry: entry of the buffer.
-        buffer: buffer whose whole numbers give the sizes of groups and arrays.
-        prefix: prefix of the name.
+        cls: Class of the record at `offset`.
+        entry: Entry of the buffer.
+        buffer: Buffer that contains the sizes of groups and arrays.
+        prefix: Prefix of the name.
     """
     record = cls(buffer, offset)
     for name, field in layout(cls).items():

@@ -1,4 +1,4 @@
-"""Exchanges with other software by machine code, which calls that software's functions without the interpreter."""
+"""Exchanges with other software by machine code, which calls the software's functions without the interpreter."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ class MachineExchange:
     The calls are made in order, bit-identical to `calls.in_turn`. The caller must hold the interpreter's lock.
 
     Args:
-        calls: calls whose memories have fixed addresses.
+        calls: Calls whose memories have fixed addresses.
 
     Attributes:
-        address: address of the function.
-        plan: words that the buffer must contain at `place`.
+        address: Address of the function.
+        plan: Words that the buffer must contain at `place`.
 
     Raises:
-        ImportError: LLVM is not installed.
-        LookupError: this Python lacks a required C function.
+        ImportError: If LLVM is not installed.
+        LookupError: If this Python lacks a required C function.
     """
 
     def __init__(self, calls: Sequence[Call]) -> None:
@@ -90,7 +90,7 @@ def _words(rows: Sequence[Sequence[int]], names: tuple[str, ...], memory: list[A
 
 
 def _address(view: memoryview, memory: list[Any]) -> int:
-    """Return the address of floats, which is fixed as long as `memory` holds them."""
+    """Return the address of floats, which is fixed as long as `memory` refers to them."""
     shared = (ctypes.c_double * len(view)).from_buffer(view)
     memory.append(shared)
     return ctypes.addressof(shared)
@@ -98,7 +98,7 @@ def _address(view: memoryview, memory: list[Any]) -> int:
 
 @cache
 def _code() -> tuple[int, Any]:
-    """Load the machine code of exchanges; return its address and the engine that holds it."""
+    """Load the machine code of exchanges; return its address and the engine that owns it."""
     import llvmlite.binding as llvm
 
     for name in CALLED:

@@ -1,4 +1,4 @@
-"""Marks in the cache, readable without loading LLVM, that record which kernels were compiled separately."""
+"""Markers in the cache of kernels that were compiled separately, readable without loading LLVM."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from graspfx.compile.own_sources import closure_digest, compiler_modules, is_own
 
 
 def was_compiled(kernel: Callable[..., Any]) -> bool:
-    """Tell whether a kernel of this package was compiled from its present sources."""
+    """Return whether a kernel of this package was compiled from its present sources."""
     if not is_ours(kernel):
         return False
     key = footprint(kernel)
@@ -27,7 +27,7 @@ def note_compiled(kernel: Callable[..., Any]) -> None:
 
 
 def is_ours(kernel: Callable[..., Any]) -> bool:
-    """Tell whether a kernel's source belongs to this package."""
+    """Return whether a kernel's source belongs to this package."""
     return is_own(written(kernel).__code__.co_filename)
 
 

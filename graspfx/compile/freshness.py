@@ -1,4 +1,4 @@
-"""Cache entries made from kernels; the key of an entry covers the kernels' sources."""
+"""Cache entries derived from kernels; the key of an entry covers the kernels' sources."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Origins(Protocol):
 
 
 def identity(kernel: Callable[..., Any]) -> list[str]:
-    """Identify a kernel by name, and a third-party kernel also by its file, because names may be ambiguous."""
+    """Return a kernel's identity: its name and, for a third-party kernel, its file, because names may be ambiguous."""
     code = getattr(written(kernel), "__code__", None)
     file = "" if code is None or is_own(code.co_filename) else code.co_filename
     return [f"{kernel.__module__}.{kernel.__qualname__}", file]
@@ -62,12 +62,12 @@ def _is_fresh(sources: Mapping[str, Any]) -> bool:
 
 
 def _is_ours(module: str) -> bool:
-    """Tell whether a module's numbers are constants of this package's sources, or mathematical constants."""
+    """Return whether a module's numbers are constants of this package's sources, or mathematical constants."""
     return module.partition(".")[0] in ("math", __name__.partition(".")[0])
 
 
 def _number(module: str, name: str) -> str:
-    """Read a module's present number, which the module may have read from another source on import."""
+    """Return a module's present number, which the module may have read from another source on import."""
     return repr(getattr(sys.modules.get(module), name, None))
 
 

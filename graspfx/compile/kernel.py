@@ -1,4 +1,4 @@
-"""Kernels: functions of records and values, which run as written or lowered to numbers and entries."""
+"""Kernels: functions of records and values, which run in their original form or lowered to numbers and entries."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def call(function: FunctionType, arguments: tuple[Any, ...], keywords: dict[str,
 
 
 def _is_flat(arguments: tuple[Any, ...], kinds: dict[str, Any]) -> bool:
-    """Tell whether a buffer is given where a kernel expects a record."""
+    """Return whether a buffer is given where a kernel expects a record."""
     views = (Record, Floats, Table, Many, type(None))
     return any(
         optional(kind)[0] not in SCALARS and not isinstance(a, views) and not is_value(type(a))

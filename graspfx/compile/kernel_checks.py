@@ -20,13 +20,13 @@ def foreign_kernels(kernels: Mapping[str, Callable[..., Any]]) -> dict[str, Call
 
 
 def check(kernels: Iterable[Callable[..., Any]]) -> dict[str, FunctionType]:
-    """Check third-party kernels and the third-party kernels that these call.
+    """Check third-party kernels, and the third-party kernels that they call.
 
     Returns:
-        The original functions, by the file names of their code objects, including those of lowered text.
+        Original functions, by the file names of their code objects, including those of lowered text.
 
     Raises:
-        KernelError: If a name may be unbound where it is used, with its file and line.
+        KernelError: If a name may be unbound where it is used; the error names its file and line.
     """
     from graspfx.compile.definitions import definition
     from graspfx.compile.unbound import unbound_names
@@ -52,7 +52,7 @@ def check(kernels: Iterable[Callable[..., Any]]) -> dict[str, FunctionType]:
 
 
 def _called(tree: ast.FunctionDef, function: Any) -> Iterator[Any]:
-    """Yield the functions to which a kernel's names refer."""
+    """Yield the functions to which the names in a kernel refer."""
     for node in ast.walk(tree):
         item: Any = None
         if isinstance(node, ast.Name):
@@ -70,7 +70,7 @@ def _is_foreign(kernel: Any) -> bool:
 
 
 class OutsideError(Exception):
-    """An index is outside its buffer."""
+    """An index is outside of its buffer."""
 
     def __init__(self, index: int, length: int) -> None:
         super().__init__(f"entry {index} of a buffer of {length}")
@@ -80,7 +80,7 @@ class CheckedBuffer:
     """A buffer of floats with bounds checking of each index.
 
     Args:
-        view: buffer to check.
+        view: Buffer to check.
     """
 
     __slots__ = ("_view",)
@@ -106,11 +106,11 @@ def checked_function(kernel: Callable[..., Any], functions: Mapping[str, Functio
     """Return a function that runs a kernel interpreted with bounds checking of its buffers.
 
     Args:
-        kernel: third-party kernel.
-        functions: result of `check`.
+        kernel: Third-party kernel.
+        functions: Result of `check`.
 
     Raises:
-        KernelError: raised by the function if an index is outside its buffer, with file and line of the kernel.
+        KernelError: In the returned function, if an index is out of range; the error names the kernel's file and line.
     """
     run = source_function(kernel)
 
@@ -129,7 +129,7 @@ def checked_function(kernel: Callable[..., Any], functions: Mapping[str, Functio
 
 
 def _place_of(error: OutsideError, functions: Mapping[str, FunctionType]) -> tuple[str, str]:
-    """Find the innermost line of a third-party kernel that caused an error; return its place and its text."""
+    """Find the innermost line of a third-party kernel that caused an error; return its location and its text."""
     import linecache
 
     from graspfx.compile.lower.lowering import written_lines

@@ -15,7 +15,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def inline(function: F) -> F:
-    """Mark a function, with only assignments and a return, for inlining into kernels."""
+    """Mark a function that consists only of assignments and a return for inlining into kernels."""
     setattr(function, INLINE, True)
     return function
 
@@ -44,7 +44,7 @@ def parameter_kinds(function: FunctionType) -> dict[str, Any]:
 
 
 def optional(kind: Any) -> tuple[Any, bool]:
-    """Split `X | None` into X and whether None is allowed."""
+    """Split `X | None` into X and a flag for None."""
     if get_origin(kind) in (Union, UnionType):
         rest = [k for k in get_args(kind) if k is not type(None)]
         if len(rest) == 1 and len(rest) < len(get_args(kind)):

@@ -1,7 +1,7 @@
 """Kernels that are interpreted until loading or compiling their machine code pays off.
 
-The decision depends on the amount of work and the contents of the cache, never on a clock. Both ways give the same
-bits.
+The decision depends on the amount of work and the contents of the cache, never on a clock. Both alternatives return the
+same bits.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ class KernelOnDemand:
     Work is counted over all calls in units of the caller's choice.
 
     Args:
-        kernel: kernel function.
-        few: work above which cached machine code is used if LLVM is loaded.
-        load: work above which cached machine code is used if LLVM must be loaded.
-        make: work that takes as long as compiling.
+        kernel: Kernel function.
+        few: Work above which cached machine code is used if LLVM is loaded.
+        load: Work above which cached machine code is used if LLVM must be loaded.
+        make: Work that takes as long as compiling.
     """
 
     def __init__(self, kernel: Callable[..., object], *, few: float, load: float, make: float) -> None:
@@ -45,7 +45,7 @@ class KernelOnDemand:
         return self._machine is not None
 
     def machine(self, work: float) -> Machine | None:
-        """Return the machine code for further `work`, or None if it is to be interpreted."""
+        """Return the machine code for further `work`, or None if the work is to be interpreted."""
         if self._machine is None:
             self._work += work
             least = self._make if self._tried else self._few if "llvmlite" in sys.modules else self._load
@@ -71,7 +71,7 @@ class KernelOnDemand:
         """Load the machine code, or compile it.
 
         Raises:
-            MissingPackageError: LLVM is not installed.
+            MissingPackageError: If LLVM is not installed.
         """
         from graspfx.compile.machine import compiled
 

@@ -1,7 +1,7 @@
-"""The library of precompiled programs in a wheel, with which ticks need no LLVM.
+"""Library of precompiled programs in a wheel, with which ticks need no LLVM.
 
-Each program is a shared library. A table names it by the digest of its sources, so edited sources are compiled as if
-there were no library. The table also holds the digest of its file, so a damaged file is not loaded.
+Each program is a shared library. A table maps the digest of a program's sources to the program, so edited sources are
+compiled as if there were no library. The table also contains the digest of each file, so a damaged file is not loaded.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class SharedLibrary:
 
 
 def has(key: str) -> bool:
-    """Tell whether the library has a program for a key.
+    """Return whether the library has a program for a key.
 
     Args:
         key: Key of the program and its sources.
@@ -51,7 +51,7 @@ def has(key: str) -> bool:
 
 
 def find(key: str) -> Native | None:
-    """Load a program of the library; None if it lacks a program of these sources, or the file has changed."""
+    """Load a program of the library; None if the library has no program of these sources, or the file has changed."""
     from graspfx.compile.native import Native
 
     content = read(key)
@@ -68,7 +68,7 @@ def find(key: str) -> Native | None:
 
 
 def read(key: str) -> bytes | None:
-    """Read the file of a program; None if the library lacks it, or the file has changed since it was built."""
+    """Read the file of a program; None if it is not in the library, or the file has changed since it was built."""
     entry = _table().get(key)
     if entry is None:
         return None
@@ -87,7 +87,7 @@ def read(key: str) -> bytes | None:
 def imports() -> dict[str, list[str]]:
     """Return which modules of the package each source file of the wheel imports, by the SHA-256 of its content.
 
-    An edited file is not included; the caller parses it.
+    An edited file is not included; the caller has to parse it.
     """
     return _read_json(IMPORTS)
 
@@ -131,11 +131,11 @@ def build(
         folder: New or empty folder for the files.
 
     Returns:
-        The tag of the platforms on which the programs run, such as "manylinux_2_29_x86_64". The C library of these
-        platforms has all functions that the programs call.
+        Tag of the platforms on which the programs run, such as "manylinux_2_29_x86_64". The C library of these
+            platforms has all functions that the programs call.
 
     Raises:
-        OSError: If there is no C compiler for linking, or it failed; the message gives the reason.
+        OSError: If there is no C compiler for linking, or it failed; the message states the reason.
     """
     from graspfx.compile import cache as disk
     from graspfx.compile.emission import platform, portable
@@ -171,7 +171,7 @@ def build(
 
 
 def _jumps(names: tuple[str, ...]) -> str:
-    """Write functions such as `graspfx_sin`, which hide C functions from LLVM so that it does not fold their calls."""
+    """Write functions such as `graspfx_sin`, which hide C functions from LLVM to prevent the folding of their calls."""
     lines = ['.section .note.GNU-stack,"",@progbits', ".text"]
     for name in names:
         own = f"graspfx_{name}"

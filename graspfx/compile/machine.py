@@ -1,4 +1,4 @@
-"""A single kernel as machine code, with the calling convention of the original function."""
+"""Single kernels as machine code, with the parameters of the original function."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ NUMBERS = {
 class Machine:
     """A compiled `kernel(...)` with the same arguments; buffers are arrays or memoryviews of floats.
 
-    A kernel of records takes a buffer and an offset for each record; two buffers may be the same memory. It returns the
-    kernel's result, with numbers as floats.
+    For each record, a kernel has a buffer and an offset as arguments; two buffers may be the same memory. It returns
+    the kernel's result, with numbers as floats.
 
     Args:
-        make: whether to compile a kernel that is not in the cache; otherwise a LookupError is raised.
+        make: Whether to compile a kernel that is not in the cache; otherwise a LookupError is raised.
     """
 
     def __init__(self, kernel: FunctionType, *, make: bool = True) -> None:
@@ -77,7 +77,7 @@ class Machine:
         return float(results[0]) if self._results else None
 
     def once(self, *arguments: Any) -> None:
-        """Run once on buffers, with the interpreter's lock released."""
+        """Run the kernel once on buffers, with the interpreter's lock released."""
         bound, _ = self._on([arguments[k] for k in self._buffer_places])
         bound.long(*[arguments[k] for k in self._number_places])
 
@@ -100,11 +100,11 @@ def request_of(kernel: Any, *, make: bool = True) -> tuple[str, list[str]]:
     """Write the program of a single kernel, and return the names of its float parameters.
 
     Args:
-        kernel: the function.
-        make: whether to write a program that is not in the cache; otherwise a LookupError is raised.
+        kernel: Kernel function.
+        make: Whether to write a program that is not in the cache; otherwise a LookupError is raised.
 
     Raises:
-        MissingPackageError: LLVM is needed and not installed.
+        MissingPackageError: If LLVM is needed and not installed.
     """
     require_llvm()
     parameters = [(p.name, str(p.annotation)) for p in signature(source_function(kernel)).parameters.values()]
@@ -131,12 +131,12 @@ def compiled(kernel: Any, *, make: bool = True) -> Machine:
     """Compile a kernel and all functions that it calls to machine code, or load it from the cache.
 
     Args:
-        kernel: the function.
-        make: whether to compile a kernel that is not in the cache; otherwise a LookupError is raised.
+        kernel: Kernel function.
+        make: Whether to compile a kernel that is not in the cache; otherwise a LookupError is raised.
 
     Raises:
-        MissingPackageError: LLVM is not installed.
-        InputError: the kernel has unsupported statements.
+        MissingPackageError: If LLVM is not installed.
+        InputError: If the kernel has unsupported statements.
     """
     machine = _MACHINES.get(kernel)
     if machine is None:

@@ -21,8 +21,8 @@ class Memory:
     """An array from which blocks are allocated in order; its first entry is unused.
 
     Attributes:
-        floats: whole array.
-        used: number of allocated entries.
+        floats: Whole array.
+        used: Number of allocated entries.
     """
 
     def __init__(self, room: int = ROOM) -> None:
@@ -30,7 +30,7 @@ class Memory:
         self.used = 1
 
     def take(self, size: int) -> FloatArray:
-        """Allocate a block of zeros; if there is no room left, the block is a separate array."""
+        """Allocate a block of zeros; if the memory is full, the block is a separate array."""
         first, end = self.used, self.used + size
         if end > self.floats.size:
             return np.zeros(size)
@@ -38,12 +38,12 @@ class Memory:
         return self.floats[first:end]
 
     def place(self, array: FloatArray) -> int:
-        """Return the index of an array's first entry, counted from this memory's first entry, even outside of it."""
+        """Return the index of an array's first entry, relative to this memory's first entry, even outside of it."""
         return (address_of(array) - address_of(self.floats)) // self.floats.itemsize
 
 
 def _pages(room: int) -> FloatArray:
-    """Make zeros whose pages the system allocates on writing; fewer zeros if memory is limited."""
+    """Make zeros whose pages the system allocates when they are written; fewer zeros if memory is limited."""
     try:
         return np.frombuffer(mmap(-1, 8 * room), np.float64)
     except OSError:
@@ -61,7 +61,7 @@ def zeros(size: int) -> FloatArray:
 
 @contextmanager
 def within(memory: Memory) -> Iterator[Memory]:
-    """Let `zeros` allocate from a memory within a `with` block."""
+    """Make `zeros` allocate from a memory within a `with` block."""
     token = _MEMORY.set(memory)
     try:
         yield memory
@@ -71,7 +71,7 @@ def within(memory: Memory) -> Iterator[Memory]:
 
 @contextmanager
 def without() -> Iterator[None]:
-    """Let `zeros` make separate arrays within a `with` block."""
+    """Make `zeros` return separate arrays within a `with` block."""
     token = _MEMORY.set(None)
     try:
         yield
@@ -89,8 +89,8 @@ class Scattered:
     """Separate arrays as one buffer, for interpreted kernels.
 
     Args:
-        memory: memory from whose first entry indices are counted.
-        arrays: all arrays that a kernel may access.
+        memory: Memory from whose first entry indices are counted.
+        arrays: All arrays that a kernel may access.
     """
 
     def __init__(self, memory: Memory, arrays: list[FloatArray]) -> None:

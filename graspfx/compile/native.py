@@ -30,9 +30,9 @@ class Bound:
     """A program bound to its buffers.
 
     Args:
-        brief: function of its numbers that runs it with the interpreter's lock held, for calls of some microseconds.
-        long: the same function with the lock released, so that other threads can run.
-        pointers: pointers to the buffers by name; each keeps its buffer alive.
+        brief: Function of its numbers that runs it with the interpreter's lock held, for calls of some microseconds.
+        long: Same function with the lock released, so that other threads can run.
+        pointers: Pointers to the buffers by name; each keeps its buffer alive.
     """
 
     brief: Run
@@ -44,11 +44,11 @@ class Native:
     """A program as machine code.
 
     Args:
-        description: description of its arguments (`description_of`).
-        engine: engine that has loaded it.
-        size: size of the machine code [bytes].
-        place: location of the cached machine code; empty if it was compiled now.
-        note: reason why it could not be cached; empty if it was.
+        description: Description of its arguments (`description_of`).
+        engine: Engine that has loaded the machine code.
+        size: Size of the machine code [bytes].
+        place: Location of the cached machine code; empty if it was compiled now.
+        note: Reason why the machine code could not be cached; empty if it was.
     """
 
     def __init__(self, description: dict[str, Any], engine: Any, *, size: int, place: str = "", note: str = "") -> None:
@@ -64,7 +64,7 @@ class Native:
 
     @property
     def cached(self) -> bool:
-        """Whether it was loaded from the cache."""
+        """Whether the machine code was loaded from the cache."""
         return bool(self.place)
 
     @property
@@ -76,7 +76,7 @@ class Native:
         """Bind the program to buffers: arrays or memoryviews of floats with fixed addresses.
 
         Raises:
-            InputError: the number of buffers is wrong, or one is not contiguous, not writable or not of floats.
+            InputError: If the number of buffers is wrong, or one is not contiguous, not writable or not of floats.
         """
         if len(buffers) != len(self.arrays):
             raise InputError("buffers", len(buffers), f"{len(self.arrays)}: {', '.join(self.arrays)}")
@@ -104,13 +104,13 @@ def compiled(
     Args:
         source: Program in Python. Its last function is the entry, which takes buffers of floats, then numbers, and
             returns an integer or nothing.
-        floats: float parameters of the entry; its other numbers are integers.
-        apart: whether all buffers are distinct memory.
-        make: whether to compile a program that is not cached; otherwise a LookupError is raised.
+        floats: Float parameters of the entry; its other numbers are integers.
+        apart: Whether all buffers are distinct memory.
+        make: Whether to compile a program that is not cached; otherwise a LookupError is raised.
 
     Raises:
-        MissingPackageError: LLVM is not installed.
-        InputError: the program has unsupported statements.
+        MissingPackageError: If LLVM is not installed.
+        InputError: If the program has unsupported statements.
     """
     require_llvm()
     parts = [str(apart), *platform(), ",".join(sorted(floats)), source]

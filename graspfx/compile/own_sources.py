@@ -1,4 +1,4 @@
-"""Source files of the package, whose digests tell whether cache entries are up to date."""
+"""Source files of the package, whose digests show whether cache entries are up to date."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ NO_KERNELS = ("commands", "live", "show")  # packages without kernels; they are 
 
 @cache
 def source_folders() -> tuple[str, ...]:
-    """List the package's folder and, in a checkout, the folder of drivers beside it."""
+    """List the package's folder and, in a checkout, the folder of drivers next to it."""
     package, *beside = (str(Path(place)) for place in sys.modules[PACKAGE].__path__)
     shelves = [os.path.join(place, "devices") for place in beside]  # noqa: PTH118 (strings, of hundreds of files)
     return package, *(shelf for shelf in shelves if os.path.isdir(shelf))  # noqa: PTH112
 
 
 def is_own(file: str) -> bool:
-    """Tell whether a source file belongs to the package."""
+    """Return whether a source file belongs to the package."""
     return file.startswith(tuple(folder + os.sep for folder in source_folders()))
 
 
@@ -57,7 +57,7 @@ def stamps_in(root: str, without: Sequence[str] = ()) -> Iterator[tuple[str, int
 
 
 class Source(NamedTuple):
-    """A source file as read: time, size, digest of its content, and modules of the package that it imports."""
+    """Facts about a source file: time, size, digest of its content, and modules of the package that it imports."""
 
     time: int
     size: int
@@ -67,7 +67,7 @@ class Source(NamedTuple):
 
 @cache
 def closure_digest(*modules: str) -> str:
-    """Compute the digest of the sources of these modules: their own files, and all that they import of the package.
+    """Compute the digest of the sources of these modules: their files, and all files of the package that they import.
 
     Kernels obtain other kernels, records, values and numbers by import statements, so an edit elsewhere does not change
     the digest. For a module outside the package, the digest covers all sources of the package.
@@ -86,7 +86,7 @@ def closure_digest(*modules: str) -> str:
 
 
 def all_imports() -> dict[str, list[str]]:
-    """Return what each source file imports of the package, by the digest of its content."""
+    """Return the modules of the package that each source file imports, by the digest of its content."""
     return dict(sorted(_digest_and_imports(path) for path in _files().values()))
 
 
@@ -108,7 +108,7 @@ def _files() -> dict[str, str]:
 
 
 class Sources:
-    """Source files as read, cached on disk by their times and sizes."""
+    """Facts about source files, cached on disk by their times and sizes."""
 
     def __init__(self) -> None:
         self._key = f"sources-{hashlib.sha256(repr((sys.version, source_folders())).encode()).hexdigest()}"
@@ -138,7 +138,7 @@ def _sources() -> Sources:
 
 
 def _digest_and_imports(path: str) -> tuple[str, list[str]]:
-    """Read a source file; return its digest and its imports at load time, without those in functions or for types."""
+    """Read a source file; return its digest and its imports at load time, except those in functions or for types."""
     content = Path(path).read_bytes()
     digest = hashlib.sha256(content).hexdigest()
     known = library.imports().get(digest)

@@ -14,14 +14,14 @@ OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
 def intrusion(folder: Path) -> str:
-    """Explain how other users could write to a folder; empty if they cannot, or on systems without user numbers.
+    """Return how other users could write to a folder; empty if they cannot, or on systems without user numbers.
 
     The folder must belong to the user, and nobody else may write to it. To prevent its replacement, every parent folder
     and every link on its path must belong to the user or to root, and others may not write there, unless users can
     remove only their own entries (as in /tmp).
 
     Raises:
-        OSError: the folder does not exist, or cannot be inspected.
+        OSError: If the folder does not exist, or cannot be inspected.
     """
     if not hasattr(os, "getuid"):
         return ""
@@ -40,10 +40,10 @@ def intrusion(folder: Path) -> str:
 
 
 def read_own(file: Path) -> bytes | None:
-    """Read a file that only its user can write; None for any other file, including links and pipes.
+    """Read a file to which only its user can write; None for any other file, including links and pipes.
 
     Raises:
-        OSError: the file cannot be read.
+        OSError: If the file cannot be read.
     """
     flags = (getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
     try:
@@ -62,7 +62,7 @@ def make_own(folder: Path) -> None:
     """Create a folder and its missing parents for its user alone.
 
     Raises:
-        OSError: the folder cannot be created.
+        OSError: If the folder cannot be created.
     """
     missing = []
     while not folder.is_dir():

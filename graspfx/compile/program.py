@@ -1,7 +1,7 @@
 """One program from kernels: all functions that an entry calls, as Python text in which every name is resolved.
 
 Kernels may use numbers, flat buffers and their entries, `if`, `while`, `for ... in range(...)`, calls of other kernels,
-of `math` and of a few builtins, and tuples that are returned or unpacked. Arithmetic stays as it is written, so the
+of `math` and of a few builtins, and tuples that are returned or unpacked. Arithmetic is never reordered, so the
 program computes the same bits as the kernels.
 """
 
@@ -113,10 +113,10 @@ class Function(ast.NodeTransformer):
     """One function while its names are resolved.
 
     Args:
-        tree: Its definition, which stays unchanged.
-        namespace: Meaning of the names that it does not assign.
+        tree: Definition of the function, which is not changed.
+        namespace: Values of the names that the function does not assign.
         file: Its file.
-        original: The kernel as it was written, if this is its lowered text.
+        original: Original kernel, if this is its lowered text.
     """
 
     def __init__(
@@ -133,7 +133,7 @@ class Function(ast.NodeTransformer):
         self._own = self._parameters | assigned(tree.body)
 
     def lines(self, statement: ast.stmt) -> list[ast.stmt]:
-        """Resolve the names of a statement, which may become none or several."""
+        """Resolve the names of a statement; return the resulting statements, which may be none or several."""
         result = self.visit(statement)
         return result if isinstance(result, list) else [] if result is None else [result]
 
@@ -159,7 +159,7 @@ class Function(ast.NodeTransformer):
     # Names -----------------------------------------------------------------------------------------------------------
 
     def meaning(self, node: ast.expr) -> Any:
-        """Return what a name of a module refers to."""
+        """Return the object to which a name in a module refers."""
         if isinstance(node, ast.Name) and node.id not in self._own:
             missing = object()
             item = self._namespace.get(node.id, getattr(builtins, node.id, missing))

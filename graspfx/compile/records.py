@@ -27,7 +27,7 @@ from graspfx.errors import InputError
 
 R = TypeVar("R")
 Member = TypeVar("Member", covariant=True)  # a group of records is also a group of their base class
-_REFERENCE = "offset of a record from the record that names it"
+_REFERENCE = "offset of a record from the record that refers to it"
 Ref = Annotated[R, _REFERENCE]  # a field of one entry: distance from its record to the other record
 
 _LAYOUTS: dict[type[Record], dict[str, Field]] = {}
@@ -107,8 +107,8 @@ class Record:
     """A view of a block, starting at an offset.
 
     Args:
-        buffer: flat float64 buffer.
-        offset: index of the record's first entry.
+        buffer: Flat float64 buffer.
+        offset: Index of the record's first entry.
     """
 
     __slots__ = ("buffer", "offset")
@@ -206,7 +206,7 @@ def layout(cls: type[Record]) -> dict[str, Field]:
     """Return the fields of a record in order, with offsets and sizes.
 
     Raises:
-        InputError: a field has an unsupported kind, or lacks a size that its kind needs.
+        InputError: If a field has an unsupported kind, or lacks a size that its kind needs.
     """
     fields = _LAYOUTS.get(cls)
     if fields is None:
@@ -253,7 +253,7 @@ def _code(text: str) -> Any:
 
 
 class _Fields(ast.NodeTransformer):
-    """Replaces names in a size expression by fields of a record."""
+    """Replacement of names in a size expression by fields of a record."""
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
         field = ast.Attribute(ast.Name("record", ast.Load()), node.id, ast.Load())
@@ -280,7 +280,7 @@ def evaluate(text: str, record: Record) -> int:
 
 
 def is_value(kind: Any) -> bool:
-    """Tell whether a kind is a value class, a frozen dataclass of numbers and other value classes."""
+    """Return whether a kind is a value class, a frozen dataclass of numbers and other value classes."""
     return dataclasses.is_dataclass(kind) and isinstance(kind, type) and kind.__dataclass_params__.frozen  # type: ignore[attr-defined]
 
 
@@ -332,7 +332,7 @@ def numbers(value: Any) -> Iterator[float]:
 
 @cache
 def _stored(kind: type) -> type:
-    """Make a value class whose assignments are written through to its block."""
+    """Create a value class whose assignments are also written to its block."""
 
     def write(self: Any, i: int, number: float) -> None:
         if not 0 <= i < size_of(kind):

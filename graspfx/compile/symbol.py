@@ -18,12 +18,12 @@ def symbol_of(kernel: Callable[..., Any], types: tuple[str, ...]) -> str:
     """Load a kernel's machine code for these types of arguments, and return the name of its symbol.
 
     Args:
-        kernel: kernel function.
+        kernel: Kernel function.
         types: LLVM types of its arguments: `ptr` for a buffer, `i64`, `double`.
 
     Raises:
-        MissingPackageError: LLVM is not installed.
-        InputError: the kernel has unsupported statements.
+        MissingPackageError: If LLVM is not installed.
+        InputError: If the kernel has unsupported statements.
     """
     from graspfx.compile.llvm.llvm import function_text
     from graspfx.compile.program import Program

@@ -20,7 +20,7 @@ def constant(value: bool | int | float) -> ast.expr:
 
 
 def nodes(roots: Iterable[ast.AST]) -> Iterator[ast.AST]:
-    """Yield all nodes of some trees in no particular order, in a third of the time of `ast.walk`."""
+    """Yield all nodes of several trees in no particular order, in a third of the time of `ast.walk`."""
     left = list(roots)
     while left:
         node = left.pop()
@@ -35,7 +35,7 @@ def nodes(roots: Iterable[ast.AST]) -> Iterator[ast.AST]:
 
 
 def unparsed_statements(statements: Sequence[ast.stmt]) -> Iterator[ast.stmt]:
-    """Yield the statement of each line of `ast.unparse`'s output."""
+    """Yield the statement on each line of the output of `ast.unparse`."""
     for statement in statements:
         yield statement
         if isinstance(statement, ast.If | ast.For | ast.While):
@@ -58,7 +58,7 @@ def assigned(statements: Sequence[ast.stmt]) -> set[str]:
 
 
 def leaves(statements: Sequence[ast.stmt]) -> bool:
-    """Tell whether a loop's body has a `break` or `continue` of this loop."""
+    """Return whether a loop's body has a `break` or `continue` of this loop."""
     for statement in statements:
         if isinstance(statement, ast.Break | ast.Continue):
             return True

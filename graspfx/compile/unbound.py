@@ -19,7 +19,7 @@ class Loop:
 
 
 def unbound_names(tree: ast.FunctionDef) -> list[ast.Name]:
-    """List the uses of a function's variables that some path reaches before an assignment.
+    """List the uses of a function's variables that some path reaches before their assignment.
 
     Every test may have either result, regardless of earlier tests. A loop may have no iterations, unless its range or
     tuple is a literal.
@@ -30,7 +30,7 @@ def unbound_names(tree: ast.FunctionDef) -> list[ast.Name]:
 
 
 def lost_end(tree: ast.FunctionDef) -> int:
-    """Return the line at which a function with a result can end without one; 0 if it cannot.
+    """Return the line at which a function with a result can end without a result; 0 if it cannot.
 
     Every test may have either result, so `if` and `elif` without `else` may fall through.
     """
@@ -48,7 +48,7 @@ class Flow:
     """Paths through a function.
 
     Args:
-        variables: names that the function assigns to.
+        variables: Names that the function assigns to.
     """
 
     def __init__(self, variables: set[str]) -> None:
@@ -57,7 +57,7 @@ class Flow:
         self.uses: list[ast.Name] = []
 
     def block(self, statements: Sequence[ast.stmt], bound: Bound) -> Bound:
-        """Follow statements; return the names that are bound after them."""
+        """Analyse statements; return the names that are bound after them."""
         for statement in statements:
             if bound is None:
                 break
@@ -105,7 +105,7 @@ class Flow:
     def turns(
         self, body: Sequence[ast.stmt], before: Bound, inside: Bound, *, once: bool = False, endless: bool = False
     ) -> Bound:
-        """Follow a loop's body once; no iteration starts with more names than the first iteration."""
+        """Analyse a loop's body once; no iteration starts with fewer bound names than the first iteration."""
         loop = Loop()
         self._loops.append(loop)
         behind = self.block(body, inside)
@@ -153,7 +153,7 @@ def _is_true(test: ast.expr) -> bool:
 
 
 def _has_turns(turns: ast.expr) -> bool:
-    """Tell whether a loop's literal range or tuple has at least one iteration."""
+    """Return whether a loop's literal range or tuple has at least one iteration."""
     if isinstance(turns, ast.Tuple):
         return bool(turns.elts)
     if not (isinstance(turns, ast.Call) and isinstance(turns.func, ast.Name) and turns.func.id == "range"):

@@ -1,8 +1,8 @@
 """Programs as WebAssembly modules, from the same text as native code.
 
 Kernels call no library (`graspfx.elementary`), so a module computes the same bits as native code. A wheel contains the
-module of `steps`; it was linked by `ziglang`, which users of a wheel do not need. In a checkout the module is built at
-first use and cached.
+module of `steps`, which was linked by `ziglang`; users of a wheel do not need `ziglang`. In a checkout the module is
+built at first use and cached.
 """
 
 from __future__ import annotations
@@ -64,8 +64,8 @@ def build(program: LlvmProgram) -> bytes:
     free memory.
 
     Raises:
-        InputError: The program calls functions of a platform's library.
-        MissingPackageError: `ziglang` or llvmlite is not installed.
+        InputError: If the program calls functions of a platform's library.
+        MissingPackageError: If `ziglang` or llvmlite is not installed.
     """
     from graspfx.compile.native import text_of
 
@@ -89,6 +89,6 @@ def _zig() -> Path:
     found = find_spec("ziglang")
     if found is None or found.origin is None:
         raise MissingPackageError(
-            "ziglang", "a page that runs on its own", "run `pip install ziglang`, or install a wheel"
+            "ziglang", "a page that runs without a server", "run `pip install ziglang`, or install a wheel"
         )
     return Path(found.origin).parent

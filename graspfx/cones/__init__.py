@@ -1,1 +1,1 @@
-"""Unilateral forces on a flat buffer: complementarity at normals, friction cones and their frames."""
+"""Unilateral contact forces: complementarity at normals, friction cones and their frames."""

@@ -13,7 +13,7 @@ SINGULAR = 1e-10  # relative to the coordinate's stiffness before releases: a sm
 
 @dataclass(frozen=True, slots=True)
 class Contacts:
-    """Size of a square: the number of contacts, and the coordinates per contact, of which the normal is the first."""
+    """Size of a square matrix: the number of contacts, and the number of coordinates per contact, the normal first."""
 
     count: int  # number n of contacts
     coordinates: int  # number d of coordinates per contact
@@ -45,7 +45,7 @@ def pivot(square: Table, vector: Floats, j: int) -> None:
 
 @kernel
 def release(square: Table, vector: Floats, m: int, marks: Floats, diagonal: Floats) -> None:
-    """Pivot those of m coordinates that are marked (1.0), so that they carry no force; clear their marks.
+    """Pivot the marked (1.0) ones of m coordinates, so that they carry no force, and clear their marks.
 
     The stiffest coordinate is pivoted first. A singular stiffness then leads to pivots of rounding size. These are
     skipped, because coordinates without stiffness carry no force anyway.
@@ -78,8 +78,9 @@ def complement(
     Coordinates are ordered contact by contact, the normal first (index i d). `state` of a contact is 1 if it is
     engaged, 0 if released, and -1 if it must not change. Whole contacts release tangents with their normal; without
     `back`, released contacts stay released. `vector` contains the force of an engaged normal, and the displacement s of
-    a released normal. `scale` is the magnitude of the forces. Each pivot takes the worst violation; after 3 n pivots,
-    the first violation. The latter rule terminates for every matrix with positive principal minors (Murty 1974).
+    a released normal. `scale` is the magnitude of the forces. Each pivot removes the worst violation or, after 3 n
+    pivots, the first violation. The latter rule terminates for every matrix with positive principal minors (Murty
+    1974).
     """
     n, d = contacts.count, contacts.coordinates
     limit = 20 * n + 40
@@ -115,10 +116,10 @@ def complement(
 
 @kernel
 def settle(square: Table, vector: Floats, displacement: Floats, state: Floats, contacts: Contacts) -> None:
-    """Write the forces to `vector`: f = K e over the engaged contacts alone, zero for the other contacts.
+    """Write the forces to `vector`: f = K e over the engaged contacts, and zero for the other contacts.
 
-    The square contains the stiffness of the engaged contacts with all other contacts released, so the position of a
-    free finger causes no loss of digits.
+    The square matrix contains the stiffness of the engaged contacts with all other contacts released, so the position
+    of a free finger causes no loss of digits.
     """
     n, d = contacts.count, contacts.coordinates
     for i in range(n):

@@ -27,7 +27,7 @@ def contact_frame(normal: Vector, d: int) -> Matrix:
 
 @kernel
 def turn_back(contact: ConeContact, d: int, theta: float, limited: bool) -> Face:
-    """Compute y_i = R(t_i) before the limit; return the face of the cone with the data needed for the derivative.
+    """Compute y_i = R(t_i) before the limit; return the face of the cone with the data for the derivative.
 
     theta = 1 returns the nearest force in the cone; theta = 0 keeps the normal force and scales the tangential force.
     If forces are `limited`, a negative coefficient means no cone (NO_CONE) or a half-space (HALF_SPACE).

@@ -1,8 +1,8 @@
-"""Limit of a contact's force: the intersection of cone and ball, so that the projection remains a convex gradient.
+"""Limit of a contact's force to the intersection of cone and ball, so that the projection remains a convex gradient.
 
 The ball is centred at the apex of the cone. Therefore the nearest force in the intersection is the nearest force in the
 cone, shortened to the limit. If friction bounds force and torsion together, the limit includes a soft finger's torsion,
-in units of the patch length. Without friction only the force is shortened.
+in units of the patch length. Without friction the limit applies only to the force.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def force_size(force: Vector4, width: int) -> float:
 
 @kernel
 def limit_width(coefficient: float, d: int) -> int:
-    """Return the number of coordinates that the limit bounds: d in a friction cone, else (mu < 0) the force alone."""
+    """Return the number of coordinates that the limit bounds: d in a friction cone, else (mu < 0) the force's."""
     return d if coefficient >= 0.0 else min(d, 3)
 
 
@@ -64,7 +64,7 @@ def shorten(force: Vector4, width: int, limit: float) -> tuple[Vector4, float]:
 
 @kernel
 def is_plain(contact: ConeContact, d: int, limit: float, status: int) -> bool:
-    """Tell whether y_i from `turn_back` is within its limit and not on the edge of a half-space."""
+    """Return whether y_i from `turn_back` is within its limit and not on the edge of a half-space."""
     return status != LIFT and not force_size(contact.force, limit_width(contact.coefficient, d)) > limit
 
 

@@ -62,7 +62,8 @@ def lower(L: Table, x: Floats, size: int) -> None:
 def invert_part(M: Table, kept: Floats, size: int, least: float) -> None:
     """Replace M >= 0 by the inverse of its largest non-singular principal part, with zeros elsewhere.
 
-    The largest pivot is eliminated first. If no pivot exceeds `least`, the remainder is rounding. `kept` is work space.
+    The largest pivot is eliminated first. If no pivot exceeds `least`, the remainder is treated as rounding error.
+    `kept` is work space.
     """
     for i in range(size):
         kept[i] = 0.0
@@ -96,7 +97,7 @@ def invert_part(M: Table, kept: Floats, size: int, least: float) -> None:
 def take_square(A: Table, t: Floats, along: Floats, rest: float, size: int) -> None:
     """Update A so that A'A loses A'A t t'A'A / (rest + t'A'A t) (Potter's square-root update); t changes.
 
-    If `rest` is zero, A t becomes zero up to rounding; later calls treat that rounding as zero.
+    If `rest` is zero, A t becomes zero up to rounding errors, which later calls treat as zero.
     """
     own = square = 0.0
     for i in range(size):
@@ -128,7 +129,7 @@ def factor_signed(M: Table, size: int, columns: Table, signs: Floats) -> None:
     used, in the axes of its two eigenvectors; one sign is positive and the other negative (Bunch and Parlett 1971).
 
     Args:
-        M: Matrix, of which the lower triangle is read.
+        M: Matrix; only its lower triangle is read.
         size: Number of rows.
         columns: Vectors l_k as columns.
         signs: Signs h_k.
@@ -156,7 +157,7 @@ def factor_signed(M: Table, size: int, columns: Table, signs: Floats) -> None:
 
 @kernel
 def take_pivot(M: Table, size: int, r: int, columns: Table, signs: Floats, k: int) -> None:
-    """Subtract h l l' for pivot r from M, and write h and l as number k; write zeros if the pivot is zero."""
+    """Subtract h l l' for pivot r from M, and write h and l as the k-th term; write zeros if the pivot is zero."""
     pivot = M[r, r]
     signs[k] = -1.0 if pivot < 0.0 else 1.0
     inverse = signs[k] / math.sqrt(abs(pivot)) if pivot != 0.0 else 0.0
@@ -167,7 +168,7 @@ def take_pivot(M: Table, size: int, r: int, columns: Table, signs: Floats, k: in
 
 @kernel
 def take_pair(M: Table, size: int, p: int, q: int, columns: Table, signs: Floats, k: int) -> None:
-    """Subtract the two terms of a 2 x 2 pivot, p > q, from M, and write the terms as numbers k and k + 1."""
+    """Subtract the two terms of a 2 x 2 pivot, p > q, from M, and write them as terms k and k + 1."""
     a, b, c = M[q, q], M[p, q], M[p, p]
     half = 0.5 * (a - c)
     sine, cosine = elementary.sin_cos(0.5 * elementary.atan2(b, half))

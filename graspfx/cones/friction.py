@@ -7,7 +7,7 @@ mu f_n. For a large mu the solution may not be unique.
 
 With limits each cone is cut off at |f_i| <= L_i (`cones.cut`), and the associated force still minimises the same
 function. A negative coefficient then selects another cone (NO_CONE, HALF_SPACE) without friction. Only the cone causes
-slip s, not the limit, so a contact that sticks at its limit keeps its place.
+slip s, not the limit, so a contact that sticks at its limit does not move.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ RESTARTS = 16  # for offline use: at kip/kep = 1000 and mu = 1.5, 1 problem in 4
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """Result of a search: success, residual [N], and number of evaluations."""
+    """Result of a search: whether it succeeded, residual [N], and number of evaluations."""
 
     success: bool
     residual: float
@@ -53,7 +53,7 @@ def turn_modes(frames: Many[Matrix], motions: Table, problem: FrictionProblem, d
 
     Args:
         frames: Contact frames, normal and tangents as rows.
-        motions: One row per mode: the share beta_k, then for every contact three entries in the axes of the frames, or
+        motions: One row per mode: the blend beta_k, then for each contact three entries in the axes of the frames, or
             four if d is 4. The fourth entry is the torsion about the normal.
     """
     width = 4 if d > 3 else 3
@@ -79,10 +79,10 @@ def friction_force(problem: FrictionProblem, d: int, gains: Gains, coulomb: bool
     """Compute the forces for scalar gains: K of eq. (4) in the problem's modes (`cones.mode_equations`).
 
     There are at most six unknowns. The force of a contact of weight 0 is zero. A gain below 1e-6 of the other gain is
-    raised to that value. An exception is a zero gain in the associated law, which is treated as the limit of small
-    gains (`approach`). The search for Coulomb's law starts from the given unknowns, then from the associated solution,
-    then `restarts` times around the associated solution. If the problem is compliant, (K^-1 + C)^-1 replaces K, with
-    C_i / w_i on each coordinate of contact i.
+    raised to that value, except that a zero gain in the associated law is treated as the limit of small gains
+    (`approach`). The search for Coulomb's law starts from the given unknowns, then from the associated solution, then
+    `restarts` times around the associated solution. If the problem is compliant, (K^-1 + C)^-1 replaces K, with C_i /
+    w_i on each coordinate of contact i.
 
     Returns:
         Law of the solution, residual |f - f0 - K (e + s)| [N] (f and s satisfy the law exactly), and evaluations.
@@ -107,8 +107,8 @@ def approach(problem: FrictionProblem, d: int, count: int, gains: Gains) -> Answ
 
     Each search subtracts the force that E exerted in the previous search: f = f0 + (K + E)(e + s) - E (e + s'), with s'
     of the previous search. This is the proximal point method (Rockafellar 1976). It converges to f = f0 + K (e + s),
-    the limit of small gains. Each search leaves the fraction eps / (eps + lambda) of the error along a direction in
-    which the contacts' resistance is lambda, where eps is the size of E.
+    the limit of small gains. Each search reduces the error along a direction to the fraction eps / (eps + lambda),
+    where lambda is the contacts' resistance in that direction and eps the size of E.
 
     k_e = 0: E (e + s) = sqrt(W) Q h z, which enters g as h z'. k_i = 0: E (e + s) = sqrt(W) (y - f0 + (1 + h) Q z).
     """
@@ -138,7 +138,7 @@ def approach(problem: FrictionProblem, d: int, count: int, gains: Gains) -> Answ
 
 @kernel
 def pull_back(problem: FrictionProblem, d: int, count: int, gains: Gains) -> tuple[float, float]:
-    """Subtract the solution times the raise of k_e from the next g; return the term's change, and the size of y."""
+    """Subtract the solution times the increase of k_e from the next g; return the term's change, and the size of y."""
     change = size = 0.0
     for k in range(count):
         unknown = problem.unknowns[k]
@@ -155,7 +155,7 @@ def pull_back(problem: FrictionProblem, d: int, count: int, gains: Gains) -> tup
 
 @kernel
 def lend(problem: FrictionProblem, d: int, count: int, gains: Gains) -> tuple[float, float]:
-    """Subtract the solution times the raise of k_i from the next f0; return the term's change, and the size of y."""
+    """Subtract the solution times the increase of k_i from the next f0; return the term's change, and the size of y."""
     h = gains.internal / (gains.external - gains.internal)
     change = size = 0.0
     for contact in problem.contacts:
@@ -270,7 +270,7 @@ def solve(
 
 @kernel
 def start_others(problem: FrictionProblem, count: int) -> None:
-    """Set the start of unknowns that the last search did not contain: near zero, from the final g of its equations."""
+    """Set initial values of unknowns that were not in the last search: near zero, from the final g of its equations."""
     unknowns = problem.unknowns
     last = problem.started
     if last > 0:
@@ -282,7 +282,7 @@ def start_others(problem: FrictionProblem, count: int) -> None:
 
 @kernel
 def spread(problem: FrictionProblem, count: int, start: int, far: float) -> None:
-    """Set the unknowns to start number `start`: evenly over +-far around the associated solution, and around zero."""
+    """Set the unknowns to their `start`-th initial values, spread +-far around the associated solution and zero."""
     for k in range(count):
         unknown = problem.unknowns[k]
         turn = ((start - 1) * count + k + 1) * GOLDEN
@@ -303,7 +303,7 @@ def clear(problem: FrictionProblem, d: int) -> None:
 
 @kernel
 def add_nothing(problem: FrictionProblem, d: int) -> None:
-    """Handle zero stiffness: f = f0, no slip."""
+    """Handle zero stiffness: f = f0, without slip."""
     clear(problem, d)
     for contact in problem.contacts:
         pushes = contact.base_force.x > 0.0 or (problem.limited and contact.coefficient < 0.0)
@@ -387,7 +387,7 @@ def newton(
 
 @kernel
 def evaluate(problem: FrictionProblem, d: int, count: int, gains: Gains, square: Table | None, theta: float) -> Merit:
-    """Evaluate the equations of modes, or of a square."""
+    """Evaluate the equations of the modes, or of the square matrix."""
     if square is None:
         return equations_of_modes(problem, d, count, gains, theta)
     return equations_of_square(problem, d, gains.internal, square, theta)

@@ -33,7 +33,7 @@ NIL = 1e-30  # relative to the internal gain: modes whose gain differs by less a
 
 @dataclass(frozen=True, slots=True)
 class Merit:
-    """Distance from a solution: convex function, magnitudes of forces and of g, and residual."""
+    """Distance from a solution: the convex function, the magnitudes of the forces and of g, and the residual."""
 
     value: float
     size: float
@@ -118,7 +118,7 @@ def set_trial(
 
 @kernel
 def compliant_share(problem: FrictionProblem, contact: ConeContact, internal: float) -> float:
-    """Compute r_i = 1 / (1 + k_i C_i), the share of a contact's gain that a series compliance leaves; 1 without one."""
+    """Compute r_i = 1 / (1 + k_i C_i), the factor on a contact's gain due to a series compliance; 1 without one."""
     return 1.0 / (1.0 + internal * contact.compliance) if problem.compliant else 1.0
 
 

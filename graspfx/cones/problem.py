@@ -1,4 +1,4 @@
-"""Block of a friction problem: contacts, unknowns, and work space of the search.
+"""Block of a friction problem: contacts, unknowns, and workspace of the search.
 
 The law is f = f0 + K (e + s), where f_i lies in the cone |f_t| <= mu f_n of contact i and s is the displacement lost to
 slip and release. A contact has d coordinates: its normal, up to two tangents, and for a soft finger, as the fourth, the
@@ -19,7 +19,7 @@ NO_FORCE = -1  # status: the contact is held at zero force
 
 
 class ModePart(Record):
-    """A mode's part at one contact."""
+    """Motion of one contact in a mode."""
 
     motion: Vector4  # q_k in the contact's frame, orthonormal over all contacts
 
@@ -91,7 +91,7 @@ class Answer:
 
 
 def problem_size(contacts: int, room: int = MODES, most: int = MODES) -> int:
-    """Return the number of entries of a problem with these numbers of contacts, unknowns and modes."""
+    """Return the number of entries of a problem with the given numbers of contacts, unknowns and modes."""
     return size_for(FrictionProblem, count=contacts, room=room, contact_entries=size_for(ConeContact, most=most))
 
 

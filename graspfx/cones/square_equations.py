@@ -1,4 +1,4 @@
-"""Equations of a friction problem for any K > 0, as a square in contact frames: one unknown per coordinate."""
+"""Equations of a friction problem for any K > 0, a square matrix in contact frames: one unknown per coordinate."""
 
 from __future__ import annotations
 

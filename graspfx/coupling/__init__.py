@@ -1,1 +1,1 @@
-"""One sample of eq. (4): computes forces and the object's wrench from the fingers' motion, without clock or files."""
+"""One sample of eq. (4): forces and the object's wrench from the fingers' motion, without a clock or files."""

@@ -1,4 +1,4 @@
-"""Offsets of declared fields, for code that does not take records yet."""
+"""Offsets of declared fields, for code that does not use records."""
 
 from __future__ import annotations
 

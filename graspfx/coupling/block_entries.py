@@ -1,4 +1,4 @@
-"""Entries of a grasp's block by field names: constants of a run, and values for the recording."""
+"""Entries of a grasp's block by field name: constants of a run, and values for the recording."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def structure_entries(grasp: GraspState, live: Collection[str] = ()) -> Index:
     only if it is one and there is no fade.
 
     Args:
-        grasp: block of the grasp.
-        live: names of fields of `GraspState` that may change during a run.
+        grasp: Block of the grasp.
+        live: Names of fields of `GraspState` that may change during a run.
     """
     S, fingers = grasp.buffer, grasp.fingers
     fixed = entries_of(GraspState, *(name for name in CHOICES if name not in live))
@@ -79,7 +79,7 @@ def matrix_entries(grasp: GraspState) -> list[int]:
 
 
 def split_entries(grasp: GraspState) -> list[int]:
-    """List the entries that determine P, except contact points and gaps: the data of a `SplitRule`."""
+    """List the entries that determine P (the data of a `SplitRule`), except contact points and gaps."""
     entries = entries_of(GraspState, "fade", "fade_start", "fade_end", "arm_low", "arm_high", "at_contact")
     entries += entries_of(BodyState, "free_translation", "free_rotation", at=start_of(GraspState, "body"))
     for finger in grasp.fingers:
@@ -88,12 +88,12 @@ def split_entries(grasp: GraspState) -> list[int]:
 
 
 def compliant_entry(problem: FrictionProblem) -> int:
-    """Find the entry that tells whether a problem's contacts have compliances in series."""
+    """Find the entry that marks whether a problem's contacts have compliances in series."""
     return problem.offset + start_of(FrictionProblem, "compliant")
 
 
 def has_problems(grasp: GraspState) -> bool:
-    """Tell whether the block has friction problems; if not, both references point to the same entry."""
+    """Return whether the block has friction problems; if not, both references point to the same entry."""
     return grasp.problem.offset != grasp.damping_problem.offset
 
 

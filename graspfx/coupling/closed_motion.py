@@ -24,11 +24,11 @@ CREATES = 1e-6  # smallest share of generated energy that exceeds rounding
 
 @dataclass(frozen=True)
 class LoopEnergy:
-    """The energies of one closed motion.
+    """Energies of one closed motion.
 
     Attributes:
-        created: energy delivered to the object minus the work of the fingers [J].
-        peak: largest energy stored in the springs, 1/2 f'e [J].
+        created: Energy delivered to the object minus the work of the fingers [J].
+        peak: Largest energy stored in the springs, 1/2 f'e [J].
     """
 
     created: float
@@ -36,21 +36,21 @@ class LoopEnergy:
 
     @property
     def share(self) -> float:
-        """Ratio of the generated energy to the peak; 0 if nothing was stored."""
+        """Ratio of the generated energy to the peak energy; 0 if no energy was stored."""
         return self.created / self.peak if self.peak > 0.0 else 0.0
 
 
 def worst_turn(grasped: GraspedObject, fingers: FloatArray) -> LoopEnergy:
-    """Find the closed motion, among a few that any grasp allows, on which the springs generate the most energy.
+    """Find the closed motion, among a few that every grasp allows, on which the springs generate the most energy.
 
-    The contacts are fixed in the object, and the fingers are fixed in the world. The object turns by +-0.5 rad about
-    each free axis. At the same time it moves sideways and back, along each free direction and along each diagonal of
-    two free directions. The amplitude of that motion is half the displacement of the contacts in the turn. The work is
-    the integral of wrench'(v, w). The object's block is restored afterwards.
+    The contacts are fixed in the object, and the fingers are fixed in the world. In each motion, the object rotates by
+    +-0.5 rad about a free axis. At the same time it moves sideways and back, along a free direction or the diagonal of
+    two free directions. The amplitude of the translation is half the contacts' displacement in the rotation. The work
+    is the integral of wrench'(v, w). The object's block is restored afterwards.
 
     Args:
-        grasped: grasped object, whose contacts have been set by `meet` or `attach`.
-        fingers: finger positions (n, d) [m].
+        grasped: Grasped object, whose contacts have been set by `meet` or `attach`.
+        fingers: Finger positions (n, d) [m].
     """
     block, worst = grasped.block.copy(), LoopEnergy(0.0, 0.0)
     state = GraspState(grasped.block)

@@ -1,4 +1,4 @@
-"""Compute the fingers' displacements e = p - c, their rates, contact points and weights, in the object's frame."""
+"""Fingers' displacements e = p - c, their rates, contact points and weights, in the object's frame."""
 
 from __future__ import annotations
 
@@ -78,11 +78,10 @@ def touch(grasp: GraspState, finger: FingerState, p: Vector) -> None:
     """Compute contact point, normal, gap and weight of a finger at p in the object's frame.
 
     With a coefficient of friction, the contact point slips until the displacement along the surface is e + s of the
-    last force. The contact point of a sliding finger slips before this sample's motion. That of a free finger follows
-    the motion and slips afterwards.
-    With matrix gains and free slip, the contact point slips after the motion, whether the finger touches or not. The
-    displacement of the springs is then w = e + s = K^-1 f, which has a tangential part even for a normal force. No
-    energy is generated.
+    last force. The contact point of a sliding finger slips before this sample's motion. The contact point of a free
+    finger follows the motion and slips afterwards. With matrix gains and free slip, the contact point slips after the
+    motion, whether the finger touches or not. The displacement of the springs is then w = e + s = K^-1 f, which has a
+    tangential part even for a normal force. No energy is generated.
     """
     slips = finger.coefficient > 0.0
     if finger.touching and slips and finger.status == SLIDE:
@@ -99,7 +98,7 @@ def touch(grasp: GraspState, finger: FingerState, p: Vector) -> None:
 
 @inline
 def is_weight_used(grasp: GraspState) -> bool:
-    """Tell whether a free finger's weight is used: not if fingers are independent, frictionless and unobserved."""
+    """Return whether a free finger's weight is used: not if fingers are independent, frictionless and unobserved."""
     return not grasp.alone or grasp.friction or grasp.observed
 
 

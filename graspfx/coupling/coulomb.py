@@ -92,7 +92,7 @@ def elastic_in_cones(grasp: GraspState) -> int:
 
 @kernel
 def sticks(grasp: GraspState) -> bool:
-    """Tell whether all forces lie inside their cones and limits."""
+    """Return whether all forces lie inside their cones and limits."""
     inside = True
     for finger in grasp.fingers:
         inside = inside and is_inside_cone(grasp, finger, in_frame(grasp, finger, finger.local))
@@ -101,7 +101,7 @@ def sticks(grasp: GraspState) -> bool:
 
 @kernel
 def is_inside_cone(grasp: GraspState, finger: FingerState, force: Vector4) -> bool:
-    """Tell whether a contact force lies inside its cone and limit."""
+    """Return whether a contact force lies inside its cone and limit."""
     tangent = tangent_of(force)
     along = math.sqrt(tangent.x * tangent.x + tangent.y * tangent.y + tangent.z * tangent.z)
     if not force.x > SMALLEST or along > finger.coefficient * force.x:
@@ -162,7 +162,7 @@ def damping_in_cones(grasp: GraspState) -> int:
 
 @kernel
 def damping_stays(grasp: GraspState) -> bool:
-    """Add full damping if all fingers touch; tell whether the forces stay in the cones, and undo the damping if not."""
+    """Add full damping if all fingers touch; return whether the forces stay in the cones, and if not, undo it."""
     closed = grasp.recoils or (not grasp.implicit and not grasp.rays)
     if not closed or not all_touch(grasp) or not is_whole(grasp):
         return False
@@ -274,7 +274,7 @@ def force_of_modes(grasp: GraspState, problem: FrictionProblem, gains: Gains, co
 
 @kernel
 def pose_problem(grasp: GraspState, problem: FrictionProblem, touching: bool) -> None:
-    """Write weights, coefficients, limits and which fingers carry force; with `touching`, only the touching ones do."""
+    """Write weights, coefficients, limits and which fingers carry force: all, or with `touching` the touching ones."""
     for i, finger in enumerate(grasp.fingers):
         contact = problem.contacts[i]
         contact.weight = finger.weight
@@ -299,7 +299,7 @@ def pose_compliances(grasp: GraspState, problem: FrictionProblem) -> None:
 
 @kernel
 def all_touch(grasp: GraspState) -> bool:
-    """Tell whether every finger touches."""
+    """Return whether every finger touches."""
     count = 0
     for finger in grasp.fingers:
         count += 1 if finger.touching else 0
@@ -308,7 +308,7 @@ def all_touch(grasp: GraspState) -> bool:
 
 @kernel
 def symmetrise(grasp: GraspState, square: Table) -> bool:
-    """Symmetrise a matrix whose skew part is rounding; tell whether it was only rounding, so the problem is convex.
+    """Symmetrise a matrix if its skew part is rounding error, and return whether it is (the problem is then convex).
 
     Matrices of scalar gains are always symmetrised, because their rounding errors are large if one damping is zero.
     """

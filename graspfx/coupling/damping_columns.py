@@ -20,7 +20,7 @@ def write_columns(
 ) -> None:
     """Write columns V, displacements and rates of the force-carrying coordinates, and the compliances of 1 / A.
 
-    The contacts' `displacement` and `base_force` hold displacements and rates until `write_force`.
+    The contacts' `displacement` and `base_force` contain displacements and rates until `write_force`.
     """
     state, p = grasp.recoil, grasp.mode_count
     shifts, turns, per = grasp.freedom.shifts, grasp.freedom.turns, 1.0 / grasp.period

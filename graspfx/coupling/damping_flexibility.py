@@ -9,8 +9,8 @@ J = G K + H D / T, N = C^-1 + G K G' + H D H' / T. R contains the fraction of it
 depth; G and H are the lever arms of springs and dampers. Therefore M = A - V E V' with A = kip + R kid / T. The columns
 V are Q; R Q if damping grows with depth; and the levers that are not sums of modes, R H' of the fingertips. The
 friction problem needs the inverse, M^-1 = A^-1 + A^-1 V Y V'A^-1, Y = E (I - V'A^-1 V E)^-1. The problem has 6 unknowns
-with rates at the contacts, 9 with rates at the fingertips, 12 and 15 with depth damping, and three more if torsion acts
-along axes other than the normals.
+with rates at the contacts and 9 with rates at the fingertips. These are 12 and 15 with depth damping, and three more if
+torsion acts along axes other than the normals.
 """
 
 from __future__ import annotations
@@ -184,17 +184,17 @@ def add_branch(
     """Add one branch, gain R - R Q part Q'R, to E, to the levers J' and to N, and its force to the right-hand sides.
 
     Args:
-        grasp: block of the grasp.
+        grasp: Block of the grasp.
         gram: Gram matrix of the branch's columns.
-        part: matrix E times the gain.
-        share: matrix T of the branch's levers, if they are sums of modes.
+        part: Matrix E times the gain.
+        share: Matrix T of the branch's levers, if they are sums of modes.
         vector: V'e or V'e' of all columns.
-        gain: gain k_i of the branch.
-        unit: factor on the branch's displacement.
-        size: number of the branch's columns.
-        first: index of the branch's first mode among all columns.
-        rest: offset among all columns; column j of the branch, after its modes, is column rest + j of all.
-        beyond: whether the levers of rotations are separate columns.
+        gain: Gain k_i of the branch.
+        unit: Factor on the branch's displacement.
+        size: Number of the branch's columns.
+        first: Index of the branch's first mode among all columns.
+        rest: Offset among all columns; column j of the branch, after its modes, is column rest + j of all.
+        beyond: Whether the levers of rotations are separate columns.
     """
     state, p, shifts = grasp.recoil, grasp.mode_count, grasp.freedom.shifts
     free = shifts + grasp.freedom.turns
@@ -284,7 +284,7 @@ def eliminate_motion(grasp: GraspState, count: int) -> None:
 
 @kernel
 def is_settled(grasp: GraspState, problem: FrictionProblem, d: int) -> bool:
-    """Tell whether all base forces lie inside their cones; if so, they are the solution."""
+    """Return whether all base forces lie inside their cones; if so, they are the solution."""
     settled = True
     for contact in problem.contacts:
         if contact.status >= 0:

@@ -1,4 +1,4 @@
-"""Damping that grows with depth: each finger's split damper acts in series with another, compliant damper.
+"""Damping that grows with depth: each finger's damper acts in series with another, compliant damper.
 
 D_s = (D^-1 + C)^-1, C_i = (1 - s_i) / (s_i w_i b) on every coordinate of finger i. s_i is the depth that corresponds to
 the elastic force, divided by the length `coupling.damping_depth`, and at most 1. b is the larger of the two dampings.
@@ -37,7 +37,7 @@ def compliance(grasp: GraspState, finger: FingerState, normal: float) -> float:
 
 @kernel
 def is_whole(grasp: GraspState) -> bool:
-    """Tell whether the elastic forces make every finger deep enough for D_s = D."""
+    """Return whether every finger's elastic force corresponds to a depth at which D_s = D."""
     if not grasp.gradual:
         return True
     least = 1.0

@@ -43,7 +43,7 @@ def compliance_of_numbers(kep: float, kip: float) -> float:
 
 
 def gaps(needed: float) -> tuple[float, float]:
-    """Choose the gaps of a fade [m]: it starts at `needed` or farther away, and extends over the default 8 mm."""
+    """Choose the gaps of a fade [m]: the fade starts at `needed` or farther away, and extends over the default 8 mm."""
     return FADE if needed <= FADE[0] else (needed, needed + BAND)
 
 

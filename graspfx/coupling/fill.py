@@ -38,7 +38,7 @@ FREEDOMS = {1: [0], 2: [0, 1, 5], 3: [0, 1, 2, 3, 4, 5]}  # indices of an object
 
 
 class Shape(Protocol):
-    """A shape for the coupling: the kind, the parameters and the data that its closest-point kernel uses."""
+    """Protocol of a shape for the coupling: the kind, parameters and data for its closest-point kernel."""
 
     @property
     def kind(self) -> int: ...
@@ -52,18 +52,18 @@ class Shape(Protocol):
 
 @dataclass(frozen=True)
 class Grip:
-    """The requested coupling of a `GraspedObject`. Its constructor raises errors before the block is created.
+    """Specification of a `GraspedObject`'s coupling. Its constructor raises errors before the block is created.
 
     Attributes:
-        count: number of fingers n.
-        dimensions: number of dimensions d.
-        law: gains of eq. (4).
-        rules: contact rules.
-        shape: shape of the object; None only with attached contacts.
-        radius: radii of the ball fingertips, (n,) [m].
-        limit: largest force of each finger, (n,) [N]; None without limits.
-        body: parameters and initial state of the object.
-        live: names of fields that may change during a run.
+        count: Number of fingers n.
+        dimensions: Number of dimensions d.
+        law: Gains of eq. (4).
+        rules: Contact rules.
+        shape: Shape of the object; None only with attached contacts.
+        radius: Radii of the ball fingertips, (n,) [m].
+        limit: Largest force of each finger, (n,) [N]; None without limits.
+        body: Parameters and initial state of the object.
+        live: Names of fields that may change during a run.
     """
 
     count: int
@@ -82,9 +82,11 @@ class Grip:
             raise InputError("patch", rules.patch, "soft fingers in space only", "elsewhere use hard fingers")
         directed = any(np.ndim(each) for each in (self.gains[2:] if self.law.of_object else self.gains))
         if self.soft and directed:
-            raise InputError("patch", rules.patch, "one number for each gain of soft fingers, or a gain of the object")
+            raise InputError("patch", rules.patch, "a number for each gain of soft fingers, or a gain of the object")
         if self.soft and not (rules.attached or rules.stick or mu[self.patch > 0.0].all()):
-            raise InputError("patch", rules.patch, "friction where a finger is soft", "without it there is no torsion")
+            raise InputError(
+                "patch", rules.patch, "a coefficient of friction for each soft finger", "without it there is no torsion"
+            )
         self._check_pads()
         if not 0.0 <= rules.damping_depth < np.inf:
             raise InputError("damping_depth", rules.damping_depth, "a length, zero or more [m]")
@@ -94,18 +96,20 @@ class Grip:
         if not (self.matrices or rules.attached or (kep and kip)):
             raise InputError(
                 "stiffness", f"external {kep}, internal {kip} N/m", "both above zero",
-                "unilateral contact distributes a push between them; attach the contacts to study a zero",
+                "unilateral contact needs both stiffnesses: attach the contacts to study a zero stiffness",
             )  # fmt: skip
         for quantity, pair in ("stiffness", (kep, kip)), ("damping", (self.gains[1], self.gains[3])):
             if not (self.matrices or rules.attached) and 0.0 < min(pair) < LEAST * max(pair):
                 raise InputError(
                     quantity, f"external {pair[0]}, internal {pair[1]}", f"neither below {LEAST:g} of the other one",
-                    "a push is solved to that part of the larger gain",
+                    "forces are accurate only down to that fraction of the larger gain",
                 )  # fmt: skip
         if self.soft and self.shape is None:
             raise InputError("shape", None, "a shape", "soft fingers exert torsion about its normal")
         if self.shape is not None and self.shape.kind not in KINDS:
-            raise InputError("shape", self.shape, "a shape whose kind `closest` knows", "see docs/development/shape.md")
+            raise InputError(
+                "shape", self.shape, "a shape whose kind `closest` supports", "see docs/development/shape.md"
+            )
         if self.shape is None and not rules.attached:
             raise InputError("shape", None, "a box or a sphere", "give the object a shape, or attach the contacts")
 
@@ -113,7 +117,9 @@ class Grip:
         if not (np.isfinite(self.pad) & (self.pad >= 0.0)).all():
             raise InputError("pad", self.rules.pad, "zero or more, for all fingers or one for each [N/m^1.5]")
         if self.padded and self.rules.attached:
-            raise InputError("pad", self.rules.pad, "unilateral contacts", "a pad cannot pull, an attached contact can")
+            raise InputError(
+                "pad", self.rules.pad, "unilateral contacts", "a pad cannot pull, whereas an attached contact can"
+            )
         if self.padded and self.implicit and self.damped:
             raise InputError(
                 "pad", self.rules.pad, "no damping with the implicit integrator",
@@ -147,7 +153,7 @@ class Grip:
 
     @property
     def squares(self) -> list[FloatArray]:
-        """The gains kep, ked, kip and kid in the form of the block, if some are matrices; 6 x 6 for the object."""
+        """The gains kep, ked, kip and kid in the block's format, if some are matrices; 6 x 6 for the object."""
         if not self.matrices:
             return []
         n, d, law = self.count, self.dimensions, self.law
@@ -224,12 +230,12 @@ class _Room:
     """Size of a grasp's block, and offsets of its parts.
 
     Attributes:
-        sizes: whole numbers in the state that determine the state's size.
-        state: number of entries of the state; the friction problems follow the state.
-        unknowns: number of unknowns of a friction problem.
-        most: largest number of modes of a friction problem.
-        problem: number of entries of each of the two problems.
-        walks: number of entries of the mesh searches; the mesh follows the searches.
+        sizes: Whole numbers in the state that determine the state's size.
+        state: Number of entries of the state; the friction problems follow the state.
+        unknowns: Number of unknowns of a friction problem.
+        most: Largest number of modes of a friction problem.
+        problem: Number of entries of each of the two problems.
+        walks: Number of entries of the mesh searches; the mesh follows the searches.
     """
 
     sizes: dict[str, int]
@@ -241,7 +247,7 @@ class _Room:
 
     @classmethod
     def of(cls, grip: Grip) -> _Room:
-        """Compute the size for a grip."""
+        """Compute the size of the block for a grip."""
         n, d = grip.count, grip.dimensions
         coordinates = 4 if grip.soft else d
         squares = grip.squares
@@ -271,10 +277,10 @@ def block_size(grip: Grip) -> int:
 
 
 def fill_block(block: FloatArray, grip: Grip, period: float) -> None:
-    """Fill the whole block of a grasp, whatever its previous contents.
+    """Fill the whole block of a grasp, regardless of its previous contents.
 
     Raises:
-        InputError: the block's length is wrong.
+        InputError: If the block's length is wrong.
     """
     if block.size != block_size(grip):
         raise InputError("block", block.size, f"{block_size(grip)} entries", "fill a block of the right size")
@@ -381,11 +387,13 @@ def whole_gain(gain: FloatArray, d: int) -> FloatArray:
     """Extend a gain of an object in d dimensions to all six degrees of freedom.
 
     Raises:
-        InputError: the matrix has the wrong size.
+        InputError: If the matrix has the wrong size.
     """
     places = FREEDOMS[d]
     if len(gain) != len(places):
-        raise InputError("external", gain.shape, f"a matrix ({len(places)}, {len(places)}) on the object's freedoms")
+        raise InputError(
+            "external", gain.shape, f"a matrix ({len(places)}, {len(places)}) on the object's degrees of freedom"
+        )
     whole = np.zeros((WIDE, WIDE))
     whole[np.ix_(places, places)] = gain
     return whole
@@ -409,7 +417,7 @@ def _fill_fingers(grasp: GraspState, grip: Grip) -> None:
 
 
 def _least(gain: float | FloatArray) -> float:
-    """Compute the smallest gain in any direction; rounding counts as zero."""
+    """Compute the smallest gain in any direction; values of rounding size are zero."""
     values = np.linalg.eigvalsh(gain) if np.ndim(gain) > 1 else np.atleast_1d(gain)
     return 0.0 if values.min() <= 1e-12 * values.max() else float(values.min())
 
@@ -425,7 +433,7 @@ def radii(value: ArrayLike, n: int) -> FloatArray:
     """Return the radii of fingertips, (n,) [m].
 
     Raises:
-        InputError: a radius is negative or not finite.
+        InputError: If a radius is negative or not finite.
     """
     lengths = np.asarray(value, dtype=float)
     if lengths.shape not in ((), (n,)) or not (np.isfinite(lengths) & (lengths >= 0.0)).all():
@@ -437,7 +445,7 @@ def largest_forces(value: ArrayLike, n: int) -> FloatArray:
     """Return the largest forces of fingers, (n,) [N].
 
     Raises:
-        InputError: a limit is not above zero.
+        InputError: If a limit is not above zero.
     """
     limits = np.asarray(value, dtype=float)
     if limits.shape not in ((), (n,)) or not (limits > 0.0).all():

@@ -1,4 +1,4 @@
-"""Frictionless contact for scalar gains: computes normal forces with one unknown per mode."""
+"""Frictionless contact for scalar gains: normal forces from one unknown per mode."""
 
 from __future__ import annotations
 

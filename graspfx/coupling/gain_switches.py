@@ -16,12 +16,12 @@ READ = itemgetter(*(start_of(GraspState, name) for name in NAMES))  # ten times 
 
 
 def contradiction(block: Any) -> str:
-    """Name a switch that contradicts the gains in a block; the name is empty if none does, or for matrix gains.
+    """Return the name of a switch that contradicts the gains in a block; empty if there is none, or for matrix gains.
 
     A gain that is written directly into a block does not update the switches, so forces would be wrong.
 
     Args:
-        block: block of a `GraspState`, or a memoryview of it.
+        block: Block of a `GraspState`, or a memoryview of it.
     """
     kep, ked, kip, kid, dense, equal, damped, singular = READ(block)
     if dense:

@@ -36,7 +36,7 @@ def fill_gains(grasp: GraspState) -> None:
 
 @kernel
 def is_up_to_date(grasp: GraspState) -> bool:
-    """Tell whether K and D are up to date, and store the present values on which they depend."""
+    """Return whether K and D are up to date, and store the present values on which they depend."""
     same = grasp.gains_known
     grasp.gains_known = True
     if grasp.axes_of_gains == WORLD or grasp.mixed:
@@ -220,7 +220,7 @@ def turn_column(X: Table, R: Matrix, c: Vector, b: int, d: int, out: Table) -> N
 
 @kernel
 def keep_skew(square: Table, largest: float, out: Table) -> float:
-    """Copy a matrix whose skew part, which generates energy, is the largest so far; return the largest size."""
+    """Copy a matrix if its skew part, which generates energy, is the largest so far; return the largest size."""
     skew = 0.0
     for p in range(square.columns):
         for q in range(p):

@@ -1,4 +1,4 @@
-"""Block of a grasped object: state of the object, the coupling and the fingers, and work space of the solvers."""
+"""Block of a grasped object: state of the object, the coupling and the fingers, and workspace of the solvers."""
 
 from __future__ import annotations
 
@@ -187,7 +187,7 @@ class GraspState(Record):
 
     @property
     def alone(self) -> bool:
-        """Whether each finger's force depends on its own displacement only: conventional method, scalar gains."""
+        """Whether each force depends only on its finger's displacement: the conventional method with scalar gains."""
         return self.equal and not self.dense and not self.implicit
 
     @property

@@ -56,20 +56,20 @@ class GraspedObject:
     reads it.
 
     Args:
-        fingers: number of fingers n.
-        dimensions: number of dimensions d.
-        period: sampling period T [s].
-        law: gains of eq. (4).
-        rules: contact rules.
-        shape: shape of the object; None only with attached contacts. They are then at the object's centre.
-        fill_body: function that writes the object's parameters and initial state into its part of the block.
-        radius: radius of the ball fingertips, one or (n,) [m]; zero for point fingertips.
-        limit: largest force of each finger, one or (n,) [N], infinite for a finger without a limit; None without
+        fingers: Number of fingers n.
+        dimensions: Number of dimensions d.
+        period: Sampling period T [s].
+        law: Gains of eq. (4).
+        rules: Contact rules.
+        shape: Shape of the object; None only with attached contacts. They are then at the object's centre.
+        fill_body: Function that writes the object's parameters and initial state into its part of the block.
+        radius: Radius of the ball fingertips, one or (n,) [m]; zero for point fingertips.
+        limit: Largest force of each finger, one or (n,) [N], infinite for a finger without a limit; None without
             limits.
-        live: names of fields of `GraspState` that may change during a run; programs do not fold them as constants.
+        live: Names of fields of `GraspState` that may change during a run; programs do not fold them as constants.
 
     Raises:
-        InputError: unilateral contact has no shape or a stiffness of zero; a radius is not a length; or soft fingers
+        InputError: If unilateral contact has no shape or a stiffness of zero; a radius is not a length; or soft fingers
             are not in space, have matrix gains, have no friction, or are attached without a shape.
     """
 
@@ -125,7 +125,7 @@ class GraspedObject:
             self.set_fade(self.state.fade_start, self.state.fade_end)
 
     def adopt(self, other: GraspedObject) -> None:
-        """Adopt the law and fade range of another grasped object; this block already contains its numbers."""
+        """Adopt the law and fade range of another grasped object, whose values this block already contains."""
         self.law = other.law
         if self.state.fade:
             self.set_fade(self.state.fade_start, self.state.fade_end)
@@ -151,9 +151,9 @@ class GraspedObject:
 
     @property
     def watched_entries(self) -> list[int]:
-        """Entries of `block` that no run changes and that are also read outside of samples.
+        """Entries of `block` that no run changes, and that are also read outside of samples.
 
-        These are the gains, from which matrices are composed once, and the data of P, with which a recording splits
+        These are the gains, from which matrices are composed once, and the data of P, by which a recording splits
         forces.
         """
         return [*gain_entries(), *matrix_entries(self.state), *split_entries(self.state)]
@@ -165,12 +165,12 @@ class GraspedObject:
 
     @property
     def shortfall(self) -> float:
-        """Largest distance so far by which the fade started too close to the surface [m]; 0 without a shortfall."""
+        """Largest distance by which the fade has started too close to the surface so far [m]; 0 if it has not."""
         return max(self._fades.shortfall, self.state.shortfall)
 
     @property
     def fade_needed(self) -> float:
-        """Gap at which the fade should have started for the forces so far [m]; 0 if it started far enough away."""
+        """Gap at which the fade should have started for the forces so far [m]; 0 if the start was far enough away."""
         return max(self._fades.needed, _needed(self.state.fade_start, self.state.shortfall))
 
     def fade_asked(self) -> tuple[float, float] | None:
@@ -238,14 +238,14 @@ class GraspedObject:
         return away
 
     def sample(self) -> int:
-        """Compute forces and wrench from the motion of fingers and object (free motion, if implicit)."""
+        """Compute forces and wrench from the motion of fingers and object (its free motion, if implicit)."""
         return sample(self._grasp)
 
     def damper_compliance(self, *, at_rest: bool = True) -> FloatArray:
         """Compute compliances C_i of the dampers in series, one per finger (n,) [m/(N s)]; zero at full damping.
 
         Args:
-            at_rest: if True, use the forces of the last sample, whose rates were zero; if False, use zero forces, for
+            at_rest: If True, use the forces of the last sample, whose rates were zero; if False, use zero forces, for
                 which the compliances are infinite.
         """
         if not self.state.gradual:
@@ -290,7 +290,7 @@ class GraspedObject:
         return K_t, K - K_t, K_i, D, D_i
 
     def contradiction(self) -> str:
-        """Name a switch of the block that contradicts its gains; empty if none does."""
+        """Return the name of a switch of the block that contradicts its gains; empty if there is none."""
         return contradiction(self._grasp.buffer)
 
     def check_activity(self) -> None:
@@ -341,7 +341,7 @@ def _grip(
 
 
 def fault_text(fault: int, fingers: Sequence[str], grasped: GraspedObject) -> str:
-    """Explain a fault of `sample` to the user."""
+    """Return the message for a fault of `sample`."""
     if fault == NOT_FINITE:
         return f"a finger's position or velocity is not finite ({', '.join(fingers)}); all forces are zero"
     if fault == UNRESOLVED:

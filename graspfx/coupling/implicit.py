@@ -1,4 +1,4 @@
-"""The sample with the implicit integrator: one linear system for the forces and the object's displacement."""
+"""Sample with the implicit integrator: one linear system for the forces and the object's displacement."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def condense(grasp: GraspState, elastic: bool, per: float) -> None:
 
 @inline
 def carries(grasp: GraspState, finger: FingerState, a: int) -> bool:
-    """Tell whether contact coordinate a carries force: the normal of a touching finger, tangents with friction."""
+    """Return whether contact coordinate a carries force: the normal of a touching finger, tangents with friction."""
     return finger.touching and (a == 0 or grasp.stick or grasp.friction)
 
 

@@ -1,4 +1,4 @@
-"""The step `limit` of a sample: before the object moves, limits the law's forces to what the devices can display.
+"""The step `limit` of a sample: before the object moves, the law's forces are limited to what devices can display.
 
 A limit only at the device would generate energy, because the object would receive forces that are not displayed. The
 limit is normally part of the projection: the cones are cut off at |f_i| <= L_i and the sample is solved again. The
@@ -56,7 +56,7 @@ def limit(grasp: GraspState, fault: int) -> int:
 
 @kernel
 def limit_again(grasp: GraspState) -> None:
-    """Limit forces to which an addition was made after `limit`; also add the addition to the law's forces."""
+    """Limit forces that were increased after `limit`; add the same increase to the law's forces."""
     for finger in grasp.fingers:
         finger.law_force -= finger.force
     react(grasp)
@@ -85,7 +85,7 @@ def store_law(grasp: GraspState) -> None:
 
 @kernel
 def exceeds(grasp: GraspState) -> bool:
-    """Tell whether the force or the elastic force of some finger exceeds its limit."""
+    """Return whether the force or the elastic force of some finger exceeds its limit."""
     beyond = False
     for finger in grasp.fingers:
         most = LIMIT_MARGIN * finger.limit
@@ -113,7 +113,7 @@ def mark(grasp: GraspState, inside: bool) -> None:
 
 @kernel
 def is_inside(grasp: GraspState) -> bool:
-    """Tell whether the projection can respect the limits.
+    """Return whether the projection can respect the limits.
 
     The projection cannot respect limits with the implicit integrator, with matrix gains without a coefficient of
     friction, or with sticking compliant fingertips.
@@ -125,7 +125,7 @@ def is_inside(grasp: GraspState) -> bool:
 
 @kernel
 def force_in_cut_cones(grasp: GraspState) -> int:
-    """Compute the elastic force in the cut cones, then add damping in them; return 0 or UNRESOLVED."""
+    """Compute the elastic force in the limited cones, then add damping in them; return 0 or UNRESOLVED."""
     if grasp.padded:
         fault = press(grasp)
         if fault != 0:

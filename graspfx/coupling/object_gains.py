@@ -42,7 +42,7 @@ def add_object_gain(grasp: GraspState, gain: Gain, first: int, scratch: int, out
 
 @kernel
 def fill_modal_gain(grasp: GraspState, gain: Gain, first: int) -> None:
-    """Compute A from the modes' wrenches and K_o; condense degrees of freedom that no mode holds; soften short arms."""
+    """Compute A from the modes' wrenches and K_o; condense degrees of freedom that no mode holds; bound short arms."""
     free = grasp.freedom.shifts + grasp.freedom.turns
     fill_wrenches(grasp, first)
     fill_free_gain(grasp, gain)

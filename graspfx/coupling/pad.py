@@ -144,7 +144,7 @@ def accept(grasp: GraspState) -> None:
 
 @kernel
 def learn(grasp: GraspState) -> None:
-    """Update B by Broyden's method: make the smallest change so that B maps the last change of e_n - delta to f_n's.
+    """Update B by Broyden's method: the smallest change such that B maps the last change of e_n - delta to that of f_n.
 
     Rows of fingers without force are unchanged.
     """
@@ -167,7 +167,7 @@ def learn(grasp: GraspState) -> None:
 
 @kernel
 def same_touch(grasp: GraspState) -> bool:
-    """Tell whether the pushing fingers are those for which B was filled; store which fingers push now."""
+    """Return whether the pushing fingers are those for which B was filled; store which fingers push now."""
     same = grasp.pads_known
     grasp.pads_known = True
     for i in range(grasp.count):
@@ -196,7 +196,7 @@ def fill_slope(grasp: GraspState) -> None:
 def predict(grasp: GraspState, proximal: bool) -> None:
     """Solve k delta^1.5 = f_n + B (e_n - delta - from) for the depths of pressed pads by Newton's method.
 
-    A finger without force gets no depth, except in a proximal step, which may only decrease that finger's depth.
+    The depth of a finger without force is zero, except in a proximal step, which may only decrease it.
     """
     n = grasp.count
     for i, finger in enumerate(grasp.fingers):

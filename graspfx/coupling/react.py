@@ -1,4 +1,4 @@
-"""The reaction of a sample: forces in world axes, and their wrench on the object."""
+"""Reaction of a sample: forces in world axes, and their wrench on the object."""
 
 from __future__ import annotations
 

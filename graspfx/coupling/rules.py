@@ -14,22 +14,22 @@ class Rules:
     """Contact rules of the coupling, named after a scene's keys.
 
     Attributes:
-        attached: whether contacts are bilateral: fixed in the object and without cones.
-        stick: whether a touching finger sticks to its contact point; otherwise it slips freely, unless it has
+        attached: Whether contacts are bilateral, that is, fixed in the object and without cones.
+        stick: Whether a touching finger sticks to its contact point; otherwise it slips without friction or by
             `friction`.
-        friction: coefficient of friction, one for all fingers or one for each.
-        patch: lengths rho of the contact patches [m], one for all fingers or one for each; 0 is a hard finger. Soft
+        friction: Coefficient of friction, one for all fingers or one for each.
+        patch: Lengths rho of the contact patches [m], one for all fingers or one for each; 0 is a hard finger. Soft
             fingers exist only in space.
-        share: weight of each finger in the metric: its device's mass over the mean mass; equal weights by default.
-        fade: gaps (h1, h2) [m] over which a free finger fades out of the grasp; None keeps every finger in the grasp
+        share: Weight of each finger in the metric: its device's mass over the mean mass; equal weights by default.
+        fade: Gaps (h1, h2) [m] over which a free finger fades out of the grasp; None keeps every finger in the grasp
             ("follow").
-        at_contact: whether the reaction acts at the contact point; otherwise it acts at the fingertip.
-        blend: rms arms (l1, l2) [m] over which a rotation enters the external space; None includes it at any arm.
-        axes: axes of matrix gains: "object", "world", or "contact", whose first axis is the normal.
-        damping_depth: depth over which a touching finger's damping rises to its full value [m]; 0 for full damping at
+        at_contact: Whether the reaction acts at the contact point; otherwise it acts at the fingertip.
+        blend: Rms arms (l1, l2) [m] over which a rotation enters the external space; None includes it at any arm.
+        axes: Axes of matrix gains: "object", "world", or "contact", whose first axis is the normal.
+        damping_depth: Depth over which a touching finger's damping rises to its full value [m]; 0 for full damping at
             any depth.
-        force_bound: largest force that the law may compute for a finger [N]; a larger force is a fault.
-        pad: stiffness k of compliant fingertips, f_n = k depth^1.5 [N/m^1.5], one for all fingers or one for each; 0 is
+        force_bound: Largest force that the law may compute for a finger [N]; a larger force is a fault.
+        pad: Stiffness k of compliant fingertips, f_n = k depth^1.5 [N/m^1.5], one for all fingers or one for each; 0 is
             a rigid fingertip.
     """
 

@@ -54,7 +54,7 @@ def couple(grasp: GraspState) -> int:
 
 @kernel
 def find_excess(grasp: GraspState) -> int:
-    """Return EXCESSIVE if the law's force on a finger exceeds the bound, and store that force; else return FINE."""
+    """Return EXCESSIVE and store the force if the law's force on a finger exceeds the bound; else return FINE."""
     largest = grasp.force_bound * grasp.force_bound
     fault = FINE
     for finger in grasp.fingers:
@@ -143,8 +143,8 @@ def check_fade(grasp: GraspState) -> None:
 def external_forces(grasp: GraspState, out: Floats) -> int:
     """Write the external part P f of this sample's forces, three components per finger in object axes [N].
 
-    P is computed from the grasp's modes and equals that of `two_forces.divide`. The function returns FINE. It runs
-    after the body has moved, so the object axes are those of the recorded pose.
+    P is computed from the grasp's modes and equals that of `two_forces.divide`. The function returns FINE. The kernel
+    runs after the body has moved, so the object axes are those of the recorded pose.
     """
     if grasp.fade:
         for finger in grasp.fingers:

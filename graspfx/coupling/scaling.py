@@ -1,11 +1,11 @@
 """Scaling of forces to limits: first the internal force alone, then the whole force.
 
-Scaled forces stay in their cones, and the direction of the wrench is kept. Let a = P f be the smallest contact forces
-with the same wrench, and b = f - a the remaining internal force. The scaled force is alpha (a + lambda b). lambda is
-the largest number in [lambda_c, 1] for which every |a_i + lambda b_i| <= L_i, with alpha = 1. If no such number exists,
-lambda minimises the largest |a_i + lambda b_i| / L_i, and alpha < 1. For lambda >= lambda_c all forces are in their
-cones; below lambda_c a finger would slip or pull. P is the projector for the points where the forces act. It contains
-only the force components that contacts transmit: without friction, the normal components.
+Scaled forces stay in their cones, and the direction of the wrench does not change. Let a = P f be the smallest contact
+forces with the same wrench, and b = f - a the remaining internal force. The scaled force is alpha (a + lambda b).
+lambda is the largest number in [lambda_c, 1] for which every |a_i + lambda b_i| <= L_i, with alpha = 1. If no such
+number exists, lambda minimises the largest |a_i + lambda b_i| / L_i, and alpha < 1. For lambda >= lambda_c all forces
+are in their cones; below lambda_c a finger would slip or pull. P is the projector for the points where the forces act.
+It contains only the force components that contacts transmit: without friction, the normal components.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def capacity(grasp: GraspState, finger: FingerState) -> int:
 
 @kernel
 def wrench_modes(grasp: GraspState) -> int:
-    """Write orthonormal directions of transmitted contact forces that have a wrench; return their number.
+    """Write orthonormal directions of transmitted contact forces whose wrench is not zero; return their number.
 
     The directions span G' of the free degrees of freedom, with the arms of the points where forces act. A contact that
     transmits normal force only uses one coordinate, the first of its four, so that small directions have no rounding

@@ -14,10 +14,10 @@ QUARTER = 2.0  # 4 cos^2 of half the angle, for a quarter turn
 def twist(grasp: GraspState, finger: FingerState) -> None:
     """Compute a finger's torsion rho theta, its rate, and the direction a of its moment on the object.
 
-    A fingertip does not turn. The object's rotation since the anchor, with the quaternion (v, w), is divided into swing
-    and twist; theta is minus the twist angle about the normal n, 2 atan2(v . n, w). A small turn of the object changes
-    theta by minus a . (turn), where a = [w^2 n + w n x v + (v . n) v] / (w^2 + (v . n)^2). Torsion that acts along a is
-    therefore conservative. If the reaction acts at c, as in the paper, torsion acts along a = n.
+    Fingertips do not rotate. The object's rotation since the anchor, with the quaternion (v, w), is divided into swing
+    and twist; theta is minus the twist angle about the normal n, 2 atan2(v . n, w). A small rotation of the object
+    changes theta by minus a . (rotation), where a = [w^2 n + w n x v + (v . n) v] / (w^2 + (v . n)^2). Torsion that
+    acts along a is therefore conservative. If the reaction acts at c, as in the paper, torsion acts along a = n.
     """
     if not finger.touching:
         set_anchor(grasp, finger, finger.retained.t)

@@ -27,13 +27,13 @@ class SplitRule:
     """The data that determine a grasp's P, except contact points and gaps.
 
     Attributes:
-        dimensions: number of dimensions d.
-        translations, rotations: world axes along and about which the object is free, three each.
-        blend: rms arms over which a rotation enters the external space [m]; None for full weight at any arm.
-        fade: gaps over which a free finger fades out of the grasp [m]; None without a fade.
-        shares: weight of each finger in the metric.
-        patches: patch lengths of the fingers, zero for hard ones [m].
-        reaction: point at which the object receives a force, "fingertip" or "contact".
+        dimensions: Number of dimensions d.
+        translations, rotations: World axes along and about which the object is free, three each.
+        blend: Rms arms over which a rotation enters the external space [m]; None for full weight at any arm.
+        fade: Gaps over which a free finger fades out of the grasp [m]; None without a fade.
+        shares: Weight of each finger in the metric.
+        patches: Patch lengths of the fingers, zero for hard ones [m].
+        reaction: Point at which the object receives a force, "fingertip" or "contact".
     """
 
     dimensions: int
@@ -85,9 +85,9 @@ class Samples(NamedTuple):
     """Contacts of one grasp over r samples.
 
     Attributes:
-        contact: contact points c in world axes, (n, d, r) [m]; relative to the object's centre if `rule.is_local`.
-        gap: gaps (n, r) [m]; None without a fade.
-        normal: normals into the object in world axes, (n, 3, r); None without soft fingers.
+        contact: Contact points c in world axes, (n, d, r) [m]; relative to the object's centre if `rule.is_local`.
+        gap: Gaps (n, r) [m]; None without a fade.
+        normal: Normals into the object in world axes, (n, 3, r); None without soft fingers.
     """
 
     contact: FloatArray
@@ -105,11 +105,11 @@ def divide(
         P f = sqrt(w_i) sum_k beta_k q_k(i) z_k,    P' e = sum_k beta_k q_k(i) / sqrt(w_i) sum_j sqrt(w_j) q_k(j) . e_j.
 
     Args:
-        rule: rule of the grasp.
-        samples: contacts of the grasp.
-        whole: forces f [N] or displacements e [m] in world axes, (n, d, r).
-        torsion: torsion of soft fingers, (n, r): tau / rho [N], or rho theta [m] if `dual`.
-        dual: whether `whole` holds displacements.
+        rule: Rule of the grasp.
+        samples: Contacts of the grasp.
+        whole: Forces f [N] or displacements e [m] in world axes, (n, d, r).
+        torsion: Torsion of soft fingers, (n, r): tau / rho [N], or rho theta [m] if `dual`.
+        dual: Whether `whole` holds displacements.
 
     Returns:
         The external part, (n, d, r). With soft fingers it is (n, 4, r), and the last component is the torsion.

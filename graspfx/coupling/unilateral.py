@@ -44,10 +44,10 @@ def unilateral(grasp: GraspState, again: bool) -> int:
 
 @kernel
 def update_touching(grasp: GraspState, again: bool) -> bool:
-    """Mark the fingers that push, and tell whether the forces must be recomputed.
+    """Mark the fingers that push, and return whether the forces must be recomputed.
 
-    A released sticking finger gets the contact point that it would have without an anchor, and a second pass is
-    required. Without the second pass the finger would exert no force in this sample and touch again in the next.
+    A sticking finger that is released gets the contact point that it would have without an anchor, and a second pass is
+    required. Otherwise the finger would exert no force in this sample, and touch again in the next.
     """
     anew = False
     for finger in grasp.fingers:
@@ -108,7 +108,7 @@ def project(grasp: GraspState) -> int:
 
 @kernel
 def all_push(grasp: GraspState) -> bool:
-    """Tell whether every finger pushes."""
+    """Return whether every finger pushes."""
     count = 0
     for finger in grasp.fingers:
         count += 1 if normal_force(finger) > 0.0 else 0

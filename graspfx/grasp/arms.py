@@ -24,7 +24,7 @@ def centred_arms(points: FloatArray, *, principal: bool) -> tuple[FloatArray, Fl
 
     Args:
         points: Contact points, (..., n, d) [m], d = 2 or 3.
-        principal: In space, use the principal axes of the contacts as axes u_k instead of the world's axes.
+        principal: Whether, in space, the axes u_k are the principal axes of the contacts instead of the world's axes.
 
     Returns:
         Axes: (1, 1) in the plane, (..., 3, 3) in space with one axis per row, or (3, 3) for the world's axes. Fields:

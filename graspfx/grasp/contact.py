@@ -76,16 +76,16 @@ def contacts(
 
     Args:
         points: Contact points, (n, d) [m] with d = 1, 2 or 3, or many sets of points, (..., n, d).
-        normals: Normals into the object of any non-zero length, (n, d) or (..., n, d). Frictionless contacts need them;
-            so do soft contacts in space, unless frames are given.
+        normals: Normals into the object of any non-zero length, (n, d) or (..., n, d). Required for frictionless
+            contacts, and for soft contacts in space without frames.
         model: Name or selection matrix, one for all contacts or one per contact.
         frames: Axes of each contact as orthonormal columns, (n, d, d) or (..., n, d, d); the last column is the normal
             into the object.
 
     Raises:
-        InputError: Shapes do not fit, values are not finite, a normal is missing or zero, or frames are not orthonormal
-            or their last axis is not the normal.
-        UnknownNameError: No model has that name.
+        InputError: If shapes are inconsistent, values are not finite, a normal is missing or zero, frames are not
+            orthonormal, or their last axis is not the normal.
+        UnknownNameError: If no model has that name.
     """
     p = contact_points(points)
     n, d = p.shape[-2:]
@@ -120,16 +120,16 @@ def contact_points(points: ArrayLike) -> FloatArray:
     """Check contact points (..., n, d), and copy them.
 
     Raises:
-        InputError: The shape is wrong, or values are not finite.
+        InputError: If the shape is wrong, or values are not finite.
     """
     p = finite("points", points)
     if p.ndim < 2 or not p.size or p.shape[-1] not in MOMENTS:
-        raise InputError("points", p, "an array (n, d) with n > 0 and d = 1, 2 or 3, or sets of them (..., n, d)")
+        raise InputError("points", p, "an array (n, d) with n > 0 and d = 1, 2 or 3, or many sets (..., n, d)")
     return p
 
 
 def point_contacts(points: FloatArray, normals: FloatArray | None = None) -> Contacts:
-    """Compute the components of hard contacts in world axes, without checks."""
+    """Return the components of hard contacts in world axes, without checks."""
     n, d = points.shape[-2:]
     force = np.tile(np.eye(d), (n, 1))
     none = np.zeros(n * d, dtype=bool)
@@ -139,7 +139,7 @@ def point_contacts(points: FloatArray, normals: FloatArray | None = None) -> Con
 
 
 def _stacked(rows: Sequence[FloatArray]) -> FloatArray:
-    """Stack rows (k, d); each row is given per set of contacts, or once for all sets."""
+    """Stack vectors to rows (k, d); each vector is given per set of contacts, or once for all sets."""
     sets = np.broadcast_shapes(*(each.shape[:-2] for each in rows))
     return np.concatenate([np.broadcast_to(each, (*sets, *each.shape[-2:])) for each in rows], axis=-2)
 
@@ -176,8 +176,8 @@ def _selection(selection: Model, d: int, name: str) -> FloatArray:
         raise InputError(
             name,
             S[pulls & turns][0].tolist(),
-            "rows of forces or of moments alone",
-            "newtons and newton metres do not add",
+            "rows that contain only forces or only moments",
+            "a force and a moment have different units and cannot be added",
         )
     if (np.diff(turns.astype(int)) < 0).any():
         raise InputError(name, S.tolist(), "rows of forces before rows of moments")
@@ -201,7 +201,9 @@ def unit_normals(normals: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     largest = np.abs(vectors).max(axis=-1, keepdims=True)
     if not (largest > 0.0).all():
         place = _place(largest[..., 0], np.argmin)
-        raise InputError(_name("normals", place), vectors[place].tolist(), "a direction", "a zero vector has none")
+        raise InputError(
+            _name("normals", place), vectors[place].tolist(), "a direction", "a zero vector has no direction"
+        )
     scaled = vectors / largest  # squares of tiny components would underflow
     return np.broadcast_to(scaled / np.linalg.norm(scaled, axis=-1, keepdims=True), shape)
 
@@ -230,7 +232,7 @@ def _axes(frames: ArrayLike, unit: FloatArray | None, shape: tuple[int, ...]) ->
             i = _place(error, np.argmax)
             raise InputError(
                 _name("frames", i), axes[i].tolist(), f"the normal {unit[i].tolist()} as its last column",
-                "axes stand in columns, and the normal points into the object",
+                "the columns are the axes, and the normal points into the object",
             )  # fmt: skip
     return axes
 

@@ -17,7 +17,7 @@ class Contact(Record):
 
 
 class FramedContact(Contact):
-    """A contact with its own axes."""
+    """A contact with its frame."""
 
     frame: Matrix  # normal and tangents as rows
 
@@ -37,7 +37,7 @@ class Freedom(Record):
 
 
 class ModeMotion(Record):
-    """A finger's part of a rigid mode."""
+    """Motion of a finger in a rigid mode."""
 
     shift: Vector
     twist: float  # torsion times the patch length, if some finger is soft

@@ -1,4 +1,4 @@
-"""Eq. (4) for point contacts on a free object, by one best-fitting rigid motion instead of G, G^+ and P.
+"""Eq. (4) for point contacts on a free object, by the best-fitting rigid motion instead of G, G^+ and P.
 
 f = s + P d with s = K_ip e + K_id e', d = (K_ep - K_ip) e + (K_ed - K_id) e' and scalar gains. P d is the rigid motion
 that fits the field d best: the mean of d, and a rotation about the centroid. Weights are equal, and all translations

@@ -73,7 +73,7 @@ class Pivots:
 
 @kernel
 def couple_about(grasp: PointGrasp, line: Line, noise: float, modes: Table | None) -> None:
-    """Compute the forces, or the modes; `noise` is the squared rounding of the coordinates [m^2]."""
+    """Compute the forces, or the modes; `noise` is the square of the coordinates' rounding error [m^2]."""
     centre = centre_of(grasp, line)
     moments = moments_of(grasp, line, centre)
     pivots = pivots_of(grasp, line, moments, noise)

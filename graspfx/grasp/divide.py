@@ -1,4 +1,4 @@
-"""Divide contact forces into external and internal parts, by any kind of split, including one for analysis only."""
+"""Division of contact forces into external and internal parts by any kind of split, including one for analysis only."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ def divide(
         External and internal forces, with the shape of `force`.
 
     Raises:
-        InputError: An argument is invalid for `Split`, or the kind does not use it.
-        UnknownNameError: The kind is unknown.
+        InputError: If an argument is invalid for `Split`, or is not used by the kind.
+        UnknownNameError: If the kind is unknown.
     """
     if kind not in get_args(AnyKind):
         raise UnknownNameError("kind of split", str(kind), get_args(AnyKind))

@@ -1,4 +1,4 @@
-"""Gains of an impedance, which are numbers, numbers per finger, or matrices: checks, text and rotation of axes."""
+"""Checks, formatting and rotation of an impedance's gains: numbers, numbers per finger, or matrices."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def turned_gain(gain: Gain, R: FloatArray) -> Gain:
 
 
 def _even(K: FloatArray) -> FloatArray:
-    """Remove the skew part that rounding leaves in a rotated matrix."""
+    """Remove the skew part of a rotated matrix, which is due to rounding."""
     return np.asarray(0.5 * (K + np.swapaxes(K, -1, -2)))
 
 
@@ -37,7 +37,7 @@ def checked_gain(name: str, argument: ArrayLike) -> Gain:
     """Check a gain, and copy it.
 
     Raises:
-        InputError: A number is negative or not finite, or a matrix is not symmetric positive semidefinite.
+        InputError: If a number is negative or not finite, or a matrix is not symmetric positive semidefinite.
     """
     value = finite(name, argument)
     if value.ndim == 0:
@@ -72,7 +72,7 @@ def gain_text(gain: Gain, unit: str) -> str:
 
 
 def equal_gains(outer: Gain, inner: Gain) -> bool:
-    """Tell whether two gains are equal, even if one is given once for all fingers and the other per finger."""
+    """Return whether two gains are equal, even if one is given for all fingers and the other per finger."""
     a, b = np.asarray(outer), np.asarray(inner)
     if a.ndim == b.ndim:
         return np.array_equal(a, b)

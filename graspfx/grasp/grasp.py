@@ -1,4 +1,4 @@
-"""Grasp: contacts on an object, their matrix, its split, and measures of quality."""
+"""Grasp: contacts on an object, the grasp matrix, its split, and quality measures."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Grasp(Carded, GraspMatrix):
 
     w = 1 on the line (f), 3 in the plane (f_x, f_y, t_z) and 6 in space (force, then moment), minus the number of
     locked degrees of freedom. f is the force of the fingers on the object. Columns are ordered contact by contact,
-    forces before moments. Leading axes of `points` hold many sets of n contacts with the same models, origin and
+    forces before moments. Leading axes of `points` contain many sets of n contacts with the same models, origin and
     degrees of freedom. G is then (..., w, m), and each set is split independently.
 
     Args:
@@ -34,19 +34,19 @@ class Grasp(Carded, GraspMatrix):
         normals: Normals into the object, (n, d) or (..., n, d).
         model: "frictionless", "hard", "soft", "full" or a selection matrix, one for all or one per contact (see
             `grasp.contact.Contacts`); or a name from the literature: FPC or PwoF, PCWF or HF, SF.
-        frames: Axes of each contact as columns, of which the last is the normal, (n, d, d) or (..., n, d, d); the
-            world's axes if None.
+        frames: Axes of each contact as columns, the last one the normal, (n, d, d) or (..., n, d, d); the world's axes
+            if None.
         origin: Reference point o of moments, (d,), or one point for each set [m]; zero if None.
         free: Mask of the w degrees of freedom in which the object can move; rows of the others are omitted.
 
     Attributes:
-        contacts: The checked contacts with their components.
+        contacts: Checked contacts, with their components.
         finger_of_column: Index of the contact of each column, (m,).
         torsion_columns: Mask of the components that are moments [N m], (m,).
         moment_rows: Mask of the rows that are moments of the wrench, (w,).
 
     Raises:
-        InputError: An argument is invalid for `grasp.contact.contacts`, or the shape of the origin or mask is wrong.
+        InputError: If an argument is invalid for `grasp.contact.contacts`, or the shape of the origin or mask is wrong.
     """
 
     def _card(self) -> Card:

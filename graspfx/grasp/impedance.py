@@ -1,4 +1,4 @@
-"""Eq. (4): coupling impedances of the external and the internal part of contact forces."""
+"""Coupling impedances of the external and the internal part of contact forces, eq. (4)."""
 
 from __future__ import annotations
 
@@ -29,22 +29,22 @@ GROWN = 10.0  # growth that causes another warning; while a finger fades in, the
 
 
 class ActiveCouplingWarning(UserWarning):
-    """A coupling that can create energy."""
+    """Warning that a coupling can create energy."""
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class Impedance(Carded):
     """Spring and damper between contact displacements and forces, f = K e + D e'.
 
-    A gain is a number; one number per finger (n,); a symmetric positive semidefinite matrix (d, d) for all fingers or
-    (n, d, d) with one each, in the axes of the contacts' force components; or a full matrix (m, m).
+    A gain is a number, one number per finger (n,), a symmetric positive semidefinite matrix (d, d) for all fingers or
+    (n, d, d) per finger in the axes of the contacts' force components, or a full matrix (m, m).
 
     Args:
         stiffness: Stiffness K [N/m].
         damping: Damping D [N s/m].
 
     Raises:
-        InputError: A number is negative or not finite, or a matrix is not symmetric positive semidefinite.
+        InputError: If a number is negative or not finite, or a matrix is not symmetric positive semidefinite.
     """
 
     stiffness: Gain
@@ -66,11 +66,11 @@ class Coupling(Carded):
     """f = P (K_ep e + K_ed e') + (I - P) (K_ip e + K_id e') (Kawai and Yoshikawa, eq. 4), force on the object.
 
     P is the split's projector on forces. With a metric M = L L, L symmetric, scalar gains enter as k M, and gains per
-    finger and (d, d) matrices as L K L, so that contacts with a small weight get a small force. Full matrices enter as
-    given.
+    finger and (d, d) matrices as L K L. Contacts with a small weight therefore have a small force. Full matrices enter
+    as given.
 
     The form "literal" is eq. (4). Its stiffness is asymmetric if the gains do not commute with P. An asymmetric
-    stiffness creates energy on closed motions. A warning states how much, and is repeated whenever the energy has grown
+    stiffness creates energy on closed motions. A warning states the energy, and is repeated whenever it has grown
     tenfold. The form "symmetric", P K_ep P' + (I - P) K_ip (I - P)', never creates energy. The two forms agree for
     scalar gains.
 
@@ -87,7 +87,7 @@ class Coupling(Carded):
         form: "literal" or "symmetric".
 
     Raises:
-        UnknownNameError: The form is neither "literal" nor "symmetric".
+        UnknownNameError: If the form is neither "literal" nor "symmetric".
     """
 
     external: Impedance | ObjectImpedance
@@ -125,7 +125,7 @@ class Coupling(Carded):
         return all(equal_gains(*self._pair(pair)) for pair in pairs)
 
     def turned(self, R: ArrayLike) -> Coupling:
-        """Rotate matrices into the axes of the contact forces, R K R'. Numbers have no axes.
+        """Rotate matrix gains into the axes of the contact forces, R K R'. Numbers have no axes.
 
         Args:
             R: Rotation from the axes of the gains, (d, d), or (n, d, d) with one per contact.
@@ -196,7 +196,7 @@ class Coupling(Carded):
         return head
 
     def rule(self, pair: Pair) -> Literal["equal", "literal", "symmetric"]:
-        """Return the rule by which a pair of gains is composed: "equal" if they are equal, else the form."""
+        """Return the rule for combining a pair of gains: "equal" if they are equal, else the form."""
         outer, inner = self._pair(pair)
         if self.of_object:
             return "symmetric" if isinstance(inner, float) else self.form
@@ -275,7 +275,7 @@ def spread(gain: Gain, split: Split) -> FloatArray:
     """Expand a gain to a matrix (m, m) on the split's components, with its metric: k M, L K L', or the full matrix.
 
     Raises:
-        InputError: The gain does not fit the contacts.
+        InputError: If the gain's shape is wrong for these contacts.
     """
     m, grasp, M = split.components, split.grasp, split.metric
     if isinstance(gain, float):
@@ -297,7 +297,7 @@ def spread(gain: Gain, split: Split) -> FloatArray:
         expected = f"a number or a matrix ({m}, {m})"
         if grasp is None:
             raise InputError(
-                "gain", gain, expected, "a split of a bare matrix does not know its fingers; split a Grasp"
+                "gain", gain, expected, "a split of a matrix has no information about fingers: use the split of a Grasp"
             )
         raise InputError(
             "gain",
@@ -311,7 +311,7 @@ def per_finger(gain: Gain, fingers: int, dimensions: int) -> FloatArray:
     """Expand a gain of point contacts to (n, d, d), a matrix per finger; return a full matrix (m, m) unchanged.
 
     Raises:
-        InputError: The gain does not fit the contacts.
+        InputError: If the gain's shape is wrong for these contacts.
     """
     n, d = fingers, dimensions
     gains = np.asarray(gain, dtype=float)

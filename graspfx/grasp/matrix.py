@@ -1,4 +1,4 @@
-"""Grasp matrix of n contacts, f_v = G f (eq. 2), and the meaning of its rows and columns."""
+"""Grasp matrix of n contacts, f_v = G f (eq. 2), with a description of its rows and columns."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ def grasp_matrix(
 ) -> FloatArray:
     """Compute G of f_v = G f (Kawai and Yoshikawa, eq. 2), (w, m). The arguments are those of `Grasp`.
 
-    Many sets of contacts give (..., w, m).
+    G is (..., w, m) for many sets of contacts.
     """
     return GraspMatrix(points, normals, model=model, frames=frames, origin=origin, free=free).matrix
 
 
 class GraspMatrix:
-    """Grasp matrix with the meaning of its rows and columns. The arguments are those of `Grasp`."""
+    """Grasp matrix, with a description of its rows and columns. The arguments are those of `Grasp`."""
 
     def __init__(
         self,
@@ -122,7 +122,7 @@ class GraspMatrix:
 
         The rows are the object's free motions at the contacts: translations, and rotations about the contacts' centroid
         divided by the rms contact radius R. R is the returned length. If a translation is locked, the rotation's row
-        includes the motion of the centroid, so that a knob turns about its own axis.
+        includes the motion of the centroid, so that a knob rotates about its own axis.
         """
         d, free = self.dimensions, self.free
         a = self.contacts.force_axes
@@ -150,7 +150,7 @@ class GraspMatrix:
         """Require one set of contacts.
 
         Raises:
-            InputError: There are many sets.
+            InputError: If there are several sets of contacts.
         """
         if self.sets:
             raise InputError("points", self.points.shape, "one set of contacts (n, d)", f"call {function} for each set")

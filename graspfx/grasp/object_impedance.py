@@ -1,4 +1,4 @@
-"""Stiffness and damping between fingers and object, given for the object, and their distribution over contacts."""
+"""Stiffness and damping of an object relative to the fingers, and their distribution over contacts."""
 
 from __future__ import annotations
 
@@ -24,15 +24,16 @@ ROUNDING = 1e-13  # relative bound below which eigenvalues of the unheld stiffne
 class ObjectImpedance(Carded):
     """Spring and damper between fingers and object: a rigid displacement x of the fingers exerts K_o x.
 
-    As the external part of a `Coupling`, stiffness and damping are distributed over the contacts so that the stiffness
-    at the object is the stated one for any number of fingers. With N spanning the null space of G', the split's metric
-    M, and X = M G'(G M G')^+,
+    As the external part of a `Coupling`, stiffness and damping are distributed over the contacts so that the object's
+    stiffness is the given one for any number of fingers. With N spanning the null space of G', the split's metric M,
+    and X = M G'(G M G')^+,
 
         K_c = K_o - K_o N (N' K_o N)^+ N' K_o,    K_ep = X K_c X'.
 
-    In K_c the degrees of freedom that the contacts cannot hold are condensed out, so neither the unit of moments nor
-    the reference point matters. Then P K_ep = K_ep = K_ep P' and G K_ep G' = K_c, which equals K_o if G has full rank.
-    K_ep is symmetric and creates no energy. The internal part adds nothing to the stiffness at the object.
+    In K_c, degrees of freedom that the contacts cannot hold are eliminated by static condensation, so that neither the
+    unit of moments nor the reference point matters. Then P K_ep = K_ep = K_ep P' and G K_ep G' = K_c, which equals K_o
+    if G has full rank. K_ep is symmetric and creates no energy. The internal part adds nothing to the object's
+    stiffness.
 
     K_o is the stiffness at zero squeeze. Squeezing adds the geometric stiffness of the contact forces, which
     a certificate includes.
@@ -45,7 +46,7 @@ class ObjectImpedance(Carded):
         point: Point to which K_o and D_o refer, (d,) [m]; the origin of the grasp's moments if None.
 
     Raises:
-        InputError: A matrix is not symmetric positive semidefinite, or shapes do not fit.
+        InputError: If a matrix is not symmetric positive semidefinite, or a shape is wrong.
     """
 
     stiffness: FloatArray
@@ -106,7 +107,7 @@ def object_gain(impedance: ObjectImpedance, pair: str, split: Split) -> FloatArr
     """Compute K_ep, or D_ep, of a split's contacts, (..., m, m), symmetric to the last bit.
 
     Raises:
-        InputError: The degrees of freedom of impedance and grasp differ.
+        InputError: If the degrees of freedom of impedance and grasp differ.
     """
     m, sets = split.components, split.sets
     grasp = split.grasp
@@ -125,10 +126,10 @@ def object_gain(impedance: ObjectImpedance, pair: str, split: Split) -> FloatArr
 
 
 def modal_gain(K: FloatArray, T: FloatArray, moments: NDArray[np.bool_]) -> FloatArray:
-    """Compute T^+ K_c T^+' (r, r), where K_c is the stiffness (w, w) after release of unheld degrees of freedom.
+    """Compute T^+ K_c T^+' (r, r), where K_c is the stiffness (w, w) after condensation of unheld degrees of freedom.
 
     T (w, r) has full rank; its columns are the wrenches of unit modal forces. Forces and moments are scaled by the
-    stiffness, not by the entries of T, because a moment in T may be rounding.
+    stiffness, not by the entries of T, because a moment in T may be rounding error.
     """
     if not K.any():
         return np.zeros((T.shape[1],) * 2)
@@ -157,7 +158,7 @@ def _of_freedoms(K: FloatArray, grasp: ContactSet | None, w: int) -> FloatArray:
         return np.asarray(K[np.ix_(free, free)])
     if len(K) == w:
         return K
-    raise InputError("stiffness", K.shape, f"a matrix ({len(free)}, {len(free)}) on the object's freedoms")
+    raise InputError("stiffness", K.shape, f"a matrix ({len(free)}, {len(free)}) on the object's degrees of freedom")
 
 
 def _square(name: str, argument: ArrayLike) -> FloatArray:
@@ -165,7 +166,9 @@ def _square(name: str, argument: ArrayLike) -> FloatArray:
     if value.ndim < 2:
         value = np.diag(np.atleast_1d(value))
     if value.ndim != 2 or not 0 < len(value) <= 6:
-        raise InputError(name, value.shape, "a number, (w,) or (w, w), w the object's freedoms: 1, 3 or 6")
+        raise InputError(
+            name, value.shape, "a number, (w,) or (w, w) for w = 1, 3 or 6 degrees of freedom of the object"
+        )
     return np.array(checked_gain(name, value))
 
 

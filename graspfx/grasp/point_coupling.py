@@ -1,4 +1,4 @@
-"""Eq. (4) for point contacts on a free object, in place: points, displacements, rates and forces share one block."""
+"""Eq. (4) for point contacts on a free object, computed in one block of points, displacements, rates and forces."""
 
 from __future__ import annotations
 
@@ -38,18 +38,18 @@ class PointCoupling(Carded):
     forces.
 
     Contacts on a line rotate about it freely (rank 5 in space), and coincident contacts do not rotate (rank 3). The
-    rank is decided in each call, without the blend of a run (scene key `coupling.blend`). For locked freedoms, weights
-    or torsion use `Grasp`, `Split` and `Coupling.force`.
+    rank is determined in each call, without the blend of a run (scene key `coupling.blend`). For locked degrees of
+    freedom, weights or torsion use `Grasp`, `Split` and `Coupling.force`.
 
     Args:
         external: Impedance with numbers k_ep [N/m] and k_ed [N s/m].
         internal: Impedance with numbers k_ip and k_id.
         fingers: Number n of fingers.
         dimensions: Dimension d: 1, 2 or 3.
-        tolerance: Contacts count as on a line if their rms distance from it, relative to their rms distance from the
-            centroid, is at most this (`Split`: 1e-6), or at most the rounding of their coordinates.
+        tolerance: Contacts are treated as collinear if their rms distance from a line is at most this fraction of their
+            rms distance from the centroid (`Split`: 1e-6), or at most the rounding of their coordinates.
         engine: "compiled", "interpreted", or "auto", which compiles if llvmlite is installed. Compiling takes a second,
-            once per machine. Both engines give the same forces to the last bit.
+            once per machine. Both engines compute the same forces to the last bit.
 
     Attributes:
         compute: Callable without arguments that fills `force`; bind it to a local name in a loop.
@@ -59,10 +59,10 @@ class PointCoupling(Carded):
         force: Force f, (n, d) [N].
 
     Raises:
-        InputError: Gains are matrices, there are no fingers, dimensions are not 1, 2 or 3, or the tolerance is outside
-            [0, 1).
-        UnknownNameError: The engine is unknown.
-        MissingPackageError: The engine is "compiled" and llvmlite is missing.
+        InputError: If gains are matrices, there are no fingers, dimensions are not 1, 2 or 3, or the tolerance is
+            outside [0, 1).
+        UnknownNameError: If the engine is unknown.
+        MissingPackageError: If the engine is "compiled" and llvmlite is missing.
     """
 
     compute: Callable[[], object]

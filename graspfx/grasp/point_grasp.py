@@ -1,4 +1,4 @@
-"""Block of numbers for point contacts on a free object: gains, points, displacements, rates and forces."""
+"""Block of point contacts on a free object: gains, points, displacements, rates and forces."""
 
 from __future__ import annotations
 

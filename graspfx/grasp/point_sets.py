@@ -34,7 +34,7 @@ def warm() -> None:
     """Load the kernels' machine code, or compile it.
 
     Raises:
-        MissingPackageError: LLVM is missing.
+        MissingPackageError: If LLVM is missing.
     """
     for kernel in (COUPLE, COUPLE_ROWS, MODE_ROWS):
         kernel.compile()
@@ -108,7 +108,7 @@ class Workspaces(local, Generic[Space]):
     """Workspaces of a thread, one for each number of contacts and dimension.
 
     Args:
-        kind: Class of the workspace, which takes (n, d).
+        kind: Class of the workspace, constructed from (n, d).
     """
 
     def __init__(self, kind: Callable[[int, int], Space]) -> None:
@@ -198,5 +198,5 @@ def point_modes(points: FloatArray, tolerance: float) -> tuple[FloatArray, NDArr
 
 
 def _flat(x: FloatArray) -> FloatArray:
-    """Flatten an array; copy it if a kernel cannot take its memory layout."""
+    """Flatten an array; copy it if a kernel does not support its memory layout."""
     return np.require(x, requirements=["C", "W"]).reshape(-1)

@@ -43,7 +43,7 @@ def rigid_modes(
     With `width` 4, a finger's part ends with the torsion about its normal in units of its patch length rho:
     sqrt(w_i) rho_i a_k . n_i / norm; rho = 0 for a finger that exerts no torsion.
 
-    The `whole` set also contains rotations whose blend is zero, and therefore all rigid motions of the contacts.
+    With `whole`, the modes include rotations whose blend is zero, and therefore span all rigid motions of the contacts.
 
     Returns:
         The number of modes, and the number of rotations with an arm above `NO_ARM` whose blend is less than 1.
@@ -103,7 +103,7 @@ def write_rotation(
 def keep_rotations(
     freedom: Freedom, root: float, low: float, high: float, whole: bool, modes: Table
 ) -> tuple[int, int]:
-    """Scale all rotations with a blend to unit length, and move them behind the translations."""
+    """Scale all rotations with non-zero blend to unit length, and move them after the translations."""
     count, blended = freedom.shifts, 0
     for k in range(freedom.shifts, freedom.shifts + freedom.turns):
         mode = modes[k]

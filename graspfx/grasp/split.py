@@ -29,12 +29,12 @@ COARSE = 1e-3  # up to this tolerance an arm about the line through two contacts
 
 
 class UnitDependentSplitWarning(UserWarning):
-    """A split that adds squares of forces to squares of moments, and so depends on the unit of length."""
+    """Warning that a split adds squares of forces and of moments, and therefore depends on the unit of length."""
 
 
 @runtime_checkable
 class ContactSet(Protocol):
-    """Set of contacts, as the split needs it; `grasp.matrix.GraspMatrix` implements it."""
+    """Protocol of a set of contacts to be split, implemented by `grasp.matrix.GraspMatrix`."""
 
     fingers: int
 
@@ -70,7 +70,7 @@ class Split(Carded):
     radius R, so that the rank depends on lengths alone. Rotations are in radians, and translations and torsion of a
     contact in units of R. A unit motion of the object is external if the rms displacement of the contacts exceeds
     `tolerance` R. With the default, if contacts lie within 1e-6 R of a line, the rotation about that line is internal.
-    The rank does not depend on the metric. (If translations are locked, a rotation keeps its own axis.)
+    The rank does not depend on the metric. (If a translation is locked, rotations are about the object's axis.)
 
     Without a metric, the kernels of `PointCoupling` split hard contacts on a free object. For a rotation about the line
     through the contacts to be external, it must then also move them by more than the rounding of their coordinates.
@@ -89,19 +89,19 @@ class Split(Carded):
         tolerance: Relative tolerance of the rank, as described above.
         kind: Name of the metric: "pseudoinverse", M = I (the paper's); "mass" and "weights", a number per finger,
             `weights` over their mean; "stiffness", the springs of the fingers and their pads, `stiffness` over its
-            mean. All are conservative as couplings. `graspfx.divide` has one more, for analysis.
+            mean. All are conservative as couplings. `graspfx.divide` supports one more kind, for analysis.
         weights: Device masses [kg], or numbers of any unit, one per finger (n,), for "mass" and "weights".
         stiffness: Stiffness of each finger and its pad in series, one per finger (n,) for contacts without moments, one
             per component (m,), or a matrix (m, m) [N/m, N m/rad], for "stiffness". It is never the stiffness of the
             coupling, which depends on P.
 
     Attributes:
-        grasp: The `Grasp`, or None for a matrix.
+        grasp: `Grasp`, or None for a matrix.
         sets: Shape of the sets of contacts, () for one set.
 
     Raises:
-        InputError: The metric does not fit or is not positive definite, values are not finite, or the tolerance is
-            outside [0, 1).
+        InputError: If the metric has a wrong shape or is not positive definite, values are not finite, or the tolerance
+            is outside [0, 1).
     """
 
     def __init__(
@@ -152,7 +152,7 @@ class Split(Carded):
 
     @cached_property
     def condition(self) -> Any:
-        """Ratio of the largest to the smallest singular value that counts, (...); 1 if none counts."""
+        """Ratio of the largest to the smallest singular value above the tolerance, (...); 1 if there is none."""
         values = self._values if self.of_points else self._spectrum[1]
         if not values.shape[-1]:
             return np.ones(self.sets) if self.sets else 1.0
@@ -179,7 +179,7 @@ class Split(Carded):
 
     @property
     def matrix(self) -> FloatArray:
-        """G, (w, m) or (..., w, m), as it was given."""
+        """Given matrix G, (w, m) or (..., w, m)."""
         return self._bare if self.grasp is None else self.grasp.matrix
 
     @cached_property
@@ -212,7 +212,7 @@ class Split(Carded):
 
     @cached_property
     def _spectrum(self) -> tuple[FloatArray, FloatArray]:
-        """Orthonormal basis (..., m, rank) of the rows of G, and singular values, zero if they do not count."""
+        """Orthonormal basis (..., m, rank) of the rows of G, and singular values, zero below the tolerance."""
         if self.grasp is None:
             basis, values = _row_space(self._bare, relative=self._tolerance)
         else:
@@ -259,10 +259,10 @@ class Split(Carded):
 
     @cached_property
     def internal_basis(self) -> FloatArray:
-        """Orthonormal basis (..., m, m - rank) of the forces that make no wrench: the null space of G.
+        """Orthonormal basis (..., m, m - rank) of the forces whose wrench is zero: the null space of G.
 
         Raises:
-            InputError: The ranks of the sets of contacts differ.
+            InputError: If the ranks of the sets of contacts differ.
         """
         rank = self.rank
         if self.sets:
@@ -280,12 +280,12 @@ class Split(Carded):
             names: Names of the fingers, in the order of the contacts; "1", "2", ... if None.
 
         Raises:
-            InputError: The split is that of a matrix, or the names do not fit.
+            InputError: If the split is that of a matrix, or the names are invalid.
         """
         from graspfx.grasp.quality.internal import internal_coordinates
 
         if not isinstance(self.grasp, GraspMatrix):
-            raise InputError("split", self.grasp, "the split of a Grasp", "a matrix alone does not define contacts")
+            raise InputError("split", self.grasp, "the split of a Grasp", "a matrix has no information about contacts")
         self.grasp.require_one("internal_coordinates")
         return internal_coordinates(self.grasp, self, self.rank, names)
 
@@ -343,16 +343,18 @@ class Split(Carded):
             moments = self.grasp.torsion_columns.any() and self.grasp.moment_rows.any()
             if moments and (metric is None or per_finger):
                 log.warn(
-                    "contacts with moments and no metric for them: 1 rad of torsion is taken for 1 m, and the split "
-                    "depends on the unit of length; pass metric=grasp.metric(torsion_length=...), the radius of a "
-                    "contact patch",
+                    "the contacts have moments, and there is no metric: 1 rad of torsion is equated with 1 m, so "
+                    "that the split depends on the unit of length; pass metric=grasp.metric(torsion_length=...) "
+                    "with the radius of a contact patch",
                     UnitDependentSplitWarning,
                 )
         if M.shape not in ((m,), (m, m)):
             per = "" if self.grasp is None else f", or {self.grasp.fingers} weights, one per finger"
             raise InputError("metric", M, f"a diagonal ({m},) or a matrix ({m}, {m}){per}")
         if M.ndim == 1 and not (M > 0.0).all():
-            raise InputError("metric", M.tolist(), "positive entries", "a weight of zero leaves the split undetermined")
+            raise InputError(
+                "metric", M.tolist(), "positive entries", "with a weight of zero the split is undetermined"
+            )
         if M.ndim == 2 and np.abs(M - M.T).max() > SYMMETRIC * np.abs(M).max():
             raise InputError("metric", M, "a symmetric matrix")
         return M
@@ -376,9 +378,9 @@ def metric_of(
     """Return the metric of a kind of split, with mean 1 over forces; without a kind, return the argument `metric`.
 
     Raises:
-        InputError: Both a metric and a kind are given; weights or stiffness are missing, or given for another kind;
-            or G is a bare matrix.
-        UnknownNameError: The kind is unknown.
+        InputError: If a metric and a kind are both given, weights or stiffness are missing or given for another kind,
+            or G is a matrix.
+        UnknownNameError: If the kind is unknown.
     """
     if kind not in get_args(Kind):
         raise UnknownNameError("kind of split", str(kind), get_args(Kind))
@@ -393,7 +395,9 @@ def metric_of(
     if metric is not None:
         raise InputError("metric", metric, f"None with kind={kind!r}, which defines a metric")
     if not isinstance(G, ContactSet):
-        raise InputError("G", G, f"a Grasp for kind={kind!r}", "a bare matrix does not know its contacts")
+        raise InputError(
+            "G", G, f"a Grasp for kind={kind!r}", "a matrix has no information about contacts: pass a Grasp"
+        )
     M = finite(needed, given[needed])
     finger, torsion = G.finger_of_column, G.torsion_columns
     per_finger = M.shape == (G.fingers,)
@@ -402,7 +406,9 @@ def metric_of(
         raise InputError(needed, M, f"{G.fingers} positive numbers, one per finger{more}")
     if per_finger and torsion.any():
         do = "stiffness per component" if needed == "stiffness" else "metric=grasp.metric(torsion_length=, weights=)"
-        expected = "contacts without moments, because one number per finger has no unit for them"
+        expected = (
+            "contacts without moments, because one number per finger cannot have the units of both forces and moments"
+        )
         raise InputError(needed, M, expected, f"pass {do}")
     size = float((np.diag(M) if M.ndim == 2 else M)[slice(None) if per_finger else ~torsion].mean())
     return M / size if size > 0.0 else M
@@ -419,7 +425,7 @@ def fraction(name: str, argument: float) -> float:
 
 
 def fits(shape: tuple[int, ...], sets: tuple[int, ...]) -> bool:
-    """Tell whether an array's leading axes fit those of the sets of contacts; for one set, any leading axes fit."""
+    """Return whether an array's leading axes match the sets of contacts; for one set, any leading axes match."""
     if not sets:
         return True
     try:

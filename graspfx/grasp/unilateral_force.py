@@ -1,4 +1,4 @@
-"""Unilateral contact of n fingers with a given stiffness: eqs. (24)-(26) as a projection."""
+"""Unilateral contact of n fingers with a given stiffness, eqs. (24)-(26), as a projection."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Status = Literal["free", "stick", "slide"]
 Law = Literal["frictionless", "stick", "coulomb", "associated"]
 LAWS: dict[Law, str] = {
     "frictionless": "frictionless: normal forces only",
-    "stick": "stick: a finger that pushes holds in every direction",
+    "stick": "stick: a finger that pushes does not slip in any direction",
     "coulomb": "Coulomb's",
     "associated": "associated: no solution of Coulomb's law was found, and sliding fingers lift off (s_n = mu |s_t|)",
 }
@@ -41,8 +41,8 @@ class Touch(Carded):
 
     Attributes:
         force: Force f on the object, (m,) [N].
-        status: State of each finger: "free" (no force), "stick" (held in every direction) or "slide" (on the edge of
-            its cone; without friction, along the normal).
+        status: State of each finger: "free" (no force), "stick" (no slip in any direction) or "slide" (force on the
+            edge of its cone; without friction, along the normal).
         residual: Largest violation of f = K (e + s) and of the law, computed from the solution [N].
         law: Law that the solution satisfies; "associated" if Coulomb's law could not be satisfied.
     """
@@ -59,7 +59,7 @@ class Touch(Carded):
         lines = list(islice(forces, MOST))
         rest = [f"and {len(self.status) - MOST} more"] if len(self.status) > MOST else []
         return Card(
-            f"Forces of {counted(len(self.status), 'finger')} that only push, on the object",
+            f"Pushing forces of {counted(len(self.status), 'finger')} on the object",
             [("fingers", "\n".join([*lines, *rest])), ("law", LAWS[self.law]), ("residual", f"{self.residual:.3g} N")],
             ".force (m,) [N], .status, .law, .residual",
         )
@@ -73,15 +73,15 @@ def unilateral_force(
 ) -> Touch:
     """Solve for fingertip forces that can only push: f in C, s in C*, f's = 0, f = K (e + s).
 
-    Without friction C is {lambda n, lambda >= 0} for each finger. With "stick" a finger holds in every direction while
-    it pushes; if its normal force would pull, the whole force is released. A coefficient mu gives the cone |f_t| <= mu
-    f_n with Coulomb's law: s_n >= 0, f_n s_n = 0, and s_t is zero inside the cone and opposes f_t on its edge. A
-    solution exists, but it may not be unique for a large mu. If none is found, the associated law is used instead (s in
-    C*: slip lifts off), and `law` reports it; for a symmetric K its solution exists, is unique and is always found.
+    Without friction C is {lambda n, lambda >= 0} for each finger. With "stick" a finger does not slip while it pushes;
+    if its normal force would pull, its whole force is zero. A coefficient mu gives the cone |f_t| <= mu f_n with
+    Coulomb's law: s_n >= 0, f_n s_n = 0, and s_t is zero inside the cone and opposes f_t on its edge. A solution
+    exists, but it may not be unique for a large mu. If none is found, the associated law is used instead (s in C*: slip
+    lifts off), and `law` reports it; for a symmetric K its solution exists, is unique and is always found.
 
-    For two opposed fingers without friction this is the rule of Kawai and Yoshikawa, eqs. (24)-(26): finger i touches
-    inside x_ci of (25), and the stiffness at a single finger is 2 kep kip/(kep + kip). For a symmetric K and s in C*
-    the solution is the projection argmin over f in C of 1/2 (f - K e)' K^-1 (f - K e). K may be singular.
+    For two opposed fingers without friction this is the rule of Kawai and Yoshikawa, eqs. (24)-(26): finger i is in
+    contact inside x_ci of (25), and the stiffness at a single finger is 2 kep kip/(kep + kip). For a symmetric K and s
+    in C* the solution is the projection argmin over f in C of 1/2 (f - K e)' K^-1 (f - K e). K may be singular.
 
     Args:
         stiffness: Matrix K, (m, m) [N/m], m = n d, whose symmetric part is positive semidefinite.
@@ -92,7 +92,7 @@ def unilateral_force(
             solve K itself.
 
     Raises:
-        InputError: Shapes do not fit, values are not finite, a coefficient is negative, K has no solution, or K is so
+        InputError: If a shape is wrong, values are not finite, a coefficient is negative, K has no solution, or K is so
             ill-conditioned that the residual exceeds 1e-6 of max(|f|, |K e|).
     """
     n_ = finite("normals", normals, largest=np.inf)
@@ -108,10 +108,14 @@ def unilateral_force(
         raise InputError("displacement", e, f"an array ({m},)")
     n_ = unit_normals(n_, (n, d))
     if 0.0 < np.abs(K).max() < SMALLEST:
-        raise InputError("stiffness", K, f"a matrix of zeros, or one with an entry of {SMALLEST:g} N/m or more")
+        raise InputError("stiffness", K, f"a zero matrix, or a matrix with an entry of {SMALLEST:g} N/m or more")
     values = np.linalg.eigvalsh(0.5 * (K + K.T))
     if values[0] < -1e-9 * np.abs(K).max(initial=0.0):
-        raise InputError("stiffness", "a symmetric part with a negative eigenvalue", "a matrix that only pushes back")
+        raise InputError(
+            "stiffness",
+            "a symmetric part with a negative eigenvalue",
+            "a matrix whose symmetric part is positive semidefinite",
+        )
     stick = isinstance(friction, str) and friction == "stick"
     mu = np.zeros(n) if friction is None or stick else coefficients(friction, n)
 
@@ -139,7 +143,7 @@ def unilateral_force(
 
 
 def pushing(K: FloatArray, e: FloatArray, contacts: Contacts) -> tuple[FloatArray, bool]:
-    """Find pushing forces (n, d) in contact frames, frictionless or sticking; also tell whether the search failed."""
+    """Find pushing forces (n, d) in contact frames, frictionless or sticking, and return whether the search failed."""
     m = len(e)
     square = np.zeros((m, m))
     vector, diagonal, marks, state = np.zeros(m), K.diagonal().copy(), np.zeros(m), np.zeros(contacts.count)

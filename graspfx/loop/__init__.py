@@ -1,1 +1,1 @@
-"""The loop in time: devices, plants, hands, the servo, and the rows of recordings."""
+"""Loop in time: devices, plants, hands, the servo, and the rows of recordings."""

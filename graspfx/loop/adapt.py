@@ -1,4 +1,4 @@
-"""Adapts a vendor's C functions to a loop without Python; the adapter is generated machine code."""
+"""Adapter of a vendor's C functions to a loop without Python, as generated machine code."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ KINDS = "ptr", "i64", "double", "i64"  # types of the arguments of `estimate_aft
 
 
 class Adapter:
-    """The machine code that calls a device's C functions, and the memory that it uses.
+    """Machine code that calls a device's C functions, and the memory that it uses.
 
     Attributes:
-        context: memory whose address the functions receive.
+        context: Memory whose address the functions receive.
     """
 
     def __init__(self, parts: Trampolines, context: np.ndarray[Any, Any], *owners: object) -> None:
@@ -40,7 +40,7 @@ class Adapter:
         self.context, self._owners = context, owners
 
     def value(self, code: int) -> float:
-        """Return the tested number that caused a negative code: a function's return value, or an entry of a buffer."""
+        """Return the tested number that caused a negative code: a function's return value or an entry of a buffer."""
         return float(self.context.view(np.float64)[self._values[-code - 1]])
 
     def fault_text(self, code: int) -> str:
@@ -51,7 +51,7 @@ class Adapter:
         return f"{function} {says}{number}"
 
     def buffer(self, name: str) -> np.ndarray[Any, Any]:
-        """Return the present numbers of a buffer."""
+        """Return the current contents of a buffer."""
         type_, word = self._buffers[name]
         kind = np.dtype(
             type_.replace("float", "f4").replace("double", "f8")
@@ -86,7 +86,7 @@ def adapt(
             id=0,
         )
 
-    Each text is one call in the form of a C declaration, or several calls separated by `;`. An argument is
+    Each text is one call in the syntax of a C declaration, or several calls separated by `;`. An argument is
 
     - `in 0`, the value of entry 0 of the block, or `in 0:3`, the address of entries 0, 1 and 2;
     - `out 0` or `out 0:3`, the address of entries that the function fills;
@@ -103,19 +103,19 @@ def adapt(
 
     Args:
         library: `ctypes.CDLL`, or an object with ctypes functions of these names.
-        read, write, stop, ask: texts of the calls; without `ask` the device is not asked.
-        fault: condition for a fault: comparisons of a return value or of a buffer's entry, joined by `or`, such as
-            "< 0 or status[5] == 0".
-        held: condition, in the same form, for a `read` without a new sample.
-        errors: call that pops the newest error from the library's stack and returns 0 if there is none. After each call
-            of another function, it is called repeatedly until the stack is empty. Any error is a fault.
-        shape: shape (k, d) of the device.
-        velocity: estimator of velocities if `read` gives positions only; None if it gives both.
-        settings: values of the settings that the texts name.
+        read, write, stop, ask: Texts of the calls; without `ask` the device is not asked.
+        fault: Condition for a fault: comparisons of a return value or a buffer's entry, joined by `or`, such as "< 0 or
+            status[5] == 0".
+        held: Condition, in the same form, for a `read` without a new sample.
+        errors: Call that pops the newest error from the library's stack and returns 0 if there is none. After each
+            other call, it is called repeatedly until the stack is empty. Any error is a fault.
+        shape: Shape (k, d) of the device.
+        velocity: Estimator of velocities if `read` returns only positions; None if it returns both.
+        settings: Values of the settings named in the texts.
 
     Raises:
-        MissingPackageError: LLVM is not installed.
-        InputError: a text has another form, an entry is out of range, the library lacks a function, or a name has no
+        MissingPackageError: If LLVM is not installed.
+        InputError: If a text has another form, an entry is out of range, the library lacks a function, or a name has no
             setting.
     """
     k, d = shape
@@ -169,13 +169,13 @@ def _entries(calls: dict[str, tuple[CCall, ...]], buffer: str) -> int:
 def _fill_settings(parts: Trampolines, words: np.ndarray[Any, Any], settings: dict[str, float]) -> None:
     room = parts.plan.settings
     if set(room) != set(settings):
-        raise InputError("settings", sorted(settings), f"those that the calls name: {sorted(room)}")
+        raise InputError("settings", sorted(settings), f"the settings in the calls: {sorted(room)}")
     for name, (type_, word) in room.items():
         value = settings[name]
         if type_ not in FLOATS:
             low = -(1 << (width(type_) - 1)) if type_.startswith("i") else 0
             if value != int(value) or not low <= value < low + (1 << width(type_)):
-                raise InputError(name, value, f"a whole number that {type_} holds")
+                raise InputError(name, value, f"a whole number in the range of {type_}")
         words[word] = words_of(type_, value)
 
 
@@ -186,7 +186,7 @@ def _symbol(library: object, name: str) -> int:
         place = ctypes.cast(function, ctypes.c_void_p).value
     except (AttributeError, ctypes.ArgumentError, TypeError) as error:
         raise InputError(
-            "library", library, f"a library of C functions with {name}", "it is another library, or too old"
+            "library", library, f"a library of C functions with {name}", "the library is another one, or too old"
         ) from error
     if not place:
         raise InputError("library", library, f"a library of C functions with {name}", "its address is zero")

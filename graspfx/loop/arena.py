@@ -1,4 +1,4 @@
-"""The arena of a scene: the blocks of all parts, and the `World`, which lists the place of each quantity in them."""
+"""Arena of a scene: the blocks of all parts, and the `World`, which lists the place of each quantity in them."""
 
 from __future__ import annotations
 
@@ -52,10 +52,11 @@ OF_BLOCK = ("position", "centre", "velocity", "orientation", "angular_velocity",
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Targets of a hand in plain Python for the ticks of one call.
+    """Targets of a hand in plain Python, for the ticks of one call.
 
     Attributes:
-        memory: Targets (CHUNK, width), flat: r and r' at the end of each sample, then in its middle if requested.
+        memory: Targets (CHUNK, width), flat: r and r' at the end of each sample, followed by those in its middle if
+            requested.
         wiring: Wiring of the plant that the hand moves.
         middle: Whether the plant needs the targets in the middle of a sample.
     """
@@ -78,7 +79,7 @@ class ForeignKernel:
     """A third-party kernel (one not in `kernels.KERNELS`), and the entries of the world that contain its number.
 
     Attributes:
-        kernel: The function.
+        kernel: Kernel function.
         parameters: Names of the kernel's arguments after the first place: `t` and `T` are floats, `beside` is the place
             of a block.
         blocks: Blocks that the kernel uses.
@@ -92,7 +93,7 @@ class ForeignKernel:
 
 
 class Arena:
-    """Parts of a scene laid out for `steps`.
+    """Parts of a scene, laid out for `steps`.
 
     The arena passes the period to plants and guests, and the hands to their plants.
 
@@ -105,7 +106,7 @@ class Arena:
     Attributes:
         world: World of the scene, at `place` in the memory.
         servo: Memory of the tick, `ServoState`.
-        loop: Memory of a real-time loop, `LoopState`; None without one.
+        loop: Memory of a real-time loop, `LoopState`; None for a run without it.
         arrays: All blocks, by kind.
         ports: Ports of devices in plain Python.
         tables: Tables of hands in plain Python.
@@ -175,7 +176,7 @@ class Arena:
                     return array
                 if first < other + each.size and other < first + array.size:
                     raise InputError(
-                        "state", array.shape, "a separate block, which shares no memory with another part's"
+                        "state", array.shape, "a separate block, which does not share memory with another part's block"
                     )
             self.arrays.append(array)
         return array
@@ -197,7 +198,7 @@ class Arena:
                 yield guest.buffer
 
     def _is_native(self, m: PlantWiring) -> bool:
-        """Tell whether a plant needs kernels only."""
+        """Return whether a plant consists of kernels only."""
         wired = {id(station.device) for station in self.parts.stations}
         devices = [cast("Device", device) for device in m.devices]
         return plants.fused(m.plant) is not None and all(fused(d) is not None and id(d) in wired for d in devices)
@@ -211,7 +212,7 @@ class Arena:
             raise InputError(
                 "plant", type(m.plant).__qualname__,
                 "a `position` that is the same contiguous array for the plant's lifetime",
-                "keep one array and write into it",
+                "keep one array, and write the positions into it",
             )  # fmt: skip
         return self._block(flat)
 
@@ -282,7 +283,7 @@ class Arena:
 
     @property
     def is_whole(self) -> bool:
-        """Whether all blocks are in the memory, so that copying it copies the scene."""
+        """Whether all blocks are in the memory, so that a copy of the memory is a copy of the scene."""
         end = self.memory.used
         return all(0 < self.memory.place(each) <= end - each.size for each in self.arrays)
 
@@ -316,7 +317,7 @@ class Arena:
         return [fingers[f] for f in range(self.n)]
 
     def _tip(self, f: int, position: int) -> int:
-        """Return the place of the fingertip's true position, or of its reading if the true position is unknown."""
+        """Return the place of a fingertip's true position, or of its reading if the true position is unknown."""
         if self.parts.layout.simulated:
             for m, memory in zip(self.parts.plants, self._motions, strict=True):
                 if f in m.fingers:
@@ -364,7 +365,7 @@ class Arena:
     def _add_channels(
         self, station: DeviceWiring, position: int, velocity: int, command: int, limit: int
     ) -> dict[str, int]:
-        """List the channels that the scene uses, from the places of the first channel's quantities."""
+        """List the channels that the scene uses, given the places of the first channel's quantities."""
         first = len(self._channels)
         for c, f in enumerate(station.fingers.tolist()):
             if f >= 0:

@@ -1,4 +1,4 @@
-"""The device protocol: features, reading and writing."""
+"""Device protocol: features, reading and writing."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ METHODS = ("open", "read", "write", "stop", "close")  # methods of every device
 
 @dataclass(frozen=True, repr=False)
 class Features(Carded):
-    """The features of a device, known before the device is opened. An unknown feature is None, never zero."""
+    """Features of a device, known before the device is opened. An unknown feature is None, never zero."""
 
     fingers: int  # k, the number of channels
     dimensions: int  # d
@@ -78,16 +78,16 @@ class Device(Protocol):
     names the setting). `read` and `write` wait and allocate as little as possible. The arrays that `read` returns
     belong to the device, and the next `read` overwrites them.
 
-    A device that answers requests may also offer `ask` (`AskedDevice`). A driver whose hardware keeps its force after
-    the last `write` offers `quench` (`QuenchableDriver`).
+    A device that answers requests may also offer `ask` (`AskedDevice`). A driver must offer `quench`
+    (`QuenchableDriver`) if its hardware retains its force after the last `write`.
     """
 
     @property
     def features(self) -> Features:
-        """Features that the device reports."""
+        """Features reported by the device."""
 
     def open(self, period: float) -> None:
-        """Prepare for one `read` and one `write` every `period` seconds."""
+        """Open the device for one `read` and one `write` every `period` seconds."""
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
         """Read positions (k, d) [m], velocities (k, d) [m/s] and the time [s] at which they were taken.
@@ -109,7 +109,7 @@ class Device(Protocol):
         """Display zero force, now."""
 
     def close(self) -> None:
-        """Display zero force and close the hardware. It also returns if the hardware is lost or already closed."""
+        """Display zero force and close the hardware. `close` also returns if the hardware is lost or already closed."""
 
     def __enter__(self) -> Self: ...
 
@@ -117,7 +117,7 @@ class Device(Protocol):
 
 
 def lacking(device: object) -> list[str]:
-    """List the `Device` methods that an object lacks; `with` requires its two methods on the class."""
+    """List the `Device` methods that an object lacks; `with` requires its two methods to be defined on the class."""
     missing = [name for name in METHODS if not callable(getattr(device, name, None))]
     return missing + [name for name in ("__enter__", "__exit__") if not hasattr(type(device), name)]
 
@@ -129,7 +129,7 @@ class AskedDevice(Protocol):
     def ask(self) -> None:
         """Send a request, whose answer the next `read` receives. If `ask` was not called, `read` sends the request.
 
-        Raises DeviceError if the hardware is lost.
+        Raise DeviceError if the hardware is lost.
         """
 
 
@@ -137,19 +137,19 @@ class AskedDevice(Protocol):
 class QuenchableDriver(Protocol):
     """A driver that can remove the force from hardware whose program has died.
 
-    It is required of a driver whose hardware has no watchdog (`features.watchdog` is None).
+    Every driver of hardware without a watchdog (`features.watchdog` is None) must support this.
     """
 
     def quench(self, **settings: object) -> None:
-        """Connect to the hardware anew, set its force to zero and disconnect.
+        """Connect to the hardware again, set its force to zero and disconnect.
 
         `quench` is called from another process, after the process that opened the device has ended.
 
         Args:
-            settings: settings of `connect`.
+            settings: Settings of `connect`.
 
         Raises:
-            DeviceError: the hardware cannot be reached, and its force may persist.
+            DeviceError: If the hardware cannot be reached, and its force may persist.
         """
 
 
@@ -219,12 +219,12 @@ class OperatedDevice(Protocol):
 
     @staticmethod
     def operated_plant(devices: Sequence[Device], operator: Operator, period: float) -> Plant:
-        """Make the plant for a hand with this `operator`, or with an operator whose reaction delay is no longer."""
+        """Make the plant for a hand with this `operator`, or with an operator of at most the same reaction delay."""
         ...
 
 
 def is_hardware(device: object) -> bool:
-    """Tell whether a device is real hardware, which needs real time and which a person may hold."""
+    """Return whether a device is real hardware, which needs real time and which a person may hold."""
     return not isinstance(device, SimulatedDevice)
 
 
@@ -242,9 +242,9 @@ class DevicePorts(NamedTuple):
 class FusedDevice(SimulatedDevice, Protocol):
     """A simulated device that exposes its block and its kernels: a run reads and writes it without Python calls.
 
-    The device must be open, and its plant made and placed. Each sample then copies the entries `sensed` of the plant's
-    block to the device's block at `ports.sensed`, calls `reading(S, 0)` once, writes forces at `ports.command`, calls
-    `writing(S, 0)`, and reads efforts at `ports.effort`. `read`, `write` and `stop` do nothing else.
+    The device must be open, and its plant created and placed. Each sample then copies the entries `sensed` of the
+    plant's block to the device's block at `ports.sensed`, calls `reading(S, 0)` once, writes forces at `ports.command`,
+    calls `writing(S, 0)`, and reads efforts at `ports.effort`. `read`, `write` and `stop` do nothing else.
     """
 
     @property
@@ -259,7 +259,7 @@ class FusedDevice(SimulatedDevice, Protocol):
 
     @property
     def ports(self) -> DevicePorts:
-        """Entries where the caller writes and reads, counted from the block's beginning."""
+        """Entries that the caller writes and reads, counted from the block's beginning."""
         ...
 
     @property
@@ -269,12 +269,12 @@ class FusedDevice(SimulatedDevice, Protocol):
 
     @property
     def reading(self) -> Kernel:
-        """Kernel reading(S, o) for the block that starts at S[o]. It returns 0, or the code of a failed reading."""
+        """Kernel reading(S, o) for the block that starts at S[o]; it returns 0, or the code of a failed reading."""
         ...
 
     @property
     def writing(self) -> Kernel:
-        """Kernel writing(S, o). It returns 0, or the code of the fault that has stopped the device."""
+        """Kernel writing(S, o). The kernel returns 0, or the code of the fault that has stopped the device."""
         ...
 
     @property
@@ -283,27 +283,27 @@ class FusedDevice(SimulatedDevice, Protocol):
         ...
 
     def fault_text(self, code: int) -> str:
-        """Explain a code other than 0 with the values in the block."""
+        """Return the message for a code other than 0, with the values in the block."""
         ...
 
 
 def limit_port(device: FusedDevice) -> int | None:
-    """Find the entry of a device's block that holds its largest forces; None if they are constant.
+    """Find the entry of a device's block that contains its largest forces; None if they are constant.
 
     Raises:
-        InputError: `largest_force` is not a view of the block.
+        InputError: If `largest_force` is not a view of the block.
     """
     if not isinstance(device, LimitedDevice):
         return None
     piece, block = device.largest_force, device.state
     start = (piece.ctypes.data - block.ctypes.data) // block.itemsize
     if not (piece.flags.c_contiguous and np.shares_memory(piece, block) and 0 <= start <= block.size - piece.size):
-        raise InputError("largest_force", type(device).__qualname__, "a view of the device's own block, `state`")
+        raise InputError("largest_force", type(device).__qualname__, "a view of the device's block, `state`")
     return start
 
 
 def fused(device: Device) -> FusedDevice | None:
-    """Return the device if its kernels do everything that its methods do.
+    """Return the device if its kernels replace all of its methods.
 
     Return None if the device has no kernels, or if its class overrides `read`, `write` or `stop` of a class with
     kernels.
@@ -319,7 +319,7 @@ def former_settings(**names: str) -> Callable[[Callable[..., T]], Callable[..., 
     """Let a driver's `connect` accept settings under former names, with a FutureWarning.
 
     Args:
-        names: present name of each former name.
+        names: Present name of each former name.
     """
 
     def wrap(connect: Callable[..., T]) -> Callable[..., T]:

@@ -8,21 +8,21 @@ FRESH, REPEAT = 0, 1  # return values; less than zero is a fault
 
 
 class Calls(NamedTuple):
-    """Addresses of C functions `int64 f(void *context, double *block)`: 0 fresh, 1 held, less than zero a fault.
+    """Addresses of C functions `int64 f(void *context, double *block)`; they return 0 (new), 1 (held) or < 0 (fault).
 
     The block of `ask` and `read` contains positions (k, d) [m], then velocities (k, d) [m/s]; a `read` that returns 0
     has filled both. Any other return value is a fault. The block of `write` and `stop` contains forces (k, d) [N];
-    `write` receives only finite forces within `features.peak_force`. `stop` sets the force to zero, whatever the block
-    contains. A function that waits delays the loop.
+    `write` receives only finite forces within `features.peak_force`. `stop` sets the force to zero, regardless of the
+    block's contents. A function that waits delays the loop.
 
-    In a vendor's thread, `ask` opens a frame of the library, and `write` or `stop` closes it. A device that was not
-    asked in a turn, or was already written, is therefore asked again before it is stopped.
+    In a vendor's thread, `ask` opens a frame of the library, and `write` or `stop` closes it. If a device was not asked
+    in a turn, or was already written, it is therefore asked again before it is stopped.
 
     Attributes:
-        ask: function that sends the request for the next `read`; 0 for a device without requests.
-        read, write, stop: functions that do the same as the methods of these names.
-        context: first argument of each function.
-        keep: objects that must stay alive as long as the functions may be called.
+        ask: Function that sends the request for the next `read`; 0 for a device without requests.
+        read, write, stop: Functions equivalent to the methods of these names.
+        context: First argument of each function.
+        keep: Objects that must stay alive as long as the functions may be called.
     """
 
     ask: int
@@ -43,7 +43,7 @@ class CallsDevice(Protocol):
 
     @property
     def calls(self) -> Calls | None:
-        """C functions while the device is open; None before."""
+        """C functions while the device is open; None before that."""
         ...
 
 
@@ -61,10 +61,10 @@ class DrivingDevice(Protocol):
         ...
 
     def drive(self, function: int, context: int) -> None:
-        """Let the thread call `unsigned function(void *context)`, which returns 1 for a tick and 0 for none."""
+        """Let the thread call `unsigned function(void *context)`, which returns 1 if it ran a tick, and else 0."""
 
     def release(self, wait: float) -> bool:
-        """Stop the thread's calls; tell whether the last call returned within `wait` [s]."""
+        """Stop the thread's calls; return whether the last call returned within `wait` [s]."""
         ...
 
     @property

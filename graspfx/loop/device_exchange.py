@@ -32,7 +32,7 @@ CALLS = "ask", "read", "write", "stop"  # calls that may hang while a device exe
 
 @dataclass
 class Port:
-    """The memory through which a Python device is read and written."""
+    """Memory through which a Python device is read and written."""
 
     station: int
     position: FloatArray
@@ -46,7 +46,7 @@ class Port:
     cause: FloatArray | None = None  # cause for which the safety chain lets forces decay (1,); None without a chain
 
     def let_go(self, cause: int) -> bool:
-        """Let the safety chain decay the forces for this cause, unless they decay already; False without a chain."""
+        """Let the safety chain decay the forces for this cause, unless they already decay; False without a chain."""
         if self.cause is not None and self.cause[0] == 0.0:
             self.cause[0] = cause + CAUSES * self.station
         return self.cause is not None
@@ -65,12 +65,12 @@ class Port:
 
 
 def part_name(kind: str, part: object, names: Iterable[str]) -> str:
-    """Name a third-party part by its fingers or objects and its class."""
+    """Return the name of a third-party part: its fingers or objects, and its class."""
     return f"the {kind} of {', '.join(names)} ({type(part).__qualname__})"
 
 
 def device_name(station: DeviceWiring, fingers: Sequence[str]) -> str:
-    """Name a device by the scene's fingers that are its channels, and its class."""
+    """Return the name of a device: its fingers in the scene, and its class."""
     return part_name("device", station.device, (fingers[f] for f in station.fingers.tolist() if f >= 0))
 
 
@@ -78,23 +78,23 @@ class DevicePort:
     """A Python device and its port. Each method that calls the device returns an error message, or an empty string.
 
     Args:
-        port: memory through which the device is read and written.
-        station: device and the fingers that it moves.
-        fingers: names of the scene's fingers.
-        period: sampling period T [s].
-        guards: guards of hardware.
+        port: Memory through which the device is read and written.
+        station: Device and the fingers that it moves.
+        fingers: Names of the scene's fingers.
+        period: Sampling period T [s].
+        guards: Guards of hardware.
 
     Attributes:
-        name: name of the device in messages.
-        channels: finger of each channel, -1 for none.
-        workspace: lower and upper corner in the device's axes [m]; None if it reports none.
-        fitting: relation of the device to the scene.
-        readings: state and statistics of its readings in the run.
-        log: recording of its further readings; None if they are not recorded.
-        place: number of the device's first call among the calls of all devices, from 1 (`call_of`).
-        is_unstopped: whether the last attempt to stop the device failed.
-        is_up: whether the device's deadman switch was open at the last reading.
-        watches: whether an open deadman switch removes the force; False before a run, when there is no force.
+        name: Name of the device in messages.
+        channels: Finger of each channel, -1 for none.
+        workspace: Lower and upper corner in the device's axes [m]; None if it reports none.
+        fitting: Relation of the device to the scene.
+        readings: State and statistics of its readings in the run.
+        log: Recorder of its further readings; None if they are not recorded.
+        place: Number of the device's first call among the calls of all devices, from 1 (`call_of`).
+        is_unstopped: Whether the last attempt to stop the device failed.
+        is_up: Whether the device's deadman switch was open at the last reading.
+        watches: Whether an open deadman switch removes the force; False before a run, when there is no force.
     """
 
     def __init__(
@@ -199,7 +199,7 @@ class DevicePort:
             self.device.stop()
             self.is_unstopped = False
         except DRIVERS as error:  # a lost device cannot be stopped, but the others must be
-            return self._failure("cannot be stopped, and may keep its force: switch it off", error)
+            return self._failure("cannot be stopped and may keep its force; switch it off", error)
         return ""
 
     def close(self) -> str:
@@ -217,7 +217,7 @@ class DevicePort:
         return own if frame is None else frame.place(own)
 
     def _watch(self, device: Any, deadman: int) -> str:
-        """Check the deadman switch. If it is open, let the safety chain remove the force and return the reason."""
+        """Check the deadman switch. If it is open, let the safety chain remove the force, and return the reason."""
         switches = device.switches
         if isinstance(switches, bool) or not isinstance(switches, int | np.integer):
             return f"returned {abbreviate(switches)} for its switches, expected an integer with one bit per switch"
@@ -227,12 +227,12 @@ class DevicePort:
         return "" if self.port.let_go(DEADMAN) else f"has its deadman switch {deadman} released"
 
     def _fault(self, text: str) -> str:
-        """Describe a fault of the last reading."""
+        """Return a description of the last reading's fault."""
         self.is_gone = True
         return f"{self.name} {text}; {ZERO}"
 
     def _failure(self, action: str, error: BaseException) -> str:
-        """Describe a failed call; the error message of a simulated device is used unchanged."""
+        """Return a description of a failed call; the error message of a simulated device is used unchanged."""
         self.is_gone = True
         if isinstance(error, DeviceError):
             return f"{self.name}: {message(error)}" if self.hardware else str(error)
@@ -243,8 +243,8 @@ class DeviceExchange:
     """Exchange with all Python devices, in their order.
 
     Attributes:
-        exits: record of whether a driver's call runs, so that a signal can interrupt the call.
-        call: number of the device call that is running, 0 for none; another process may read it.
+        exits: Record of whether a driver's call is in progress, so that a signal can interrupt the call.
+        call: Number of the device call that is running, 0 for none; another process may read it.
     """
 
     def __init__(self, ports: Iterable[DevicePort]) -> None:
@@ -254,7 +254,7 @@ class DeviceExchange:
 
     @property
     def hardware(self) -> DeviceExchange:
-        """Exchange with the real devices only."""
+        """Exchange with the hardware only."""
         part = DeviceExchange(each for each in self.ports if each.hardware)
         part.exits, part.call = self.exits, self.call
         return part
@@ -270,7 +270,7 @@ class DeviceExchange:
         return any(each.is_unstopped for each in self.ports)
 
     def read(self, periods: int = 1) -> list[str]:
-        """Ask all devices that are not lost, then read them; list the faults."""
+        """Ask all devices that have not failed, then read them; list the faults."""
         call, faults = self.call, list[str]()
         self.exits.inside = True
         try:
@@ -291,7 +291,7 @@ class DeviceExchange:
         """Write the forces to the devices, up to the first failure; return its message.
 
         Raises:
-            Interruption: a signal arrived that a driver's code suppressed, or a second signal; no force is written.
+            Interruption: If a signal arrived that a driver's code suppressed, or a second signal; no force is written.
         """
         if self.exits.at_once:
             raise Interruption(self.exits.cause)
@@ -308,7 +308,7 @@ class DeviceExchange:
             self.exits.inside = False
 
     def stop(self) -> list[str]:
-        """Set the force of every device to zero, responding devices first; list the failures of these."""
+        """Set the force of every device to zero, responding devices first; list the failures."""
         sound = [each for each in self.ports if not each.is_gone]
         silent = [each for each in self.ports if each.is_gone]
         try:
@@ -328,7 +328,7 @@ class DeviceExchange:
 
 
 def call_of(place: int, names: Sequence[str]) -> str:
-    """Describe the device call that a number denotes, with the device's name; empty if it denotes none."""
+    """Return a description of the device call with a number, with the device's name; empty if there is none."""
     number, call = divmod(place - 1, len(CALLS))
     return f"`{CALLS[call]}` of {names[number]}" if 0 <= number < len(names) else ""
 
@@ -356,7 +356,7 @@ def _take_limit(limit: FloatArray, largest: object, scale: float) -> str:
 
 
 class LoopLog:
-    """Reads and writes the devices, and records the time of each tick and the duration of device calls.
+    """Exchange with devices that also records the time of each tick and the duration of device calls.
 
     Args:
         memory: Memory of the loop, `LoopState`.
@@ -373,18 +373,18 @@ class LoopLog:
             each.log = PortLog(memory, layout, each.device, each.port.station, each.channels)
 
     def begin(self) -> None:
-        """Record the time of a tick that begins now."""
+        """Record the current time as a tick's beginning."""
         source_function(note_times)(self._numbers, 0, self._pacer.buffer, 0)
 
     def read(self, periods: int) -> list[str]:
-        """Read the devices, like `DeviceExchange.read`."""
+        """Read the devices as `DeviceExchange.read` does."""
         began = self._clock.now()
         faults = self._devices.read(periods)
         self._numbers[READ_TIME] = self._clock.now() - began
         return faults
 
     def write(self) -> str:
-        """Write the devices, like `DeviceExchange.write`."""
+        """Write the devices as `DeviceExchange.write` does."""
         began = self._clock.now()
         fault = self._devices.write()
         self._numbers[WRITE_TIME] = self._clock.now() - began

@@ -1,4 +1,4 @@
-"""The frame of a device in a scene: its origin, the orientation of its axes, and the scale of its motion."""
+"""Frame of a device in a scene: its origin, the orientation of its axes, and the scale of its motion."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ROUNDING = 1e-6  # tolerance of a rotation matrix, for axes written with seven d
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Transform positions, velocities and forces between a device and the axes of a scene, preserving power.
+    """Power-preserving transformation of positions, velocities and forces between the axes of a device and a scene.
 
         p = origin + s R p_device,   v = s R v_device,   f_device = s R' f
 
@@ -36,32 +36,32 @@ class Frame:
     scale: float
 
     def place(self, positions: FloatArray) -> FloatArray:
-        """Return positions (k, d) of a device in the scene [m]."""
+        """Convert positions (k, d) of a device to the scene [m]."""
         placed: FloatArray = self.origin + self.turn(positions)
         return placed
 
     def turn(self, velocities: FloatArray) -> FloatArray:
-        """Return velocities (k, d) of a device in the scene [m/s]."""
+        """Convert velocities (k, d) of a device to the scene [m/s]."""
         turned: FloatArray = self.scale * (velocities @ self.axes.T)
         return turned
 
     def pull(self, forces: FloatArray) -> FloatArray:
-        """Return the device's forces for forces (k, d) in the scene [N]."""
+        """Convert forces (k, d) in the scene to forces of the device [N]."""
         pulled: FloatArray = self.scale * (forces @ self.axes)
         return pulled
 
     def back(self, position: FloatArray) -> FloatArray:
-        """Return a position of the scene (d,) in the device's axes [m]."""
+        """Convert a position (d,) in the scene to the device's axes [m]."""
         own: FloatArray = (position - self.origin) @ self.axes / self.scale
         return own
 
     def impedance(self, own: FloatArray) -> FloatArray:
-        """Return a mass, damping or stiffness (d, d) of a device in the scene: R M R'/s^2."""
+        """Convert a mass, damping or stiffness (d, d) of a device to the scene: R M R'/s^2."""
         turned: FloatArray = self.axes @ own @ self.axes.T / self.scale**2
         return turned
 
     def features(self, own: Features) -> Features:
-        """Return a device's features in the scene: lengths times s, forces over s, impedances over s^2."""
+        """Convert a device's features to the scene: lengths times s, forces over s, impedances over s^2."""
         s = self.scale
         return replace(
             own,
@@ -76,7 +76,7 @@ class Frame:
         )
 
     def _box(self, lower: FloatArray, upper: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return a box in the scene's axes that lies inside the device's box, as large as its proportions allow."""
+        """Return a box in the scene's axes inside the device's box, as large as its proportions allow."""
         half = 0.5 * (np.asarray(upper, dtype=float) - lower)
         middle = self.place(0.5 * (np.asarray(upper, dtype=float) + lower))
         outer = np.abs(self.axes) @ half
@@ -100,8 +100,8 @@ def frame(
         scale: Metres in the scene per metre of the device.
 
     Raises:
-        InputError: If the axes are not a rotation. In a plane or on a line the axes may also be mirrored, because a
-            device can be seen from behind.
+        InputError: If the axes are not a rotation. In 2-D and 1-D the axes may also be mirrored, because a device can
+            be viewed from behind.
     """
     d = dimensions
     point = np.zeros(d) if origin is None else np.array(origin, dtype=float)
@@ -114,7 +114,10 @@ def frame(
         raise InputError("axes", axes, "orthogonal rows of length 1", "`scale` is for sizes")
     if d == 3 and np.linalg.det(R) < 0.0:
         raise InputError(
-            "axes", axes, "right-handed axes, because no rotation of the device mirrors them", "change the sign of one"
+            "axes",
+            axes,
+            "right-handed axes, because no rotation of the device mirrors them",
+            "change the sign of one axis",
         )
     return Frame(point, R, scale)
 

@@ -1,4 +1,4 @@
-"""The relation of a device to its scene: its frame, its deadman switch and its call interval."""
+"""Relation of a device to its scene: its frame, its deadman switch and its call interval."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ class Fitting:
     """Relation of a device to its scene.
 
     Attributes:
-        frame: frame of the device in the scene; None for the scene's axes.
-        deadman: number of the switch that must be held for a force; None without one.
-        every: number of ticks from one exchange with the device to the next.
-        measures: features measured on this unit, which replace the features that the driver reports.
-        jitter: smallest and largest lateness, each ignoring 1 % of the samples [s]; None if unknown.
-        round_trip: part of the lateness due to reading and writing [s].
+        frame: Frame of the device in the scene; None for the scene's axes.
+        deadman: Index of the switch that must be held to allow forces; None if there is none.
+        every: Number of ticks from one exchange with the device to the next.
+        measures: Features measured on this unit, which replace those that the driver reports.
+        jitter: Smallest and largest lateness, each ignoring 1 % of the samples [s]; None if unknown.
+        round_trip: Part of the lateness due to reading and writing [s].
     """
 
     frame: Frame | None = None
@@ -36,7 +36,7 @@ class Fitting:
         return 1.0 if self.frame is None else self.frame.scale
 
     def features(self, own: Features) -> Features:
-        """Convert a device's features to the scene. Calls every m ticks add m - 1 samples to the delay."""
+        """Convert a device's features to the scene. An exchange every m ticks adds m - 1 samples to the delay."""
         if self.measures:
             own = replace(own, **self.measures)
         if self.every > 1:

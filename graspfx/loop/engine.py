@@ -57,13 +57,13 @@ class Engine(Protocol):
 
 
 class Interpreted:
-    """`steps` run by Python; every index of a third-party kernel is checked.
+    """Engine that runs `steps` in Python, and checks every index of a third-party kernel.
 
     Args:
-        arena: arena of the scene.
+        arena: Arena of the scene.
 
     Raises:
-        KernelError: a third-party kernel has a fault.
+        KernelError: If a third-party kernel has a fault.
     """
 
     name = "interpreted"
@@ -97,11 +97,11 @@ class Compiled:
     """`steps` as machine code.
 
     Args:
-        arena: arena of the scene.
+        arena: Arena of the scene.
 
     Raises:
-        MissingPackageError: LLVM is needed and not installed.
-        InputError: a third-party kernel cannot be compiled.
+        MissingPackageError: If LLVM is needed and not installed.
+        InputError: If a third-party kernel cannot be compiled.
     """
 
     name = "compiled"
@@ -167,9 +167,9 @@ def engine_for(kind: str, arena: Arena) -> Engine:
     """Make an engine: "interpreted", "compiled", or "auto" (compiled where possible).
 
     Raises:
-        MissingPackageError: "compiled" was requested, and LLVM is not installed.
-        InputError: "compiled" was requested, and a kernel cannot be compiled.
-        KernelError: a third-party kernel has a fault.
+        MissingPackageError: If "compiled" was requested, and LLVM is not installed.
+        InputError: If "compiled" was requested, and a kernel cannot be compiled.
+        KernelError: If a third-party kernel has a fault.
     """
     if kind == "interpreted":
         return Interpreted(arena)
@@ -186,7 +186,7 @@ def engine_for(kind: str, arena: Arena) -> Engine:
 
 @cache
 def program() -> Native:
-    """Load the program of all scenes, or compile it once per version and machine."""
+    """Load the program of all scenes; compile it once per version and machine."""
     from graspfx.compile.native import compiled
 
     kept = kept_program()
@@ -201,7 +201,7 @@ def program() -> Native:
 
 
 def kept_program() -> Native | None:
-    """Load the program of all scenes if it has been compiled, in advance or by an earlier run."""
+    """Load the program of all scenes if it has been compiled, either in advance or by an earlier run."""
     from graspfx.compile import library
 
     if (shipped := library.find(program_key())) is not None:
@@ -217,17 +217,17 @@ def kept_program() -> Native | None:
 
 
 def is_machine_code() -> bool:
-    """Tell whether compiled ticks are available: the code was installed, or LLVM can compile it."""
+    """Return whether compiled ticks are available: the code is installed, or LLVM can compile it."""
     from graspfx.compile import library
 
     return find_spec("llvmlite") is not None or library.has(program_key())
 
 
 def machine_codes(arena: Arena) -> list[tuple[ForeignKernel, Native]]:
-    """Compile the kernels of a scene that the common program lacks.
+    """Compile the kernels of a scene that are not in the common program.
 
     Raises:
-        InputError: a kernel cannot be compiled.
+        InputError: If a kernel cannot be compiled.
     """
     return [(each, _machine_code(each)) for each in arena.foreign]
 
@@ -247,7 +247,7 @@ def _on_blocks(arena: Arena, foreign: ForeignKernel, function: Kernel) -> Kernel
 
 
 def _machine_code(foreign: ForeignKernel) -> Native:
-    """Compile a kernel that the common program lacks, as a function of its block's place and further numbers."""
+    """Compile a kernel that is not in the common program, as a function of its block's place and further numbers."""
     from graspfx.compile.definitions import definition
     from graspfx.compile.native import compiled
     from graspfx.compile.program import program_source

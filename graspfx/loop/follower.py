@@ -1,4 +1,4 @@
-"""A follower, which smooths a stepwise input such as mouse or touch events."""
+"""Follower that smooths a stepwise input such as mouse or touch events."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ FloatArray = NDArray[np.float64]
 
 
 def follow(w: float, h: float, share: float, goal: Any, value: Any, rate: Any) -> tuple[Any, Any]:
-    """Compute value and rate of a critically damped follower after a time h, for numbers or arrays.
+    """Compute the value and rate of a critically damped follower after a time h, for numbers or arrays.
 
     Args:
-        w: inverse time constant 1/tau [1/s].
-        h: elapsed time [s].
-        share: decay factor exp(-w h).
-        goal: target u, constant over the step.
-        value, rate: r and r' at the beginning of the step.
+        w: Inverse time constant 1/tau [1/s].
+        h: Elapsed time [s].
+        share: Decay factor exp(-w h).
+        goal: Target u, constant over the step.
+        value, rate: Values of r and r' at the beginning of the step.
     """
     e = value - goal
     c = rate + w * e
@@ -38,15 +38,15 @@ class Follower:
 
         e(h) = (e + c h) exp(-w h),   r'(h) = (r' - w c h) exp(-w h).
 
-    From rest the follower never overshoots. Its position and velocity are continuous. Behind a target of constant
-    velocity the follower lags by 2 tau.
+    From rest the follower never overshoots. Its position and velocity are continuous. The follower lags a target of
+    constant velocity by 2 tau.
 
     Args:
-        lag: time constant tau, above zero [s].
-        position: initial position, at rest.
+        lag: Time constant tau, above zero [s].
+        position: Initial position, at rest.
 
     Attributes:
-        position, velocity: state of the follower, in its own arrays [m, m/s].
+        position, velocity: State of the follower, in its own arrays [m, m/s].
     """
 
     def __init__(self, lag: float, position: ArrayLike) -> None:

@@ -1,4 +1,4 @@
-"""A guided hand: goals that change during a run offset its targets, each smoothed by a follower."""
+"""Hand whose targets are offset by goals that change during a run, each smoothed by a follower."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class GuidedHand:
     (`Follower`), so targets neither jump nor overshoot when goals change.
 
     Args:
-        hand: hand with motions of this package only.
-        lag: time constant tau of the followers, above zero [s].
-        offset: goal of the offsets, (d,) for all fingers or (n, d) [m].
-        squeeze: goal of the squeeze [m].
-        settled: whether the followers start at their goals; otherwise they start at rest at zero.
+        hand: Hand with motions of this package only.
+        lag: Time constant tau of the followers, above zero [s].
+        offset: Goal of the offsets, (d,) for all fingers or (n, d) [m].
+        squeeze: Goal of the squeeze [m].
+        settled: Whether the followers start at their goals; otherwise they start at rest at zero.
     """
 
     declaration = GuidedHandState
@@ -88,11 +88,11 @@ class GuidedHand:
 
     @property
     def still(self) -> bool:
-        """Whether the targets never change; always False, because goals may change."""
+        """False, because goals may change the targets."""
         return False
 
     def adopt(self, other: GuidedHand) -> None:
-        """Adopt gains, rest, motions and goals of a hand of the same structure; keep the state of the followers."""
+        """Adopt gains, rest, motions and goals of a hand of the same structure, but not the state of its followers."""
         adopt_block(self, other)
         self._hand = other._hand
 
@@ -103,7 +103,7 @@ class GuidedHand:
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
         """Return read-only intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s].
 
-        The followers advance to that time; they never move back in time.
+        The followers advance to that time; they never return to an earlier time.
         """
         guided_target(GuidedHandState(self.state.data), time)
         return targets_of(self.state, self.ports, self.stiffness)

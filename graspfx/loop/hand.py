@@ -30,23 +30,23 @@ class Hand:
         r_i(t) = c + R(t) (rest_i + s(t) share_i u_i - c) + x(t)
 
     x is the motion, R the product of the turns about c, s the squeeze, and u_i the unit vector along `inward`. The
-    single number s closes all fingers (a synergy); the directions of the squeeze turn with the hand. Without motion,
+    single number s closes all fingers (a synergy); the directions of the squeeze rotate with the hand. Without motion,
     turns and squeeze the hand is a spring and damper to `rest`. With zero gains the hand exerts no force.
 
     With motions of this package the hand is a `FusedHand`; with a third-party motion it has no `kernel`.
 
     Args:
-        rest: rest positions of the fingers, (n, d) [m].
-        stiffness: K [N/m]: a number or one per axis (d,), the same for each finger; or one symmetric positive
+        rest: Rest positions of the fingers, (n, d) [m].
+        stiffness: Stiffness K [N/m]: a number or one per axis (d,), the same for each finger; or one symmetric positive
             semidefinite matrix over the fingers per axis, (d, n, n).
-        damping: B [N s/m], in the same forms.
-        motion: x, translation of all fingers; the centres of the turns move with it.
-        squeeze: s, displacement of each finger's target along `inward` [m]: a number, reached by one minimum-jerk step
+        damping: Damping B [N s/m], in the same forms.
+        motion: Translation x of all fingers; the centres of the turns move with it.
+        squeeze: Displacement s of each finger's target along `inward` [m]: a number, reached by one minimum-jerk step
             over `squeeze_ramp` from time zero, or a one-dimensional motion such as `graspfx.loop.motion.Levels`.
-        inward: directions of the squeeze, (n, d), of any length; a zero row excludes a finger from the squeeze.
-        squeeze_ramp: duration of the minimum-jerk step [s].
-        share: factor on the squeeze, a number or one per finger (n,).
-        turns: rotations R and their centres c, applied in order, each about a fixed axis.
+        inward: Directions of the squeeze, (n, d), of any length; a zero row excludes a finger from the squeeze.
+        squeeze_ramp: Duration of the minimum-jerk step [s].
+        share: Factor on the squeeze, a number or one per finger (n,).
+        turns: Rotations R and their centres c, applied in order, each about a fixed axis.
     """
 
     declaration = HandState
@@ -76,7 +76,7 @@ class Hand:
         if any(turn.dimensions != d for turn in turns):
             raise InputError("turns", [turn.dimensions for turn in turns], f"turns in {d} dimensions, like `rest`")
         if any(getattr(type(turn), "turned", None) is not Turn.turned for turn in turns):
-            raise InputError("turns", turns, "instances of Turn", "give the course in time as a motion of its angle")
+            raise InputError("turns", turns, "instances of Turn", "give a turn over time by the motion of its angle")
         closing = _squeeze(squeeze, squeeze_ramp)
         along = _shares(share, n)[:, None] * _directions(inward, squeeze, n, d)
         closes = along.any() and not (np.isscalar(squeeze) and squeeze == 0.0)
@@ -120,7 +120,7 @@ class Hand:
         share: ArrayLike = 1.0,
         turns: Sequence[Turn] = (),
     ) -> Hand:
-        """Make a hand whose arm moves the fingers' mean and whose grip moves them against each other.
+        """Make a hand whose arm moves the fingers' mean, and whose grip moves the fingers relative to each other.
 
             K = k_arm 11'/n + k_grip (I - 11'/n), and B with b_arm and b_grip, on each axis
 
@@ -130,8 +130,8 @@ class Hand:
         because the rotation is part of the deviations.
 
         Args:
-            arm: stiffness [N/m] and damping [N s/m] per finger, each a number or one per axis.
-            grip: stiffness [N/m] and damping [N s/m] per finger, in the same form.
+            arm: Stiffness [N/m] and damping [N s/m] per finger, each a number or one per axis.
+            grip: Stiffness [N/m] and damping [N s/m] per finger, in the same form.
         """
         n, d = _rest(rest).shape
         mean = np.full((n, n), 1.0 / n)
@@ -170,7 +170,7 @@ class Hand:
         self._stiffness, self._damping = _frozen(stiffness), _frozen(damping)
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
-        """Give intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]; not to be written to."""
+        """Return read-only intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]."""
         for at, course in self._plain_parts:
             course.ask(self.state, at, time)
         target(HandState(self.state.data), time)
@@ -178,12 +178,12 @@ class Hand:
 
 
 class JoinedHands:
-    """Several hands as one, with no force between fingers of different hands.
+    """Several hands as one, without forces between fingers of different hands.
 
     Args:
-        hands: in any order.
-        order: index of each finger of the joined hand among the hands' concatenated fingers; if None, the fingers keep
-            that order.
+        hands: Hands, in any order.
+        order: Index of each finger of the joined hand among the hands' concatenated fingers; if None, the fingers are
+            in that order.
     """
 
     declaration = JoinedHandsState
@@ -265,7 +265,7 @@ class JoinedHands:
         self._stiffness, self._damping = _frozen(stiffness), _frozen(damping)
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
-        """Give intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]; not to be written to."""
+        """Return read-only intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]."""
         for hand, at, rate in self._plain_parts:
             r, v = hand.target(time)
             self.state[at : at + r.size] = r.ravel()
@@ -282,16 +282,16 @@ def join(hands: Sequence[plant.Hand], order: Sequence[int] | None = None) -> pla
 
 
 def adopt_block(hand: Any, other: Any) -> None:
-    """Copy another hand's block, which contains all parameters from which targets are computed.
+    """Copy another hand's block, which contains all parameters of the targets.
 
     Raises:
-        InputError: the other hand differs in structure, or a motion has no kernel.
+        InputError: If the other hand differs in structure, or a motion has no kernel.
     """
     followers: Sequence[int] = hand.followers
     same = type(other) is type(hand) and other.state.shape == hand.state.shape
     same = same and np.array_equal(other.structure, hand.structure)
     if not same or not np.array_equal(other.state[other.structure], hand.state[hand.structure]):
-        raise InputError("other", other, "a hand with as many motions and turns, of the same kinds")
+        raise InputError("other", other, "a hand with the same numbers and kinds of motions and turns")
     if not isinstance(hand, plant.FusedHand):
         raise InputError("hand", hand, "a hand with motions of this package only")
     places = np.array(followers, dtype=np.intp)

@@ -1,4 +1,4 @@
-"""Motion of a scene's hands, computed from the table in a recording: intended motion, tremor and noise."""
+"""Motion of a scene's hands, computed from the scene table of a recording: intended motion, tremor and noise."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ CLOSE = 0.05  # relative tolerance of a frequency
 
 @dataclass(frozen=True)
 class Drive:
-    """Motions by which hands excite some fingers.
+    """Motions with which hands excite some fingers.
 
     Attributes:
-        parts: Intended motions, each with the factor that converts the motion's offset to metres at the fingertips.
+        parts: Intended motions, each with the factor that converts its offset to metres at the fingertips.
         frequencies: Frequencies of the sines in the intended motions [Hz].
         complete: False if the table does not determine a hand's motion, or if a person moves the device.
         tremors: Unintended motions of the hands.
@@ -55,13 +55,13 @@ class Drive:
         Args:
             times: Times [s].
             depth: Displacement of the fingers relative to the object [m]. Muscle forces cause the displacement, so a
-                relative change of the forces changes it by the same fraction.
+                relative change of these forces changes it by the same fraction.
         """
         columns = [depth * operator.noise(times) for operator in self.noises]
         return np.concatenate([np.zeros((len(times), 1)), *columns], axis=1)
 
     def swings(self, frequency: float, resolution: float) -> bool:
-        """Tell whether motion at this frequency may be a sine of the hands or one of its harmonics.
+        """Return whether motion at this frequency may be a sine of the hands, or one of its harmonics.
 
         Args:
             frequency, resolution: Frequency and its resolution [Hz].
@@ -75,7 +75,7 @@ class Drive:
 def drive(
     table: Mapping[str, Any], fingers: Sequence[int], folder: str, start: FloatArray, centre: FloatArray
 ) -> Drive:
-    """Compute the drive of some fingers.
+    """Compute the excitation of some fingers.
 
     Args:
         table: Table of the scene in a recording's header.
@@ -125,7 +125,7 @@ def drive(
 
 
 def _is_simulated(table: Mapping[str, Any], finger: Mapping[str, Any]) -> bool:
-    """Tell whether a finger has a hand, or else the device "simulated", which keeps its position without a hand."""
+    """Return whether a finger has a hand, or else the device "simulated", which does not move without a hand."""
     device = finger.get("device")
     if isinstance(device, str):
         device = next((each for each in table.get("device") or [] if each.get("name") == device), None)

@@ -9,13 +9,13 @@ from graspfx.loop.world import MOVER, OBJECT_, SAFETY, STATION
 
 
 def kernel_fault(parts: Parts, kind: int, index: int, code: int) -> str:
-    """Explain the fault code of a kernel.
+    """Return the message for the fault code of a kernel.
 
     Args:
-        parts: parts of the scene.
-        kind: kind of the part that failed, as latched by the tick.
-        index: index of the part among the parts of this kind.
-        code: fault code of the part's kernel.
+        parts: Parts of the scene.
+        kind: Kind of the part that failed, as latched by the tick.
+        index: Index of the part among the parts of this kind.
+        code: Fault code of the part's kernel.
     """
     fingers = parts.layout.fingers
     if kind == SAFETY and parts.safety is not None:
@@ -32,10 +32,10 @@ def kernel_fault(parts: Parts, kind: int, index: int, code: int) -> str:
 
 
 def object_names(parts: Parts, mover: int) -> str:
-    """Name the objects that a mover moves."""
+    """Return the names of the objects that a mover moves."""
     return ", ".join(parts.objects[number].name for number in parts.movers[mover].objects)
 
 
 def finger_names(parts: Parts, plant: int) -> str:
-    """Name the fingers of a plant."""
+    """Return the names of a plant's fingers."""
     return ", ".join(parts.layout.fingers[f] for f in parts.plants[plant].fingers)

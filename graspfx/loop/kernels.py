@@ -1,7 +1,7 @@
 """Kernels of a scene's parts, by number.
 
 A number below `len(KERNELS)` denotes a kernel of this package, which the program calls. Any other number denotes a
-third-party kernel: the address of its machine code, or in interpreted ticks the number of its announced function.
+third-party kernel: the address of its machine code or, in interpreted ticks, the number of its registered function.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A mailbox between Python and a vendor's thread, for devices whose C functions may be called only in that thread."""
+"""Mailbox between Python and a vendor's thread, for devices whose C functions may be called only in that thread."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ class Mailbox:
     """Exchange between devices in a vendor's thread and Python or the native loop.
 
     The thread calls `unsigned function(void *context)` once a period; each call is a turn. In a turn all devices are
-    asked, then read, and then written in the reverse order. They receive the forces that Python has written here, or
-    zero if Python has written none for 20 turns. A device with a fault is stopped in this and in all later turns. While
-    a loop drives the devices (`drive`), the turns call the loop instead.
+    asked, then read, and then written in the reverse order. They receive the forces that Python has written to the
+    mailbox, or zero if Python has written none for 20 turns. A device with a fault is stopped in this and in all later
+    turns. While a loop drives the devices (`drive`), the turns call the loop instead.
 
     Args:
         calls: C functions of the devices.
-        shape: shape (k, d) of each device.
-        now, sleep: function that returns the time, and function that waits.
+        shape: Shape (k, d) of each device.
+        now, sleep: Function that returns the time, and function that waits.
 
     Attributes:
-        function, context: addresses for the vendor's thread.
+        function, context: Addresses for the vendor's thread.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Mailbox:
         return int(self._words[at.TURNS])
 
     def read(self, i: int) -> tuple[int, FloatArray, FloatArray]:
-        """Return the number of samples of a device, and positions and velocities (k, d) of the last one."""
+        """Return a device's number of samples, and positions and velocities (k, d) of the last sample."""
         words = self._device(i)
         while True:
             before = int(words[at.SEQUENCE])
@@ -107,7 +107,7 @@ class Mailbox:
         return True
 
     def drive(self, function: int, context: int) -> None:
-        """Let the turns call a loop, `unsigned function(void *context)`, which returns 1 for a tick and 0 for none."""
+        """Let the turns call a loop, `unsigned function(void *context)`, which returns 1 if it ran a tick, else 0."""
         self._words[at.CONTEXT] = context
         self._words[at.LOOP] = function
 

@@ -14,11 +14,11 @@ from graspfx.loop.servo_parts import GraspedPart
 
 FloatArray = NDArray[np.float64]
 
-DO = "name its key in gx.open(scene, live=[...]) and use session.set"
+DO = "list its key in gx.open(scene, live=[...]) and use session.set"
 
 
 class Watch:
-    """Watched entries of a run's memories and their expected bits.
+    """Watched entries of a run's memories, and their expected bits.
 
     The watched entries determine a grasp's P and gains, and select what is computed. Reading all of them takes a
     microsecond or two.
@@ -47,7 +47,7 @@ class Watch:
         """Require that every entry is unchanged. Gains may have changed if they agree with their block's switches.
 
         Raises:
-            InputError: an entry was written to; the message names it.
+            InputError: If an entry was written to; the message names the entry.
         """
         if b"".join(self._views) == self._bits:
             return
@@ -57,7 +57,7 @@ class Watch:
                 raise InputError(
                     f"{part.name}: {switch}", getattr(part.grasped.state, switch),
                     "a switch that agrees with the gains in the block",
-                    "a gain was written directly; name it in gx.open(scene, live=[...]) and use session.set",
+                    "a gain was written directly; list it in gx.open(scene, live=[...]) and use session.set",
                 )  # fmt: skip
         for array, k, value in self._intrusions():
             self._require_free(array, k, value)

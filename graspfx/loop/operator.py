@@ -19,7 +19,7 @@ NOISE = 3  # last word of the seed of noise; the last words of a tremor's axes a
 
 
 class FingerOperator(Record):
-    """Operator model of one finger in addition to its hand's spring and damper; zeros disable each term."""
+    """Operator model of one finger in addition to its hand's spring and damper; zero values disable a term."""
 
     limb_mass: float  # M [kg]
     limb_stiffness: Vector  # K_l, per axis [N/m]
@@ -47,10 +47,10 @@ class Operator:
     Without a limb y = r. F_m is the lagged muscle force, and x is noise with mean 0 and variance 1.
 
     Args:
-        fingers: number of fingers n.
+        fingers: Number of fingers n.
 
     Attributes:
-        numbers: one `FingerOperator` per row, (n, entries); initially zeros.
+        numbers: One `FingerOperator` per row, (n, entries); initially zeros.
     """
 
     def __init__(self, fingers: int) -> None:
@@ -106,11 +106,11 @@ class Operator:
     def at_rest(self, stiffness: FloatArray, force: FloatArray) -> FloatArray:
         """Compute the stiffness at rest, (d, n, n) [N/m]: r - p = K_rest^-1 f.
 
-        The stiffness at rest is K, stiffened by the grip forces |f|, in series with the limb, plus the reaction.
+        The stiffness at rest is K, increased by the grip forces |f|, in series with the limb, plus the reaction.
 
         Args:
-            stiffness: stiffness K of the hand (d, n, n) [N/m].
-            force: force f of the fingers at rest (n, d) [N].
+            stiffness: Stiffness K of the hand (d, n, n) [N/m].
+            force: Force f of the fingers at rest (n, d) [N].
         """
         return self._rest(stiffness, force)[0]
 
@@ -165,9 +165,9 @@ def joined(operators: Sequence[Operator | None], fingers: Sequence[int], order: 
     """Join the operators of several hands; None if no hand has one.
 
     Args:
-        operators: operator of each hand; None for a hand with spring and damper only.
-        fingers: number of fingers of each hand.
-        order: index of each finger of the joined hand among the hands' concatenated fingers.
+        operators: Operator of each hand; None for a hand with spring and damper only.
+        fingers: Number of fingers of each hand.
+        order: Index of each finger of the joined hand among the hands' concatenated fingers.
     """
     if all(operator is None for operator in operators):
         return None

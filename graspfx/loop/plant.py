@@ -1,4 +1,4 @@
-"""The plant protocol: the joint motion of simulated devices and the hand that holds them."""
+"""Plant protocol: the joint motion of simulated devices and the hand that holds them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Hand(Protocol):
         ...
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
-        """Give intended positions r (n, d) [m] and their velocities (n, d) [m/s] at a time [s]."""
+        """Return intended positions r (n, d) [m] and their velocities (n, d) [m/s] at a time [s]."""
         ...
 
 
@@ -70,15 +70,16 @@ class FusedHand(Hand, Protocol):
     def kernel(self) -> HandKernel:
         """Kernel kernel(S, o, t), which computes the targets at time t [s] of the hand whose block starts at S[o].
 
-        A plain function in the subset of Python that `graspfx.compile` knows, for an array or a memoryview of it.
+        It is a plain function in the subset of Python that `graspfx.compile` supports, for an array or a memoryview of
+        it.
         """
         ...
 
 
 class Plant(Protocol):
-    """The mechanics of one or more simulated devices, which one hand holds and which move together.
+    """Mechanics of one or more simulated devices, which one hand holds and which move together.
 
-    The plant holds the true motion, which the devices read through their sensors. It starts at time zero.
+    The plant computes the true motion, which the devices read through their sensors. The motion starts at time zero.
     """
 
     @property
@@ -114,7 +115,7 @@ class FusedPlant(Plant, Protocol):
 
     Call `hold` after `place`, and when the hand, its gains or T change. With the block S, each sample then writes
     efforts and targets to S at `ports`, calls `kernel(S, 0)`, and reads positions and velocities from S. `advance` does
-    nothing else. The block also holds the plant's time and the targets at the sample's beginning. Sample k after
+    nothing else. The block also contains the plant's time and the targets at the sample's beginning. Sample k after
     `place` ends at (k + 1) T; its middle is at 0.5 (k T + (k + 1) T).
     """
 
@@ -130,15 +131,15 @@ class FusedPlant(Plant, Protocol):
 
     @property
     def ports(self) -> Ports:
-        """Entries where the caller writes and reads, counted from the block's beginning."""
+        """Entries that the caller writes and reads, counted from the block's beginning."""
         ...
 
     @property
     def kernel(self) -> Kernel:
-        """kernel(S, o) moves the plant whose block starts at S[o] by one sample.
+        """Kernel kernel(S, o), which moves the plant whose block starts at S[o] by one sample.
 
-        A plain function in the subset of Python that `graspfx.compile` knows, for an array or a memoryview of it. It
-        returns 0, or a fault code if it cannot continue; then nothing has moved.
+        It is a plain function in the subset of Python that `graspfx.compile` supports, for an array or a memoryview of
+        it. It returns 0, or a fault code if the plant cannot continue and has not moved.
         """
         ...
 
@@ -146,17 +147,17 @@ class FusedPlant(Plant, Protocol):
         """Write the hand's gains, its targets at the plant's time and the period T [s] into the block."""
 
     def fault_text(self, code: int) -> str:
-        """Explain a fault code of the kernel."""
+        """Return the message for a fault code of the kernel."""
         ...
 
 
 def is_still(hand: Hand) -> bool:
-    """Tell whether a hand declares by `still` that its targets are constant with zero velocity."""
+    """Return whether a hand declares by `still` that its targets are constant, with zero velocity."""
     return bool(getattr(hand, "still", False))
 
 
 def fused(plant: Plant) -> FusedPlant | None:
-    """Return the plant if its kernel does everything that `advance` does.
+    """Return the plant if its kernel replaces `advance`.
 
     Return None if the plant has no kernel, or if its class overrides the `advance` of a class with a kernel.
     """
@@ -166,7 +167,7 @@ def fused(plant: Plant) -> FusedPlant | None:
 
 
 def unaltered(component: object, methods: Sequence[str], kernels: Sequence[str]) -> bool:
-    """Tell whether no subclass overrides these methods without also overriding these kernels."""
+    """Return whether no subclass overrides these methods without also overriding these kernels."""
 
     def nearest(names: Sequence[str]) -> int:
         order = type(component).__mro__

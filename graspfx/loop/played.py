@@ -1,4 +1,4 @@
-"""Devices played back from a recording: they repeat the recorded readings and display no forces."""
+"""Devices played back from a recording, which repeat the recorded readings and display no forces."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PHASES: tuple[Phase, ...] = ("write", "read", "after")
 
 
 class Played(Protocol):
-    """Rows of a run for playback, such as a `Recording`."""
+    """Protocol of a run's rows for playback, such as a `Recording`."""
 
     @property
     def layout(self) -> Layout: ...
@@ -40,11 +40,11 @@ class Played(Protocol):
 
 
 class PlayedDevice:
-    """A stand-in for a recorded device, with the same features; `Playback` supplies the readings.
+    """Replacement of a recorded device, with the same features; `Playback` supplies the readings.
 
     Args:
-        features: features of the recorded device.
-        d: number of dimensions.
+        features: Features of the recorded device.
+        d: Number of dimensions.
     """
 
     def __init__(self, features: Features, d: int) -> None:
@@ -87,7 +87,7 @@ class LimitedPlayedDevice(PlayedDevice):
 
 
 class PlayedPlant:
-    """Fingertips at their recorded positions, whatever forces act on them."""
+    """Fingertips at their recorded positions, independent of the forces on them."""
 
     def __init__(self, n: int, d: int) -> None:
         self.position: FloatArray = np.zeros((n, d))
@@ -101,12 +101,12 @@ class PlayedPlant:
 
 
 class Playback:
-    """Reads rows of a recording instead of devices, tick by tick, and repeats their faults.
+    """Exchange that reads rows of a recording instead of devices, tick by tick, and repeats their faults.
 
     Args:
-        recording: recording of every tick.
-        largest: second recording, which contains the largest force of a device if the first recording lacks it.
-        phase: phase of the tick in which the first fault is repeated, if the replay has no fault by then.
+        recording: Recording of every tick.
+        largest: Second recording, which contains the largest force of a device if the first recording does not.
+        phase: Phase of the tick in which the first fault is repeated, if the replay has no fault by then.
     """
 
     def __init__(self, recording: Played, largest: Played | None, phase: Phase) -> None:
@@ -137,7 +137,7 @@ class Playback:
         return stations, [PlantWiring(plant, None, devices, np.arange(n))]  # type: ignore[arg-type]
 
     def attach(self, ports: Sequence[Port], stations: Sequence[DeviceWiring]) -> None:
-        """Set the ports for the readings."""
+        """Set the ports to which readings are written."""
         for port in ports:
             fingers = stations[port.station].fingers
             channels = np.flatnonzero(fingers >= 0)
@@ -147,7 +147,7 @@ class Playback:
             self._deadmen.append(fitting.deadman)
 
     def read(self, periods: int = 1) -> list[str]:
-        """Take the next tick's readings; list device faults that occurred before the reading."""
+        """Read the next tick's readings; list device faults that occurred before the reading."""
         self._k += 1
         row = self._row(self._k)
         position, velocity = row["finger_position"], row["finger_velocity"]
@@ -169,7 +169,7 @@ class Playback:
         return list(self._faults(0 if self._phase == "read" else 1)) if self._phase != "write" else []
 
     def write(self) -> str:
-        """Display nothing; return the device fault that occurred in writing."""
+        """Display no force; return the device fault that occurred in writing."""
         return next(self._faults(0), "") if self._phase == "write" else ""
 
     def _faults(self, delay: int) -> Iterator[str]:
@@ -185,13 +185,13 @@ class Playback:
 
 
 class _Misses:
-    """Number of successive samples without a new reading, for a device that is called at intervals of ticks."""
+    """Number of successive samples without a new reading, for a device that is not called in every tick."""
 
     def __init__(self, every: int) -> None:
         self._every, self._since = every, 0
 
     def count(self, misses: float, periods: int, *, is_fresh: bool) -> float:
-        """Update the count `periods` periods after the last tick."""
+        """Update the number, `periods` periods after the last tick."""
         self._since = 0 if is_fresh else self._since + periods
         if is_fresh:
             return 0.0
@@ -202,12 +202,12 @@ class _Misses:
 
 
 def _calls(fitting: Fitting) -> Fitting:
-    """Keep a fitting's call interval but not its frame, since rows are in the scene's axes."""
+    """Return a fitting with the same call interval but without a frame, because rows are in the scene's axes."""
     return Fitting(None, fitting.deadman, fitting.every)
 
 
 def _played(device: Device, d: int) -> PlayedDevice:
-    """Make a played device that replaces another one and has its class name in messages."""
+    """Make a played device that replaces another device, and has its class name in messages."""
     base = LimitedPlayedDevice if isinstance(device, LimitedDevice) else PlayedDevice
     kind: type[PlayedDevice] = type(type(device).__qualname__, (base,), {})
     return kind(device.features, d)

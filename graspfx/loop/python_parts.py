@@ -1,4 +1,4 @@
-"""List the parts of a servo that run as Python code or wait for other software between calls."""
+"""Parts of a servo that run as Python code, or wait for other software, between calls."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def guests(servo: Servo) -> list[str]:
 
 
 def looked_ahead(servo: Servo) -> list[str]:
-    """List hands in plain Python, which are asked for many ticks at once."""
+    """List hands in plain Python, whose targets are computed for many ticks at once."""
     wirings = [table.wiring for table in servo.arena.tables]
     return [part_name("hand", m.hand, _fingers(servo, m.fingers)) for m in wirings]
 

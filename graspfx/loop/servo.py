@@ -1,4 +1,4 @@
-"""The servo: runs the ticks of a scene (in one call if all parts are kernels) and changes parameters between ticks."""
+"""Servo, which runs a scene's ticks (in one call if all parts are kernels) and changes parameters between ticks."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Steerable(Protocol):
     """A plant or a hand whose parameters may change during a run."""
 
     def adopt(self, other: Any) -> None:
-        """Adopt the parameters of another part of the same structure, and keep the present motion."""
+        """Adopt the parameters of another part of the same structure; the present motion is unchanged."""
 
 
 @runtime_checkable
@@ -55,7 +55,7 @@ class SteerablePlant(Steerable, Protocol):
     """A plant whose mechanics and hand may change during a run.
 
     Attributes:
-        live: whether mechanics and hand may change; if so, `structure` lists only entries that stay constant.
+        live: Whether mechanics and hand may change; if so, `structure` lists only entries that stay constant.
     """
 
     live: bool
@@ -66,7 +66,7 @@ class CarriedPlant(Steerable, Protocol):
     """A plant whose mechanics may be set by another process.
 
     Attributes:
-        mechanics: masses [kg] and dampings [N s/m], (2, n); call the plant's `hold` after setting them.
+        mechanics: Masses [kg] and dampings [N s/m], (2, n); call the plant's `hold` after setting them.
     """
 
     mechanics: FloatArray
@@ -77,10 +77,10 @@ class Update:
     """New values of a scene's keys, converted to numbers in the parts' memories.
 
     Attributes:
-        values: new values of the keys.
-        entries: memories, with the entries to be changed and the new numbers.
-        parts: plants and hands, each with another part that contains the new parameters.
-        plants: indices of the plants that must be attached to their hands again.
+        values: New values of the keys.
+        entries: Memories, with the entries to be changed and the new numbers.
+        parts: Plants and hands, each with another part that contains the new parameters.
+        plants: Indices of the plants that must be attached to their hands again.
     """
 
     values: Mapping[str, Any] = field(default_factory=dict)
@@ -90,23 +90,23 @@ class Update:
 
 
 class Servo:
-    """Runs the parts of a scene.
+    """Loop that runs the parts of a scene.
 
     A non-finite motion, an error of this package from a device, body or plant, or a projection that does not converge
     latches a fault. From that tick on every force is zero; forces computed in that tick are not displayed.
 
     If all parts are kernels, one call runs any number of ticks. A Python body or plant requires one call per tick, and
-    a Python device two, with the methods of these parts between the calls. The recordings are identical bit by bit. The
-    exchange with a guest after a tick is completed by the next tick, and after the last tick by `run`.
+    a Python device two, with the methods of these parts between the calls. The recording is the same, bit by bit. The
+    next tick completes a tick's exchange with a guest; after the last tick, `run` completes it.
 
     Args:
         engine: "auto", "compiled" or "interpreted".
-        record: whether ticks are recorded; otherwise `run` takes no recorder.
-        every: number of ticks from one recorded row to the next.
-        safety: safety chain between law and devices, if the scene has one.
-        host: other program that simulates the object, if the scene has one.
-        guards: guards of real devices.
-        memory: memory of the parts' blocks.
+        record: Whether ticks are recorded; otherwise `run` must be called without a recorder.
+        every: Number of ticks from one recorded row to the next.
+        safety: Safety chain between law and devices, if the scene has one.
+        host: Other program that simulates the object, if the scene has one.
+        guards: Guards of real devices.
+        memory: Memory of the parts' blocks.
     """
 
     def __init__(
@@ -189,7 +189,7 @@ class Servo:
         return self._arena
 
     def prepare(self) -> DeviceExchange:
-        """Do all slow preparations before hardware is opened; return the exchange with Python devices."""
+        """Make all slow preparations before hardware is opened; return the exchange with Python devices."""
         engine = self._ready()
         self._rehearse(engine)
         if self.hardware and isinstance(engine, Compiled):
@@ -239,7 +239,7 @@ class Servo:
 
     @property
     def why_python(self) -> str:
-        """Reason why Python runs between two wall-clock ticks; empty if Python does not run there."""
+        """Reason why Python runs between two real-time ticks; empty if Python does not run there."""
         return why_python(self.stations, self.layout.fingers, self._kind, self.period, self.arena)
 
     def run(
@@ -251,19 +251,19 @@ class Servo:
     ) -> None:
         """Run and record a number of ticks; end earlier if `stop` returns true.
 
-        `stop` is called before each call of the engine: before every interpreted tick and every tick with Python parts,
-        otherwise before every 64 compiled ticks.
+        `stop` is called before each call of the engine, that is, before every interpreted tick, every tick with Python
+        parts, and otherwise every 64 compiled ticks.
 
         Args:
-            ticks: number of ticks to run.
-            recorder: recorder of the rows, faults and changes.
-            stop: function that tells whether to stop.
-            pacer: wall-clock pacer that each tick waits for; without one, ticks run without waiting.
+            ticks: Number of ticks to run.
+            recorder: Recorder of the rows, faults and changes.
+            stop: Function that tells whether to stop.
+            pacer: Wall-clock pacer that each tick waits for; without one, ticks run without waiting.
 
         Raises:
-            InputError: the recorder is missing or superfluous; or hardware has no pacer; or a number was written
-                directly into a block, and the program, a switch of the block, or the recording's split of forces
-                depends on that number.
+            InputError: If the recorder is missing or superfluous, hardware has no pacer, or a number was written
+                directly into a block and the program, a switch of the block, or the recording's split of forces depends
+                on it.
         """
         if pacer is None:
             require_simulations(self.hardware)
@@ -292,11 +292,11 @@ class Servo:
         """Write new numbers into the parts between two ticks; the next tick uses them.
 
         Args:
-            update: update of this servo's parts.
-            recorder: recorder of the tick and the values.
+            update: Update of this servo's parts.
+            recorder: Recorder of the tick and the values.
 
         Raises:
-            InputError: a number was written directly into a block, as in `run`; nothing is changed.
+            InputError: If a number was written directly into a block, as in `run`; nothing is changed.
         """
         self.watch.require()
         for memory, entries, numbers in update.entries:
@@ -364,7 +364,7 @@ class Servo:
             self._exchange()  # exchange of the tick with the fault
 
     def _run_paced(self, ticks: int, recorder: RowTaker | None, stop: Stop | None, pacer: Pacer) -> None:
-        """Run ticks, each at its deadline. Waiting too long for hardware is a fault. Forces decay at the end."""
+        """Run ticks, each at its deadline. Excessive lateness with hardware is a fault. Forces decay at the end."""
         end, log = SoftEnd(self.safety if self.hardware else None, self.period, self.ticks + ticks), None
         pacer.most = self.guards.late
         if self._arena.loop is not None:
@@ -399,7 +399,7 @@ class Servo:
         self.row = recorder.row
 
     def _exchange(self) -> None:
-        """Exchange with the guests that are not stuck."""
+        """Exchange with the guests that can continue."""
         for i in self._arena.guests:
             if not self._own.stuck_bodies[i]:
                 self.movers[i].body.exchange()
@@ -471,7 +471,7 @@ class Servo:
             self._notice(recorder)
 
     def _step(self, k: int, i: int) -> None:
-        """Step a body to the end of the sample; after a fault the body stays at its position."""
+        """Step a body to the end of the sample; after a fault the body remains at its position."""
         if not self._own.stuck_bodies[i]:
             try:
                 self.movers[i].body.step(self.period)
@@ -504,7 +504,7 @@ class Servo:
             latch(self._own, k, FOREIGN, 0, len(self._foreign_faults) - 1)
 
     def _notice(self, recorder: RowTaker | None, others: Sequence[RunFault] = ()) -> None:
-        """Record new faults of the tick, together with others."""
+        """Record new faults of the tick, together with the given ones."""
         if self.fault is None and self._flag[0]:
             self.fault = RunFault(self._own.tick, self.why(self._arena.own))
             if recorder is not None:
@@ -517,7 +517,7 @@ class Servo:
                 recorder.fault(*fault)
 
     def why(self, own: FloatArray) -> str:
-        """Explain the fault latched in the memory of a tick, `Arena.own`."""
+        """Return the message for the fault latched in the memory of a tick, `Arena.own`."""
         servo = ServoState(own)
         if servo.kind == FOREIGN:
             return self._foreign_faults[servo.code]
@@ -549,10 +549,10 @@ def settle_guests(guests: Sequence[int], movers: Sequence[BodyGroup], servo: Ser
     """Complete the last tick's exchange with guests; record a fault for the following tick.
 
     Args:
-        guests: indices of the guests' movers.
-        movers: movers of the scene.
-        servo: memory of the tick.
-        k: the following tick.
+        guests: Indices of the guests' movers.
+        movers: Movers of the scene.
+        servo: Memory of the tick.
+        k: Index of the following tick.
     """
     for i in guests:
         code = 0 if servo.stuck_bodies[i] else movers[i].body.take()

@@ -33,7 +33,7 @@ class GraspedPart:
 
 @dataclass(frozen=True)
 class BodyGroup:
-    """A body, or a world of bodies in mutual contact, and the indices of the objects that it moves."""
+    """A body, or a world of bodies with mutual contacts, and the indices of the objects that it moves."""
 
     body: Any
     objects: Sequence[int]
@@ -75,7 +75,7 @@ class Parts:
 
 
 def guest_of(body: object) -> Guest | None:
-    """Return the body if its kernels and `exchange` do everything that its `step` does."""
+    """Return the body if its kernels and `exchange` replace its `step`."""
     if isinstance(body, Guest) and unaltered(body, ("step",), ("exchange", "handing", "taking")):
         return body
     return None

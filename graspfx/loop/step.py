@@ -1,4 +1,4 @@
-"""The tick of every scene, in stages: take, read, predict, couple, add work, display; stop, record, move, advance.
+"""Tick of every scene, in stages: take, read, predict, couple, add work, display; stop, record, move, advance.
 
 `steps` runs ticks of any scene by looping over the records of its `World`. The same source runs interpreted or
 compiled, as one function for all scenes. `graspfx check SCENE --tick` lists the kernels that run in one scene.
@@ -197,7 +197,7 @@ def couple_objects(world: World, servo: ServoState, k: int) -> None:
 
 @kernel
 def couple_safely(world: World, grasp: Grasp) -> int:
-    """Couple fingers to an object by stiffness and damping times gamma, and limit the forces; brakes come later."""
+    """Couple fingers to an object by stiffness and damping times gamma, and limit the forces, before any brake."""
     state, safety = GraspState(world.buffer, grasp.state), SafetyState(world.buffer, grasp.safety)
     if grasp.steered:
         adjust(state, safety)

@@ -1,4 +1,4 @@
-"""The program of `steps` for all scenes, as Python: every kernel that it calls, and those of parts by their numbers."""
+"""Program of `steps` for all scenes, as Python: every kernel that it calls, and those of parts by their numbers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def run(world, k, count, r):
 
 @cache
 def program_key() -> str:
-    """Name the program with the sources that it is made from."""
+    """Return the name of the program, and the sources from which it is made."""
     from graspfx.compile.freshness import request_key
 
     modules = {name.rpartition(".")[0] for name in KERNELS if name}
@@ -31,11 +31,11 @@ def program_key() -> str:
 def source(*, make: bool = True) -> str:
     """Write the program of `steps` as Python: run(arena, rows, world, k, count, r).
 
-    With a count of -1 it is `sample` of the grasp at a place instead, and below that `external_forces` of it, written
-    from entry r of the rows on.
+    With a count of -1 the program runs `sample` of the grasp at a place instead. Below -1 it runs `external_forces` of
+    that grasp, written from entry r of the rows on.
 
     Args:
-        make: whether to write what is not in the cache; else a LookupError.
+        make: Whether to write a program that is not in the cache; otherwise a LookupError is raised.
     """
     from graspfx.compile.freshness import recall, remember
     from graspfx.compile.kernel import keep_lowerings

@@ -1,8 +1,8 @@
-"""Listing of the step for one scene: the kernels that ran in some ticks, and the skipped parts with the reasons.
+"""Listing of the step for one scene: the kernels that ran in some ticks, and the skipped calls with their reasons.
 
-The listing is observed: ticks run interpreted, and every call of a kernel is recorded. Calls that did not occur are
-found in the source of `graspfx.loop.step`. The reason for a skipped call is the first enclosing condition that the
-scene's `World` does not satisfy.
+The listing is obtained by observation: ticks run interpreted, and every call of a kernel is recorded. Calls that did
+not occur are found in the source of `graspfx.loop.step`. The reason for a skipped call is the first enclosing condition
+that the scene's `World` does not satisfy.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class Skipped:
 
 @dataclass(frozen=True)
 class Used:
-    """Result of running some ticks of a scene.
+    """Result of an observation of some ticks of a scene.
 
     Attributes:
         ticks: Number of ticks observed.
@@ -133,7 +133,7 @@ class _Rows:
 def used(servo: Servo, ticks: int = TICKS) -> Used:
     """Run ticks of a new servo interpreted, and find which parts of the step ran.
 
-    Hardware is neither read nor moved; its fingers stay at their positions in an unread scene.
+    Hardware is neither read nor moved; its fingers remain at their initial positions in the scene.
     """
     arena = servo.arena
     watch = _Watch(arena)
@@ -153,12 +153,12 @@ def used(servo: Servo, ticks: int = TICKS) -> Used:
 def listing(servo: Servo, ticks: int = TICKS) -> list[str]:
     """List the kernels that ran in a scene's first ticks, in order, and the skipped calls with their reasons."""
     found = used(servo, ticks)
-    lines = [f"what ticks 0 to {found.ticks - 1} ran, in order: calls per tick, parts, and source", ""]
+    lines = [f"kernels that ran in ticks 0 to {found.ticks - 1}, in order: calls per tick, parts, and source", ""]
     for depth, call in found.root.walk():
         often = f"{call.count / found.ticks:.4g}"
         name = f"{'  ' * depth}{call.name}"
         lines.append(f"{name:<{WIDTH}} {often:>6}  {_listed(list(call.parts)):<32}  {_place(call.code)}".rstrip())
-    lines += ["", "skipped calls of graspfx/loop/step.py, and the reason", ""]
+    lines += ["", "skipped calls of graspfx/loop/step.py, and the reasons", ""]
     groups: dict[tuple[str, str], list[str]] = {}
     for each in found.skipped:
         groups.setdefault((each.name, each.why), []).append(f"{each.stage}:{each.line}")
@@ -211,12 +211,12 @@ class _Watch:
 
 
 def _hands_on(code: CodeType) -> bool:
-    """Tell whether a function only forwards a call between two kernels."""
+    """Return whether a function only forwards a call between two kernels."""
     return code.co_name in HANDING and Path(code.co_filename).name in BETWEEN
 
 
 def _is_kernel(code: CodeType) -> bool:
-    """Tell whether a function called by a kernel is a kernel, not a method of a buffer or part of the compiler."""
+    """Return whether a function called by a kernel is a kernel, not a method of a buffer or part of the compiler."""
     if code.co_filename.endswith(LOWERED_FILE):
         return True
     own = str(Path(graspfx.__path__[0]) / "compile")
@@ -224,7 +224,7 @@ def _is_kernel(code: CodeType) -> bool:
 
 
 class _Places:
-    """Finds the part of a scene on which a kernel operates, from the place in memory that the kernel receives."""
+    """Search for the part of a scene on which a kernel operates, by the place in memory that the kernel receives."""
 
     def __init__(self, arena: Arena) -> None:
         parts, self._ranges = arena.parts, list[tuple[int, int, str]]()
@@ -284,7 +284,7 @@ STAGES = {
 
 
 def _is_stage(call: Call) -> bool:
-    """Tell whether a kernel belongs to the step, because kernels of parts may have the same name."""
+    """Return whether a kernel belongs to the step, because kernels of parts may have the same name."""
     return call.code.co_filename == f"<{step.__name__}.{call.name}{LOWERED_FILE}"
 
 
@@ -331,7 +331,7 @@ def _within(node: ast.AST) -> Iterator[ast.Call]:
 
 
 def _reason(arena: Arena, guards: Sequence[Guard]) -> str:
-    """Return which loop was empty, or which condition no record satisfies."""
+    """Return the loop that was empty, or the condition that no record satisfies."""
     scopes: list[dict[str, Any]] = [{"world": arena.world, "servo": arena.servo}]
     for guard in guards:
         if isinstance(guard, ast.For):
@@ -385,7 +385,7 @@ def _holds(test: ast.expr, scope: dict[str, Any]) -> bool | None:
 
 
 def _words(test: ast.expr, wanted: bool) -> str:
-    """Describe a condition that no record of the world satisfies."""
+    """Return a description of a condition that no record of the world satisfies."""
     match test:
         case ast.UnaryOp(ast.Not(), operand):
             return _words(operand, not wanted)

@@ -1,4 +1,4 @@
-"""Estimate velocity from sampled positions, with a window whose length adapts to the sensor's resolution."""
+"""Estimation of velocity from sampled positions, with a window whose length adapts to the sensor's resolution."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ def estimate_size(window: int) -> int:
 
 @kernel
 def estimate(state: VelocityEstimate, x: float) -> float:
-    """Take the next position x of a component and return the component's velocity.
+    """Accept the next position x of a component, and return the component's velocity.
 
     v_k = (x_k - x_(k-n)) / (n T), where n is the longest window for which every line from x_k to x_(k-j), j = 2 ... n,
     passes within the noise bound h of the positions between its ends (`VelocityEstimator`). A line of slope s does so
-    if s is in [(x_k - x_(k-i) - h) / i, (x_k - x_(k-i) + h) / i] for each i < j, so one pass over the positions is
-    enough.
+    if s is in [(x_k - x_(k-i) - h) / i, (x_k - x_(k-i) + h) / i] for each i < j, so one pass over the positions
+    suffices.
     """
     length = state.length
     positions = state.positions
@@ -94,7 +94,7 @@ def estimate(state: VelocityEstimate, x: float) -> float:
 
 @kernel
 def estimate_between(state: VelocityEstimate, times: Floats, x: float, time: float) -> float:
-    """Take the next position x of a component, sampled at `time`, and return its velocity.
+    """Accept the next position x of a component, sampled at `time`, and return its velocity.
 
     v_k = (x_k - x_(k-n)) / (t_k - t_(k-n)). The method is that of `estimate`, with times in place of counts of samples:
     a slope must be in [(x_k - x_(k-i) - h) / (t_k - t_(k-i)), (x_k - x_(k-i) + h) / (t_k - t_(k-i))] for each i < j.
@@ -137,7 +137,7 @@ def estimate_between(state: VelocityEstimate, times: Floats, x: float, time: flo
 
 @kernel
 def estimate_after(state: VelocityEstimate, x: float, missed: int) -> float:
-    """Take the next position x of a component after `missed` lost samples, and return its velocity.
+    """Accept the next position x of a component after `missed` lost samples, and return its velocity.
 
     The lost samples are interpolated linearly between the last position and x.
     """
@@ -169,16 +169,16 @@ class VelocityEstimator:
     unchanged time leaves the velocity unchanged. If some regular samples are lost, call `miss` for each lost sample:
     lost samples are interpolated linearly.
 
-    The first velocity is zero. A non-finite position gives non-finite velocities until two finite positions have
+    The first velocity is zero. After a non-finite position, velocities are non-finite until two finite positions have
     followed.
 
     Args:
-        period: sampling period T [s].
-        shape: shape of a position.
-        noise: largest error of the sensor, half its resolution [m or rad]; 0 gives the backward difference over one
-            sample, whatever the window.
-        window: longest window [samples].
-        memory: array for the state, `estimate_size(window)` entries per component; if None, a new array is made.
+        period: Sampling period T [s].
+        shape: Shape of a position.
+        noise: Largest error of the sensor, half its resolution [m or rad]; with 0 the velocity is the backward
+            difference over one sample, for any window.
+        window: Longest window [samples].
+        memory: Array for the state, `estimate_size(window)` entries per component; if None, a new array is made.
     """
 
     def __init__(
@@ -244,11 +244,12 @@ class VelocityEstimator:
         """Update the velocity with the next position. The returned array is overwritten by the next call.
 
         Args:
-            position: position in the estimator's shape.
-            time: time of the sample [s]; if None, one period after the last sample. Give times for all samples or none.
+            position: Position in the estimator's shape.
+            time: Time of the sample [s]; if None, one period after the last sample. Times must be given for all samples
+                or none.
 
         Raises:
-            InputError: the time is before the last one, or not finite.
+            InputError: If the time is before the last one, or not finite.
         """
         if time is not None:
             return self._update_at(position, time)

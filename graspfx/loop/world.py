@@ -42,7 +42,7 @@ class ServoState(Record):
 
 @kernel
 def latch(servo: ServoState, k: int, kind: int, index: int, code: int) -> None:
-    """Store a fault if it is the first; from then on every force is zero."""
+    """Store a fault if it is the first one; from then on every force is zero."""
     if not servo.faulted:
         servo.faulted = True
         servo.tick = k
@@ -83,7 +83,7 @@ class Channel(Record):
 
 
 class Device(Record):
-    """A device. The caller of `steps` reads and writes a device in plain Python."""
+    """A device. Device in plain Python, which the caller of `steps` reads and writes."""
 
     plain: bool  # in plain Python
     state: int  # place of its block; for a plain device, an entry that tells whether the device could be read
@@ -152,7 +152,7 @@ class Plant(Record):
 
 
 class World(Record):
-    """Index of all parts of a scene, over which a tick runs."""
+    """Index of all parts of a scene, over which a tick iterates."""
 
     phase: int  # BEGIN or WRITE
     pauses: bool  # return after each tick to the caller, which runs devices, bodies or plants in plain Python

@@ -30,7 +30,7 @@ VISCOUS_LIMIT = 2.0  # largest b T/m at which explicit viscosity decays
 
 
 class Body(Protocol):
-    """A body that moves an object. One block contains the body's parameters, its state and the sample's wrench."""
+    """Protocol of an object's body. One block contains the body's parameters, its state and the sample's wrench."""
 
     @property
     def state(self) -> FloatArray:
@@ -45,7 +45,7 @@ class Body(Protocol):
 
 
 class BlockBody:
-    """Named views of a body's block."""
+    """Named views into a body's block."""
 
     def __init__(self, state: FloatArray) -> None:
         if state.shape != (at.SIZE,) or state.dtype != np.float64 or not state.flags.c_contiguous:
@@ -77,7 +77,7 @@ class BlockBody:
 
 @kernel
 def advance(body: BodyState, beside: Record, T: float) -> int:
-    """Move a body that touches no obstacle; the record beside its block is unused."""
+    """Move a body without obstacles; the additional record is unused."""
     at.step(body, T)
     return 0
 
@@ -91,7 +91,7 @@ def expect(body: BodyState, beside: Record, T: float) -> None:
 class NativeBody(BlockBody):
     """A rigid body that is moved by the integrator named in its block.
 
-    A run may move the body by its kernels `stepping(S, o, F, f, T)`, which returns 0 or a fault code, and
+    A run may move the body by its kernels: `stepping(S, o, F, f, T)`, which returns 0 or a fault code, and
     `predicting(S, o, F, f, T)`. The block starts at S[o] and the `buffer` at F[f]; F is S if `buffer` is None.
 
     Args:
@@ -103,18 +103,18 @@ class NativeBody(BlockBody):
     buffer: FloatArray | None = None
 
     def fault_text(self, code: int) -> str:
-        """Explain a non-zero code of `stepping`."""
-        raise InputError("code", code, "0: a body that meets nothing always moves on")
+        """Return the error for a non-zero code of `stepping`."""
+        raise InputError("code", code, "0: the step of a body without contacts always succeeds")
 
     def step(self, T: float) -> None:
         """Advance by T [s] under the wrench in the block, constant over the sample."""
         at.step(self._body, T)
 
     def free_motion(self, T: float) -> None:
-        """Fill the NEXT and COMPLIANCE entries over T [s].
+        """Fill the NEXT and COMPLIANCE entries for a sample of T [s].
 
         Raises:
-            InputError: The integrator is not "implicit", so the entries would not describe a step.
+            InputError: If the integrator is not "implicit", so the entries would not describe a step.
         """
         if self._body.integrator != at.IMPLICIT:
             name = next(name for name, kind in INTEGRATORS.items() if kind == self._body.integrator)
@@ -163,8 +163,8 @@ def fill_body(
         angular_velocity: Angular velocity [rad/s]: a number, or (3,) in world axes.
 
     Raises:
-        InputError: An argument is invalid; the error names it.
-        UnknownNameError: No integrator has that name.
+        InputError: If an argument is invalid; the error names it.
+        UnknownNameError: If no integrator has that name.
     """
     d = int(number("dimensions", dimensions, "1, 2 or 3"))
     if d not in FREEDOMS or d != dimensions:
@@ -218,7 +218,7 @@ def fill_body(
 
 
 def _vector(name: str, argument: float | ArrayLike | None, length: int, expected: str = "") -> FloatArray:
-    """Convert an argument to an array; None becomes zeros, and the length 0 denotes a single number."""
+    """Convert an argument to an array; None becomes zeros. The length 0 denotes a single number."""
     shape = (length,) if length else ()
     if argument is None:
         return np.zeros(shape)
@@ -234,7 +234,10 @@ def _moments(inertia: float | ArrayLike | None, d: int, needed: bool) -> FloatAr
     if inertia is None:
         if needed:
             raise InputError(
-                "inertia", None, "a moment of inertia [kg m^2]", "a rotation is free; give it, or lock that"
+                "inertia",
+                None,
+                "a moment of inertia [kg m^2]",
+                "a rotation is free: give the inertia, or lock the rotation",
             )
         return np.zeros(3)
     expected = "a number above zero, or three principal moments [kg m^2]"
@@ -248,5 +251,7 @@ def _moments(inertia: float | ArrayLike | None, d: int, needed: bool) -> FloatAr
     if needed and not (counted >= SMALLEST).all():
         raise InputError("inertia", inertia, expected)
     if d == 3 and 2.0 * values.max() > values.sum() * (1.0 + 1e-9):
-        raise InputError("inertia", inertia, "moments of which none exceeds the sum of the others", "check their units")
+        raise InputError(
+            "inertia", inertia, "moments, none of which exceeds the sum of the others", "check their units"
+        )
     return values

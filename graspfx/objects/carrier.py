@@ -1,4 +1,4 @@
-"""Bodies simulated by another program: their common base classes."""
+"""Common base classes of bodies simulated by another program."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from graspfx.spatial import Quaternion, Vector, rotate
 
 
 class CarriedBody(BlockBody):
-    """A body in another program's world: receives the block's wrench before the world's step and is read afterwards.
+    """A body in another program's world; it receives the block's wrench before the world's step and is read afterwards.
 
     The force (f + m g - b v) (1 - E)/(b T/m), E = exp(-b T/m), is constant over the sample and models viscosity b: the
     velocity after the sample is exactly that of the viscous body, and the position is x+ = x + T v+. Moments about the
@@ -30,7 +30,7 @@ class CarriedBody(BlockBody):
 
     Args:
         state: Block filled by `fill_body`, (SIZE,). The motion in the block is read once, and afterwards only written.
-        part: The body's part of the buffer, (guest.SIZE,), for wrench and motion; overwritten completely.
+        part: Body's part of the buffer, (guest.SIZE,), for wrench and motion; overwritten completely.
     """
 
     handing: Callable[..., None] = staticmethod(guest.hand_over)
@@ -57,7 +57,7 @@ class CarriedBody(BlockBody):
         own_part.place = Vector(*self.place)
 
     def hold(self, T: float) -> None:
-        """Compute the shares of force and moment that remain with viscosity, for samples of T [s]."""
+        """Compute the fractions of force and moment that remain under viscosity, for samples of T [s]."""
         body, own_part = self._body, self.part
         own_part.share = decay_integrals(body.viscosity * T / body.mass)[1]
         b, J = body.rotational_viscosity, own_part.moments
@@ -78,7 +78,7 @@ class CarriedBody(BlockBody):
         return float(np.linalg.norm(self.part.array(GuestState.spin)))
 
     def _seen_moments(self) -> tuple[float, ...]:
-        """Compute the moments of inertia for the other program; for a single free rotation, all are its moment."""
+        """Compute the moments of inertia for the other program; with a single free rotation, all equal its moment."""
         moments = numbers_of(self._body, BodyState.inertia)
         if not self.turns:
             return 1.0, 1.0, 1.0
@@ -98,7 +98,7 @@ class Carrier:
     Args:
         buffer: Flat buffer, (bodies guest.SIZE,), with a part for each body of `carried`.
         carried: Bodies of the world.
-        calls: Function calls that make one exchange, in order.
+        calls: Function calls of one exchange, in order.
     """
 
     program = "the other program"  # name of the program in messages
@@ -116,14 +116,14 @@ class Carrier:
 
     @property
     def calls(self) -> Sequence[Call]:
-        """Function calls that make one exchange; empty if a subclass overrides `exchange`."""
+        """Function calls of one exchange; empty if a subclass overrides `exchange`."""
         return self._calls if type(self).exchange is Carrier.exchange else ()
 
     def hold(self, T: float) -> None:
         """Set the period of all following samples to T [s].
 
         Raises:
-            InputError: T is not a finite time above zero.
+            InputError: If T is not a finite time above zero.
         """
         if T != self._T:
             if not 0.0 < T < math.inf:
@@ -142,14 +142,14 @@ class Carrier:
         return next((code for one in self._moving if (code := one.take_over(self._T))), 0)
 
     def fault_text(self, code: int) -> str:
-        """Explain why a body cannot continue."""
+        """Return the error for a body that cannot continue."""
         return str(self._fault(code))
 
     def step(self, T: float) -> None:
         """Advance every body by T [s] under its contact forces and the wrench in its block, which is held constant.
 
         Raises:
-            InputError: T is not a finite time above zero, or a body cannot continue.
+            InputError: If T is not a finite time above zero, or a body cannot continue.
         """
         self.hold(T)
         for one in self._moving:
@@ -173,5 +173,5 @@ class Carrier:
 
 
 def numbers_of(record: Any, field: Any) -> tuple[float, ...]:
-    """Return the numbers of a record's field."""
+    """Return the entries of a record's field."""
     return tuple(record.array(field).tolist())

@@ -42,7 +42,7 @@ def decay_integrals(z: float) -> tuple[float, float, float, float]:
 
 @kernel
 def update_decay(decay: Decay, z: float) -> None:
-    """Compute the integrals for z, unless the block already holds them."""
+    """Compute the integrals for z, unless the block already contains them."""
     if decay.z != z or decay.exponential == 0.0:
         decay.z = z
         decay.exponential, decay.first, decay.second, decay.turn = decay_integrals(z)

@@ -13,16 +13,16 @@ class Dynamics:
     """Facts about a value of `object.dynamics`.
 
     Attributes:
-        label: Name of the program in sentences.
+        label: Name of the program, for messages.
         package: Python package of the program; empty if no package is needed.
         distribution: Distribution that contains the package, for its version. The extra `name` installs it.
-        integrator: The program's own integrator, for linearised models; empty if the scene's integrator applies.
+        integrator: Integrator of the program, for linearised models; empty if the scene's integrator applies.
         meets: True if objects collide with obstacles of every shape and with one another, and may bounce.
         partial: True if a colliding body may have locked degrees of freedom, and may be in a plane or on a line.
         rotations: Numbers of free rotations, out of three, that a colliding body may have.
         least: Mass [kg] and moment of inertia [kg m^2] that a moving body must exceed.
         hulls: Kinds of shapes whose collisions use the convex hull.
-        otherwise: Alternatives to installing the package, for messages.
+        otherwise: Alternatives to the installation of the package, for messages.
     """
 
     name: str
@@ -44,7 +44,7 @@ class Dynamics:
 
     @property
     def remedy(self) -> str:
-        """Advice for the case that the program's package is not installed."""
+        """Advice if the program's package is not installed."""
         return f"{installation(self.name)}{self.otherwise}"
 
 
@@ -67,5 +67,5 @@ MEETING = " or ".join(repr(each.name) for each in DYNAMICS.values() if each.meet
 
 
 def dynamics_of(name: str) -> Dynamics:
-    """Return the facts about dynamics by name. For a plug-in: its name, and that it may meet anything."""
+    """Return the facts about dynamics by name. A plug-in has only its name, and may collide with anything."""
     return DYNAMICS.get(name) or Dynamics(name, name)

@@ -58,7 +58,7 @@ class SampleEnergy:
 
 @kernel
 def keep(body: BodyState, start: SampleStart) -> None:
-    """Store motion, wrench and kinetic energy of a body at the beginning of a sample."""
+    """Store the motion, wrench and kinetic energy of a body at the beginning of a sample."""
     copy_motion(body.motion, start.motion)
     start.force, start.moment = body.force, body.moment
     start.energy = kinetic(body)

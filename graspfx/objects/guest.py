@@ -18,7 +18,7 @@ from graspfx.spatial import Quaternion, Vector, exponential, rotate
 
 
 class GuestState(Record):
-    """A body's part of the buffer: its properties, the wrench sent and the motion received, in world axes."""
+    """A body's part of the buffer: its properties, the sent wrench and the received motion, in world axes."""
 
     by_spin: bool  # whether the angular velocity after the step is sent instead of a moment
     free_translation: Vector  # 1.0 or 0.0 per axis
@@ -50,16 +50,16 @@ TOO_FAST = 1
 
 @runtime_checkable
 class Guest(Protocol):
-    """A body, or a world of bodies, that other software moves in one call between two ticks.
+    """Protocol of a body, or a world of bodies, that other software moves in one call between two ticks.
 
     At the end of a tick, a run computes the wrenches for the software by `handing(S, o, F, f, T)`. The block of each
     body starts at S[o], and its part of the buffer at F[f]. The run then calls `exchange`. At the beginning of the next
-    tick the run takes the motion by `taking(S, o, F, f, T)`, which returns 0, or a code if the body cannot continue.
+    tick the run reads the motion by `taking(S, o, F, f, T)`, which returns 0, or a code if the body cannot continue.
     """
 
     @property
     def buffer(self) -> FloatArray:
-        """Buffer of wrenches sent and motions received; the same array for the guest's lifetime."""
+        """Buffer of sent wrenches and received motions; the same array for the guest's lifetime."""
         ...
 
     @property
@@ -69,30 +69,30 @@ class Guest(Protocol):
 
     @property
     def handing(self) -> Any:
-        """Kernel that hands a body's wrench to the other software."""
+        """Kernel that writes a body's wrench for the other software to the buffer."""
 
     @property
     def taking(self) -> Any:
-        """Kernel that takes a body's motion from the other software."""
+        """Kernel that reads a body's motion from the buffer."""
 
     def hold(self, T: float) -> None:
         """Set the period of all following samples to T [s]."""
 
     def exchange(self) -> None:
-        """Send the wrenches, step the software, and receive the motions: the only Python call of a tick."""
+        """Send the wrenches, step the software, and receive the motions; this is the only Python call of a tick."""
 
     def take(self) -> int:
-        """Take the last motions once; return 0, or the code of the first body that cannot continue."""
+        """Read the last motions; return 0, or the code of the first body that cannot continue."""
         ...
 
     def fault_text(self, code: int) -> str:
-        """Explain why a body cannot continue."""
+        """Return the error for a body that cannot continue."""
         ...
 
 
 @runtime_checkable
 class CallingGuest(Guest, Protocol):
-    """A guest whose `exchange` only calls functions of the software; a run can call the functions directly."""
+    """A guest whose `exchange` only calls functions of the software; a run can call these functions directly."""
 
     @property
     def calls(self) -> Sequence[Call]:

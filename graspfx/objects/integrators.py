@@ -1,4 +1,4 @@
-"""Motion of a rigid body during one sample: the body's block, and its integrators.
+"""Integrators of a rigid body's motion during one sample.
 
 The wrench and gravity are constant over the sample, and viscosity is linear: m v' + b v = f + m g and
 (I w)' + b_w w = tau. Free directions are world axes; no force moves the body along a locked direction.

@@ -96,7 +96,7 @@ def spin_of(body: BodyState, q: Quaternion, extra: float, L: Vector) -> Vector:
 
 @kernel
 def turn_exactly(body: BodyState, T: float) -> None:
-    """Rotate by the most accurate step available: exact angular velocity if possible, at least fourth order."""
+    """Rotate by the most accurate step available: with the exact angular velocity if possible, else of fourth order."""
     I, free = body.inertia, body.free_rotation  # noqa: E741 (the inertia's letter)
     if I.x == I.y == I.z:
         turn_steadily(body, T, I.x)
@@ -117,7 +117,7 @@ def turn_exactly(body: BodyState, T: float) -> None:
 
 @kernel
 def turn_steadily(body: BodyState, T: float, J: float) -> None:
-    """Rotate with a constant moment of inertia J: w' = (m - b_w w)/J exactly, orientation by Magnus' 4th order.
+    """Rotate with a constant moment of inertia J: w' = (m - b_w w)/J exactly, and the orientation by Magnus' 4th order.
 
     log of the rotation = integral of w + 1/2 double integral of w(s) x w(t), t < s. The double integral is along w x m
     and has a closed form.

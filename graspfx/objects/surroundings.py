@@ -18,7 +18,7 @@ STIFFNESS = 1e5  # stiffness of a native contact point [N/m]: 0.1 kg on four poi
 
 @dataclass(frozen=True)
 class Member:
-    """Block (SIZE,) and shape of a body in a world; a body without a shape touches no other."""
+    """Block (SIZE,) and shape of a body in a world; a body without a shape has no contacts."""
 
     state: FloatArray
     shape: Any
@@ -42,7 +42,7 @@ class Meeting:
         friction: Coulomb coefficient of all pairs.
         restitution: Ratio of separation speed to approach speed, 0 to 1.
         stiffness: Stiffness of a native body's contact point [N/m].
-        collide: True if the bodies also collide with one another, not only with obstacles.
+        collide: True if the bodies collide not only with obstacles, but also with one another.
     """
 
     friction: float = 0.5

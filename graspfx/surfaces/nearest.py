@@ -1,4 +1,4 @@
-"""Contact of a finger with a surface: the result that every surface kernel returns."""
+"""Contact of a finger with a surface, as every surface kernel returns it."""
 
 from __future__ import annotations
 

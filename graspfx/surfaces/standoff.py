@@ -23,9 +23,9 @@ LEAST = 1e-9  # relative to the extent: remaining distance that is accepted if a
 
 
 def standoff(shape: Shape | Mesh, direction: FloatArray, distance: float) -> float | None:
-    """Find the largest t at which t u has the distance `distance` from the shape, u the direction's unit vector.
+    """Find the largest t at which t u has the distance `distance` from the shape, for the direction's unit vector u.
 
-    From outside, a step as long as the distance to a shape cannot pass through the shape. Such steps converge to the
+    From outside, a step as long as the distance to a shape cannot pass through the shape. These steps converge to the
     outermost point and never pass it (J. C. Hart, Sphere tracing, The Visual Computer 12, 1996). The last steps use
     Newton's method along the normal. The distance is the gap of the finger's contact.
 

@@ -178,7 +178,7 @@ FAULTS: list[tuple[Any, int, dict[str, Any], str]] = [
     (table, 3, {"turn": REACH | {"axis": [0, 0, 0]}}, "turn.axis: expected a direction of nonzero length"),
     (table, 3, {"turn": REACH | {"axis": [1, 0]}}, "turn.axis: expected 3 numbers (dimensions = 3); given [1.0, 0.0]"),
     (table, 3, {"turn": REACH | {"axis": "up"}}, "turn.axis: expected 0, 1, 2, 'x', 'y' or 'z'; given 'up'"),
-    (table, 2, {"turn": REACH | {"axis": "x"}}, "turn.axis: a turn in the plane is about z: leave it out; given 'x'"),
+    (table, 2, {"turn": REACH | {"axis": "x"}}, "turn.axis: a turn in 2-D is about z: remove it; given 'x'"),
     (table, 2, {"turn": REACH | {"centre": [0.0] * 3}}, "turn.centre: expected 2 numbers (dimensions = 2)"),
     (table, 2, {"turn": [REACH, REACH | {"duration": 0}]}, "turn.1.duration: expected more than 0; given 0"),
     (table, 2, {"turn": {"kind": "path"}}, "turn.kind: unknown kind of turn 'path' (known: sine, reach)"),
@@ -250,7 +250,8 @@ def test_without_a_shape_there_are_no_normals_to_close_along(make: Any) -> None:
     [found] = faults(made)
     hand = made["hand"][0] if make is table else made["finger"][0]["hand"]
     at = "hand.0" if make is table else "finger.0.hand"
-    assert found == f"{at}.closing: a direction is required: 'object' has no shape, so there is no normal for closing"
+    without = "'object' has no shape, and therefore no normals as closing directions"
+    assert found == f"{at}.closing: a direction is required: {without}"
     hand["closing"] = "centre" if make is table else [1.0, 0.0]
     assert faults(made) == []
 
@@ -337,7 +338,7 @@ finger = [{ start = [-0.03], device = { name = "simulated", mass = 0.1 }, hand =
 MADE: list[tuple[str, dict[str, Any], str]] = [
     ("", {}, r"\.stiffness: required by '.*sway\.py', but not given"),
     ("", {"stiffness": -1.0}, r"\.stiffness: given -1\.0, expected zero or more \[N/m\]"),
-    ("", {"stiffness": 1.0, "rest": [0.0]}, r"\.rest: the scene sets it: leave it out"),
+    ("", {"stiffness": 1.0, "rest": [0.0]}, r"\.rest: the scene sets it: remove it"),
     ("", {"stiffness": float("nan")}, r"\.stiffness: expected finite numbers"),
     ("", {"stiffness": "x"}, r": hand '.*sway\.py' cannot be created: .*sway\.py:16: TypeError"),
     (

@@ -78,13 +78,13 @@ def test_an_update_that_would_change_nothing_is_refused() -> None:
 def test_what_is_not_live_cannot_be_set() -> None:
     with gx.open("reference-1dof", live=[KIP]) as session:
         with pytest.raises(
-            InputError, match=r"live are coupling.internal.stiffness: name it in gx.open\(scene, live=\['object.mass"
+            InputError, match=r"live are coupling.internal.stiffness: list it in gx.open\(scene, live=\['object.mass"
         ):
             session.set("object.mass", 0.2)
         with pytest.raises(InputError, match="a live key"):
             session.set({KIP: 50.0, "period": 0.001})
         assert session.get(KIP) == 70.0 and not session.recording.changes
-    with gx.open("reference-1dof") as session, pytest.raises(InputError, match="no key is: name it"):
+    with gx.open("reference-1dof") as session, pytest.raises(InputError, match="no key is: list it"):
         session.set(KIP, 50.0)
 
 
@@ -158,7 +158,7 @@ def test_a_hand_of_a_plug_in_that_has_its_directions_refuses_others(tmp_path: Pa
     scene = gx.load("sphere-three-fingers").replace({"hand": [hand]})
     moving = scene.replace({"object.integrator": "implicit", "object.velocity": [0.3, 0.0, 0.0]})
     with gx.open(moving, live=[key]) as session:
-        with pytest.raises(InputError, match="a hand or a motion of a plug-in has received them"):
+        with pytest.raises(InputError, match="a hand or a motion of a plug-in has received the normals"):
             session.set(key, 30.0)
         assert not session.recording.changes
         session.step(2)
@@ -259,7 +259,7 @@ def test_a_key_that_is_none_is_told_with_one_that_comes_close(key: str, says: st
 def test_keys_without_a_value_here() -> None:
     with gx.open("knob", {"engine": "interpreted"}, live=[KIP]) as session:
         for key, says in (
-            ("finger.0.device.resolution", "a setting that the scene gives; the driver's default applies"),
+            ("finger.0.device.resolution", "a setting that is in the scene; the driver's default applies"),
             ("finger.0.hand.stiffness", "if a name denotes a table"),
             ("finger.*.hand.stiffness", "if a name denotes a table"),
             ("period.x", "period is a value and has no parts"),

@@ -160,7 +160,7 @@ def fall_silent(fake: Fake, k: int) -> float | None:
 
 DEEDS: dict[str, tuple[Evil, str]] = {  # with words of the fault
     "held samples, periods left out": (samples(both), ""),
-    "a watchdog": (samples(watchdog), "periods of 0.005 s in a row were skipped"),
+    "a watchdog": (samples(watchdog), "successive periods of 0.005 s were skipped"),
     "an unplugged device": (samples(unplug), "cannot be read: OSError: unplugged"),
     "a jammed device": (samples(both, 205), "cannot be written: OSError: jammed"),
     "a device that falls silent": (samples(fall_silent), "no new reading"),
@@ -280,7 +280,7 @@ def test_overrides_are_an_open_loop() -> None:
     assert np.array_equal(replay.recording.finger_position, rec.finger_position)
     assert {each.column for each in replay.differences} >= {"finger_force"}
     assert np.abs(replay.recording.finger_force).max() > 1.2 * np.abs(rec.finger_force).max()
-    with pytest.raises(InputError, match="leave fingers, dimensions and period"):
+    with pytest.raises(InputError, match="do not change the recorded fingers, dimensions and period"):
         gx.replay(rec, {"period": 0.001})
     with pytest.raises(SceneError, match=r"coupling\.internal\.stifness"):
         gx.replay(rec, {"coupling.internal.stifness": 50.0})
@@ -312,7 +312,7 @@ def test_largest_forces_that_move_with_the_arm() -> None:
 
 
 REFUSED: list[tuple[dict[str, Any], str]] = [
-    ({"record.every": 2}, "a replay needs every tick, but this recording has one in 2"),
+    ({"record.every": 2}, "a replay needs every tick, but this recording has one tick in 2"),
     ({"record.columns": ["finger_force"]}, "a replay needs finger_position, finger_velocity, which .*record.columns"),
 ]
 
@@ -344,5 +344,5 @@ def test_a_mesh_that_moved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     rec = gx.run(tmp_path / "there" / "mug.toml", duration=0.05)
     same(rec)
     (tmp_path / "there").rename(tmp_path / "here")
-    with pytest.raises(RecordingError, match=r"cannot be made again; its paths start in .*there; .*mesh"):
+    with pytest.raises(RecordingError, match=r"cannot be restored; its paths are relative to .*there; .*mesh"):
         gx.replay(rec)

@@ -381,7 +381,7 @@ SOURCES = "expected a file (mesh = 'mug.stl'), or vertices and faces"
 KINDS = "box, sphere, half-space, plane, capsule, cylinder, ellipsoid, mesh"
 OPEN = (
     "given '24 open edges, 0 with more than two triangles', expected a watertight surface; "
-    "close it, or set shell = true to touch its front only"
+    "close it, or set shell = true for contact with its front only"
 )
 MISSING = "given 'none.stl', expected the path of a file; paths are relative to the scene's file"
 NUMBERS = "given an array of shape (1, 3), expected whole numbers of vertices, 0 to 7"
@@ -477,7 +477,7 @@ def test_check_and_run_say_what_was_found_in_a_mesh(tmp_path: Path, capsys: pyte
     trimesh.Trimesh(v, f[:, ::-1], process=False).export(tmp_path / "parts" / "inside-out.stl")
     (tmp_path / "a.toml").write_text(TOML)
     notes = [
-        "inside-out.stl: the triangles faced inwards and were all turned over",
+        "inside-out.stl: all triangles faced inwards and were reversed",
         "object.0.shape = 0.0005 m across: check the unit (scale = 0.001 for millimetres)",
     ]
     assert main(["check", str(tmp_path / "a.toml"), "-v"]) == 0

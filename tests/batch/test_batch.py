@@ -336,10 +336,10 @@ def test_memory_does_not_grow_with_buffers(line):
     [
         ({BV: [0.5, -1.0]}, {}, SceneError, "object.viscosity = -1.0"),
         ({KEP: [30.0], "object.colour": [1]}, {}, SceneError, "object.colour"),
-        ({KEP: [30.0, 40.0], KIP: [1.0]}, {"zip": True}, InputError, "lists of one length"),
+        ({KEP: [30.0, 40.0], KIP: [1.0]}, {"zip": True}, InputError, "lists of equal length"),
         ({}, {}, InputError, "at least one key"),
         ({BV: []}, {}, InputError, "at least one key"),
-        ({"duration": [1.0]}, {}, InputError, "keys of the scene itself"),
+        ({"duration": [1.0]}, {}, InputError, "keys of the scene"),
         ({BV: [0.5]}, {"measure": ["finger_torque"]}, UnknownNameError, "finger_force"),
         ({BV: [0.5]}, {"statistics": ["median"]}, UnknownNameError, "median"),
         ({BV: [0.5]}, {"keep": "rows"}, UnknownNameError, "recordings"),

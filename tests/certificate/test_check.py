@@ -61,7 +61,7 @@ def test_brief_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     [
         (["reference-1dof"], 0, "stable"),
         (["paper-spring", "--set", BEYOND], 1, "NOT STABLE"),
-        (["quiet.toml"], 1, "not judged: the device of finger0: given None, expected one that reports its mass"),
+        (["quiet.toml"], 1, "not judged: the device of finger0: given None, expected a device that reports its mass"),
     ],
 )
 def test_strict_ends_with_1_unless_the_scene_is_stable(
@@ -268,15 +268,15 @@ def test_a_fault_of_building_is_a_fault_of_the_check(tmp_path: Path, capsys: pyt
     table = gx.load("two-objects", {"object.*.dynamics": "mujoco"}).to_dict()
     table["obstacle"] = [*table["obstacle"], {"name": "ring", "shape": torus(), "position": [0.0, 0.4, 0.02]}]
     scene = gx.Scene(**table)
-    with pytest.raises(gx.errors.GraspFXError, match="concave mesh of 5280 triangles"):
+    with pytest.raises(gx.errors.GraspFXError, match="concave mesh with 5280 triangles"):
         gx.run(scene, duration=0.01)
     report = gx.check(scene)
     assert not report.ok and not report.certificates
-    assert report.verdict.startswith("not judged: 1 fault") and "concave mesh of 5280 triangles" in report.verdict
+    assert report.verdict.startswith("not judged: 1 fault") and "concave mesh with 5280 triangles" in report.verdict
     (tmp_path / "ring.py").write_text(f"import graspfx as gx\n\n\ndef scene():\n    return gx.Scene(**{table!r})\n")
     assert main(["check", str(tmp_path / "ring.py"), "--brief"]) == 2
     printed = capsys.readouterr()
-    assert not printed.out and "concave mesh of 5280 triangles" in printed.err
+    assert not printed.out and "concave mesh with 5280 triangles" in printed.err
 
 
 def test_dynamics_that_raise_when_they_are_made_are_a_fault_of_the_check(tmp_path: Path) -> None:

@@ -140,7 +140,7 @@ def test_a_device_that_tells_no_mass_is_named(tmp_path: Path) -> None:
         "                velocity_window=1, delay=0, force_limit=None, workspace=None)\n"
     )
     scene = attached(1).replace({"finger.1.device": {"name": str(tmp_path / "mute.py")}, "finger.1.name": "thumb"})
-    with pytest.raises(InputError, match=r"the device of thumb.*one that reports its mass"):
+    with pytest.raises(InputError, match=r"the device of thumb.*a device that reports its mass"):
         scene.linearise()
 
 

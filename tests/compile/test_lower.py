@@ -258,9 +258,9 @@ test_in_while.__test__ = False  # type: ignore[attr-defined] # a kernel, no test
 @pytest.mark.parametrize(
     ("function", "why"),
     [
-        (two_kinds, "gives 'v' different kinds"),
+        (two_kinds, "assigns values of different kinds"),
         (unknown_field, "has no field 'forces'"),
-        (test_in_while, "compute it before the loop and at its end"),
+        (test_in_while, "compute it before the loop and at the end of its body"),
         (own_vector, "variable index into a value"),
         (name_of_a_part, "lowers 'v' to 'v_x'"),
         (name_of_a_loop, "lowers 'finger' to 'finger_at'"),

@@ -224,7 +224,7 @@ def test_the_certificate_has_the_axes_of_the_run(contact: str) -> None:
 
 
 def test_contact_axes_refuse_what_they_cannot_be() -> None:
-    with pytest.raises(SceneError, match=r"contact axes expect \[\[k_n, 0\], \[0, k_t\]\]"):
+    with pytest.raises(SceneError, match=r"contact axes, expected \[\[k_n, 0\], \[0, k_t\]\]"):
         scene(axes="contact", internal={"stiffness": [[100.0, 5.0], [5.0, 30.0]]})
     assert scene(axes="contact").coupling.axes == "contact"
 

@@ -286,7 +286,7 @@ def test_a_recording_keeps_status_law_and_residual(tmp_path: Any) -> None:
 def test_fingers_may_have_coefficients_of_their_own() -> None:
     scene = pinch(0.6, 0.5).replace({"finger.1.friction": 0.1})
     assert scene.coefficients == (0.5, 0.1)
-    with pytest.raises(SceneError, match="'stick' holds every finger"):
+    with pytest.raises(SceneError, match="'stick' prevents all slip"):
         scene.replace({"coupling.friction": "stick"})
 
 

@@ -70,7 +70,7 @@ def test_a_device_that_tells_no_mass_is_a_fault(tmp_path: Path) -> None:
     table = waved("mass", (0.01, 0.01)).to_dict()
     table["finger"][1] = {"device": {"name": str(driver)}, "start": [0.0]}
     with pytest.raises(
-        SceneError, match=r"coupling\.metric: 'mass' expects every device to report its mass; .*finger\.1"
+        SceneError, match=r"coupling\.metric: 'mass' requires every device to report its mass; .*finger\.1"
     ):
         gx.Scene(**table)
 

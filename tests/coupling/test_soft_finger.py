@@ -254,7 +254,7 @@ def test_soft_fingers_hold_what_would_turn_between_hard_ones() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"coupling.friction": 0.0}, "needs friction for torsion"),
+        ({"coupling.friction": 0.0}, "torsion of a soft finger requires friction"),
         ({"finger.0.model": "hard"}, "only soft fingers have this setting"),
         ({"coupling.internal.stiffness": [500.0, 500.0]}, "each gain as one number"),
     ],
@@ -269,5 +269,5 @@ def test_a_soft_finger_needs_its_patch_and_friction() -> None:
     del table["finger"][0]["patch"]
     with pytest.raises(SceneError, match=r"finger\.0\.patch: required for a soft finger"):
         gx.Scene(**table)
-    with pytest.raises(InputError, match="friction where a finger is soft"):
+    with pytest.raises(InputError, match="a coefficient of friction for each soft finger"):
         soft(2, law(40.0, 160.0))

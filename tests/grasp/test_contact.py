@@ -147,7 +147,7 @@ def test_a_selection_may_turn_its_axes():
     [
         (np.eye(3), "(k, 6), its columns 3 forces and 3 moments"),
         (np.zeros((0, 6)), "one for each of the 2"),
-        ([[1, 0, 0, 1, 0, 0]], "newtons and newton metres"),
+        ([[1, 0, 0, 1, 0, 0]], "a force and a moment have different units"),
         (np.eye(6)[[3, 0]], "before rows of moments"),
         (2.0 * np.eye(6), "orthonormal"),
         ([[1, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0]], "orthonormal"),

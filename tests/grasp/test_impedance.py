@@ -307,7 +307,7 @@ def test_bare_matrices_take_numbers_and_full_matrices():
     P = np.full((3, 3), 1 / 3)
     R = np.eye(3) - P
     assert np.allclose(law.stiffness(split), 30 * P + R @ np.diag([1.0, 2.0, 3.0]) @ R, atol=1e-14)
-    with pytest.raises(InputError, match="does not know its fingers"):
+    with pytest.raises(InputError, match="has no information about fingers"):
         gx.Coupling(gx.Impedance([1.0, 2.0, 3.0]), gx.Impedance(1.0)).stiffness(split)
 
 

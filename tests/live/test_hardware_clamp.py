@@ -136,7 +136,7 @@ def test_a_device_that_does_not_tell_its_mass_has_no_certificate() -> None:
         gate.clamp.close()
     assert order.is_refused
     assert "there is no certificate for the present values: " in order.text
-    assert "one that reports its mass and friction" in order.text
+    assert "a device that reports its mass and friction" in order.text
     assert not gate.run.values
 
 

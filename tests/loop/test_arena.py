@@ -75,7 +75,7 @@ def test_two_parts_may_not_share_a_part_of_their_memory() -> None:
         whole: Any = first
         other: Any = second
         vars(other)["state"] = whole.state[1:]
-        with pytest.raises(InputError, match="shares no memory with another part's"):
+        with pytest.raises(InputError, match="does not share memory with another part's"):
             Arena(servo.parts)
 
 

@@ -335,7 +335,7 @@ def test_a_largest_force_that_is_none_is_a_fault(tmp_path: Path) -> None:
 def test_a_kernels_largest_force_stands_in_its_block(tmp_path: Path) -> None:
     driver = tmp_path / "weaker.py"
     driver.write_text(WEAKER.format(largest="0.3", method="close"))
-    with pytest.raises(InputError, match=r"largest_force: .*Weaker.*a view of the device's own block"):
+    with pytest.raises(InputError, match=r"largest_force: .*Weaker.*a view of the device's block"):
         gx.run(pinch(finger__0__device={"name": str(driver), "mass": 0.1}), duration=0.01)
 
 

@@ -432,7 +432,7 @@ def test_an_override_replaces_either_name(written: str, key: str) -> None:
 
 
 def test_both_names_are_a_fault() -> None:
-    with pytest.raises(SceneError, match=r"friction: the former name of 'damping', which is also given: leave it out"):
+    with pytest.raises(SceneError, match=r"friction: the former name of 'damping', which is also given: remove it"):
         load(write(GOOD.replace("damping = 0.2", "damping = 0.2, friction = 0.2", 1)))
 
 

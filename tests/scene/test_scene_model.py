@@ -210,7 +210,7 @@ WRONG: list[tuple[Any, str, Any, str]] = [
     (plane, "object.shape.size", [0.05], "object.shape.size: expected 2 numbers"),
     (plane, "object.shape", None, "object.shape: required for unilateral contact"),
     (plane, "object.free", [True, True], "object.free: expected 3 of true or false (two translations, one rotation)"),
-    (plane, "object.rotational_viscosity", None, "object.rotational_viscosity: required where a rotation is free"),
+    (plane, "object.rotational_viscosity", None, "object.rotational_viscosity: required if a rotation is free"),
     (plane, "object.orientation", [0, 0, 0, 1], "object.orientation: expected a number in the plane"),
     (line, "object.orientation", 0.1, "object.orientation: a line has no rotation"),
     (line, "object.inertia", 0.1, "object.inertia: a line has no rotation"),
@@ -238,12 +238,12 @@ WRONG: list[tuple[Any, str, Any, str]] = [
     (line, "finger.0.object", "objct", "finger.0.object: no [[object]] has the name 'objct'; did you mean 'object'?"),
     (line, "finger.0.device", "left", "finger.0.device: no [[device]] has the label 'left'"),
     (line, "finger.0.hand", "left", "finger.0.hand: no [[hand]] has the name 'left'"),
-    (line, "finger.0.name", "finger1", "finger.1.name: 'finger1' is taken"),
+    (line, "finger.0.name", "finger1", "finger.1.name: 'finger1' is used twice"),
     (
         line,
         "hand",
         [{"name": "a", "arm": {"stiffness": 1}, "grip": {"stiffness": 1}}],
-        "hand.0.name: no finger names 'a'",
+        "hand.0.name: no finger refers to 'a'",
     ),
     (line, "finger.0.hand", {"stiffness": 1, "rest": [0, 0]}, "finger.0.hand.rest: expected 1 number"),
     (plane, "finger.0.hand", {"stiffness": [1, 2, 3]}, "finger.0.hand.stiffness: expected 2 numbers"),
@@ -276,7 +276,12 @@ WRONG: list[tuple[Any, str, Any, str]] = [
         },
         "object.velocity: given (0.0, 1.0), expected zero",
     ),
-    (space, "object.inertia", [1.0, 1.0, 3.0], "object.inertia: given (1.0, 1.0, 3.0), expected moments of which none"),
+    (
+        space,
+        "object.inertia",
+        [1.0, 1.0, 3.0],
+        "object.inertia: given (1.0, 1.0, 3.0), expected moments, none of which",
+    ),
 ]
 
 
@@ -385,7 +390,7 @@ def test_a_device_that_lacks_a_method_is_a_fault_of_its_table(
     text = "".join(line for line in REAL.splitlines(keepends=True) if f"def {name}(" not in line)
     Path("part.py").write_text(text)
     [fault] = faults(put(plane(), "finger.0.device", {"name": "part.py"}))
-    assert fault.startswith(f"finger.0.device: the device of part.py lacks {name}(): add what is missing to Real; ")
+    assert fault.startswith(f"finger.0.device: the device of part.py lacks {name}(): add them to Real; ")
     table = plane()
     table["device"] = [{"label": "board", "name": "part.py"}]
     table["finger"][0] = {"start": [-0.03, 0.0], "device": "board"}
@@ -411,7 +416,7 @@ def test_a_hand_that_lacks_something_is_a_fault_of_its_table(
     )
     [fault] = faults(put(plane(), "finger.0.hand", {"kind": "part.py"}))
     assert fault.startswith("finger.0.hand: hold(): given ")
-    assert f"that of part.py lacks {name}: add what is missing; see graspfx.protocols.Hand" in fault
+    assert f"the hand of part.py lacks {name}: add them; see graspfx.protocols.Hand" in fault
 
 
 def test_hands_hold_simulated_devices_of_one_kind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -538,4 +543,4 @@ def test_devices_with_several_fingers() -> None:
     table["finger"][1]["channel"] = 0
     assert faults(table) == ["finger.1.channel: channel 0 of 'left' already belongs to finger 0"]
     table["device"].append({"label": "left", "name": "simulated", "mass": 0.1})
-    assert "device.1.label: 'left' is taken; every device needs a different name" in faults(table)
+    assert "device.1.label: 'left' is used twice; every device needs a different name" in faults(table)

@@ -71,18 +71,18 @@ def row(scene: gx.Scene, step: str) -> Any:
 
 LYING: dict[str, Any] = {"name": "rod", "shape": {"kind": "half-space", "normal": [0.0, 0.0, 1.0]}, "inertia": 1e-5}
 CASES: list[tuple[list[dict[str, Any]], dict[str, Any], str]] = [
-    ([], {"obstacle": [FLOOR, BLOCK]}, "obstacle.1.shape.kind: box with native dynamics can meet a half-space or a"),
+    ([], {"obstacle": [FLOOR, BLOCK]}, "obstacle.1.shape.kind: box with native dynamics can collide only with"),
     ([], {"world": {"restitution": 0.5}}, "world.restitution: box with native dynamics does not bounce"),
     ([], {"world": {"restitution": 1.5}}, "world.restitution: expected no more than 1; given 1.5"),
     ([], {"world": {"friction": -1.0}}, "world.friction: expected no less than 0"),
-    ([], {"obstacle": [FLOOR, FLOOR]}, "obstacle.1.name: 'floor' is taken; every obstacle needs a different name"),
+    ([], {"obstacle": [FLOOR, FLOOR]}, "obstacle.1.name: 'floor' is used twice; every obstacle needs a different name"),
     ([], {"obstacle": [FLOOR | {"position": [0.0]}]}, "obstacle.0.position: expected 3 numbers"),
     ([], {"obstacle": [FLOOR | {"orientation": [0.0, 0.0, 0.0, 2.0]}]}, "obstacle.0.orientation: expected a quater"),
     ([], {"obstacle": [FLOOR | {"shape": {"kind": "half-space", "normal": [1.0]}}]}, "obstacle.0.shape.normal: expec"),
     ([], {"obstacle": [{"name": "floor"}]}, "obstacle.0.shape: required, but not given"),
     ([thing(position=[0.0, 0.0, 0.02])], {}, "object.0.position: the object starts 5 mm inside the obstacle 'floor'"),
-    ([thing(**LYING)], {}, "object.0.shape.kind: a half-space is unbounded: among obstacles lock its freedoms"),
-    ([thing(), thing("b", 0.2)], {"world": {"collide": True}}, "object.0.dynamics: native objects meet no other objec"),
+    ([thing(**LYING)], {}, "object.0.shape.kind: a half-space is unbounded: lock all its degrees of freedom"),
+    ([thing(), thing("b", 0.2)], {"world": {"collide": True}}, "object.0.dynamics: native objects do not collide with"),
 ]
 
 
@@ -102,7 +102,7 @@ def flat(dynamics: str, *obstacles: dict[str, Any]) -> tuple[dict[str, Any], dic
 def test_bullet_worlds_are_in_space_and_whole() -> None:
     pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python or platform")
     [fault] = faults(thing(dynamics="bullet", free=[True, True, True, False, False, False]))
-    assert fault.startswith("object.0.free: PyBullet locks no single freedom of a body that meets others")
+    assert fault.startswith("object.0.free: PyBullet cannot lock single degrees of freedom of a body with contacts")
     things, changes = flat("bullet")
     [fault] = faults(things, **changes)
     assert fault.startswith("object.0.dynamics: a PyBullet world is in space, not in 2 dimension(s)")
@@ -125,10 +125,13 @@ def test_mujoco_worlds_are_flat_or_partly_locked_too() -> None:
 def test_the_plan_says_what_each_object_meets() -> None:
     scene = gx.Scene(**table(world={"friction": 0.3}))
     assert row(scene, "meet").runs
-    assert row(scene, "meet").why == "floor, friction 0.3, 100000 N/m a point; with its corners"
+    assert row(scene, "meet").why == "floor, friction 0.3, 100000 N/m per point; with its corners"
     assert "fingers pass through" in row(scene, "fingers on obstacles").why
     two = gx.Scene(**table(thing(), thing("b", 0.2)))
-    assert "passes through other objects (dynamics = 'bullet' or 'mujoco' meets them)" in row(two, "meet b").why
+    assert (
+        "passes through other objects (it collides with them if dynamics = 'bullet' or 'mujoco')"
+        in row(two, "meet b").why
+    )
     alone = gx.Scene(**table(thing(), thing("b", 0.2), obstacle=[]))
     assert not row(alone, "meet b").runs
     assert not any(each.step.startswith("meet") for each in plan(gx.Scene(**table(obstacle=[]))))
@@ -222,7 +225,7 @@ def test_dynamics_of_others_get_the_world_through_create_world(tmp_path: Any) ->
     assert len(shapes) == 2 and names == ["floor"] and meeting.friction == 0.7
     file.write_text(PLUGIN.split("def create_world")[0])
     for changes in ({}, {"obstacle": [], "world": {"collide": True}}):
-        with pytest.raises(gx.errors.SceneError, match=r"object\.0\.dynamics: .* without create_world"):
+        with pytest.raises(gx.errors.SceneError, match=r"object\.0\.dynamics: .* no create_world"):
             gx.Scene(**table(*both, **changes))
     assert not gx.run(gx.Scene(**table(*both, obstacle=[])), duration=0.02).faults
 

@@ -186,9 +186,9 @@ def test_a_recording_runs_no_python_unless_its_user_says_so(
     header = replace(rec.header, scene_table=table, scene_folder=str(own))
     gx.Recording(rec.rows, rec.layout, header, rec.outcome).save(own / "recording.h5")
     assert main(["replay", str(own)]) == 2
-    assert "the Python that a recording names" in (said := capsys.readouterr().err)
+    assert "Python files named in a recording" in (said := capsys.readouterr().err)
     assert "--trust" in said and "gx.replay(..., trust=True)" in said
-    with pytest.raises(RecordingError, match=r"the Python that a recording names.*trust=True.*--trust"):
+    with pytest.raises(RecordingError, match=r"Python files named in a recording.*trust=True.*--trust"):
         gx.replay(own)
     with pytest.raises(InputError, match="True or False"):  # a word is no consent, whatever it says
         gx.replay(own, trust="no")  # type: ignore[arg-type]

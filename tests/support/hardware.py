@@ -297,10 +297,10 @@ EVIL: dict[str, Evil] = {
     "1e30 m off": _returning("from the last one", lambda f, p, v, t: (p - 1e30, v, t)),
     "1e300 m/s": _returning("velocity of 1e+300", lambda f, p, v, t: (p, v - 1e300, t)),
     "a jump of 6 cm": _returning("from the last one", lambda f, p, v, t: (p + 0.06, v, t)),
-    "zeros for a failure": _returning("zeros for everything", lambda f, p, v, t: (0.0 * p, v, t)),
+    "zeros for a failure": _returning("only zeros", lambda f, p, v, t: (0.0 * p, v, t)),
     # three held samples, then forces that decay over four ticks
     "a clock that stands": _returning("no new reading", _constant, patience=6),
-    "a clock that runs back": _returning("ran back", lambda f, p, v, t: (p, v, -t)),
+    "a clock that runs back": _returning("ran backwards", lambda f, p, v, t: (p, v, -t)),
     "NaN for the time": _returning("for the time", lambda f, p, v, t: (p, v, math.nan)),
     "infinity for the time": _returning("for the time", lambda f, p, v, t: (p, v, math.inf)),
     "None for the time": _returning("for the time", lambda f, p, v, t: (p, v, None)),

@@ -44,7 +44,7 @@ def test_kinds_of_shapes_have_contacts() -> None:
 
 
 def test_no_coupling_to_it_is_made() -> None:
-    with pytest.raises(InputError, match=r"shape: .*expected a shape whose kind `closest` knows"):
+    with pytest.raises(InputError, match=r"shape: .*expected a shape whose kind `closest` supports"):
         grasped(2, 2, law(40.0, 160.0), Rules(), shape=UNKNOWN)
 
 
@@ -58,10 +58,10 @@ def test_one_that_gets_into_a_block_is_a_fault() -> None:
 
 @pytest.mark.parametrize("d", [2, 3])
 def test_it_has_no_features_to_stand_on(d: int) -> None:
-    with pytest.raises(InputError, match=r"shape: .*expected one with features that touch a plane"):
+    with pytest.raises(InputError, match=r"shape: .*expected a shape whose contact with planes is implemented"):
         features(UNKNOWN, d)
 
 
 def test_other_software_gets_no_geometry_of_it() -> None:
-    with pytest.raises(InputError, match=r"shape: .*expected one that MuJoCo has; list it in `geometries`"):
+    with pytest.raises(InputError, match=r"shape: .*expected a shape that MuJoCo supports; add it to `geometries`"):
         list(geometries(UNKNOWN, 3, fixed=False))

@@ -1,4 +1,4 @@
-"""A test bench for one device, whose fingers are pushed by pulses or moved by a person."""
+"""Test bench for one device, whose fingers are pushed by force pulses or moved by a person."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ class Sample:
     """One tick of the bench.
 
     Attributes:
-        due: deadline [s].
-        start: start of the reading; `end`: end of the writing [s].
-        position: positions of the fingers, (k, d) [m].
-        is_fresh: whether the reading brought a new sample.
+        due: Deadline [s].
+        start: Start of the reading; `end`: end of the writing [s].
+        position: Positions of the fingers, (k, d) [m].
+        is_fresh: Whether the reading contained a new sample.
     """
 
     due: float
@@ -58,18 +58,18 @@ class Sample:
 
 
 class Bench:
-    """One device in its own axes, at zero force unless a tick sets a force.
+    """One device in its own axes, with zero force unless a tick sets a force.
 
     Args:
-        port: port of the device, which is open and at rest.
-        exchange: exchange with this device only.
-        period: time between calls of the device [s].
-        limits: largest force of each channel [N].
-        clock: clock of the ticks.
-        late: largest number of successive skipped periods while a force is on.
+        port: Port of the device, which is open and at rest.
+        exchange: Exchange with this device only.
+        period: Time between calls of the device [s].
+        limits: Largest force of each channel [N].
+        clock: Clock of the ticks.
+        late: Largest number of successive skipped periods while a force is on.
 
     Attributes:
-        samples: samples of all ticks so far.
+        samples: Samples of all ticks so far.
     """
 
     def __init__(
@@ -90,9 +90,9 @@ class Bench:
         """Read, then write a force (d,) to one channel, or zero if None; all other channels get zero force.
 
         Raises:
-            DeviceError: the device has a fault, a finger moves too far or too fast, or a force lasted too long because
-                the machine was late.
-            Interruption: a signal arrived.
+            DeviceError: If the device has a fault, a finger moves too far or too fast, or a force lasted too long
+                because the machine was late.
+            Interruption: If a signal arrived.
         """
         exchange, pacer, command = self._exchange, self._pacer, self.port.port.command
         skipped = pacer.wait(lambda: bool(exchange.exits.numbers))
@@ -121,7 +121,7 @@ class Bench:
 
     @property
     def velocity(self) -> FloatArray:
-        """Mean velocity over the last samples, (k, d) [m/s]; a device's own estimate may use only two counts."""
+        """Mean velocity over the last samples, (k, d) [m/s]; a device's own estimate may use two encoder counts."""
         recent = self.samples[-1 - max(1, round(WINDOW / self.period)) :]
         if len(recent) < 2:
             return np.zeros_like(self.home)
@@ -155,11 +155,11 @@ class Bench:
 
 @contextmanager
 def on_bench(parts: Parts, wire: Wire, clock: Clock) -> Iterator[Bench]:
-    """Open one device of a scene and let it settle; the last force is zero even after an error.
+    """Open one device of a scene, and wait until it is at rest; the last force is zero even after an error.
 
     Raises:
-        DeviceError: the device does not open or is not at rest.
-        KeyboardInterrupt: a signal arrived.
+        DeviceError: If the device does not open or is not at rest.
+        KeyboardInterrupt: If a signal arrived.
     """
     scene = parts.scene
     period = scene.period * wire.fitting.every
@@ -235,15 +235,15 @@ def _answer(shift: FloatArray, axis: int) -> str:
         return "not checked: no push"
     most = int(np.argmax(np.abs(shift)))
     if abs(float(shift[most])) < CLEAR * size:
-        return "not clear: it moved between two axes; push again along one"
+        return "unclear: it moved between two axes; push again along one axis"
     sign = "+" if shift[most] > 0.0 else "-"
     if (most, sign) == (axis, "+"):
-        return f"right: it moved along +{'xyz'[axis]}"
+        return f"correct: it moved along +{'xyz'[axis]}"
     return f"WRONG: it moved along {sign}{'xyz'[most]}; correct frame.axes"
 
 
 def zero_check(bench: Bench, channel: int, finger: str, frame: Frame | None, prompt: Prompt) -> FloatArray | None:
-    """Ask a person to put a finger at the scene's origin; return its reading, (d,) [m], or None without a person."""
+    """Ask a person to move a finger to the scene's origin; return its reading, (d,) [m], or None without a person."""
     bench.watched = False
     prompt(f"put {finger} at the intended origin of the scene, and hold it there for {LONG_ENOUGH:g} s")
     start = _placed(bench, channel, frame)
@@ -291,12 +291,12 @@ class FingerFigures:
     """Measured properties of one finger.
 
     Attributes:
-        delay, mass: delay and mass, computed from the finger's response to pulses.
-        friction: viscous friction [N s/m].
-        mobility: mobility W, (d, d) [1/kg].
-        resolution: smallest step of a reading [m]; 0 if none was observed.
-        pulses: number of pulses.
-        force: force of a pulse [N].
+        delay, mass: Delay and mass, computed from the finger's response to pulses.
+        friction: Viscous friction [N s/m].
+        mobility: Mobility W, (d, d) [1/kg].
+        resolution: Smallest step of a reading [m]; 0 if none was observed.
+        pulses: Number of pulses.
+        force: Force of a pulse [N].
     """
 
     delay: Estimate
@@ -309,16 +309,16 @@ class FingerFigures:
 
 
 def finger_figures(bench: Bench, channel: int, force: float, pulses: int) -> FingerFigures:
-    """Push one finger back and forth along each axis, and let it coast.
+    """Push one finger back and forth along each axis, and let it move freely in between.
 
     Args:
-        bench: bench of its device.
-        channel: channel of the finger.
-        force: force of a push [N].
-        pulses: total number of pulses; at least ten are made along each axis.
+        bench: Bench of its device.
+        channel: Channel of the finger.
+        force: Force of a push [N].
+        pulses: Total number of pulses; at least ten are made along each axis.
 
     Raises:
-        DeviceError: the finger does not move, or the device has a fault.
+        DeviceError: If the finger does not move, or the device has a fault.
     """
     d = bench.shape[1]
     own = bench.port.device.features.resolution
@@ -340,7 +340,7 @@ def finger_figures(bench: Bench, channel: int, force: float, pulses: int) -> Fin
     if answer.explained < EXPLAINED or not math.isfinite(answer.mass.value):
         raise DeviceError(
             f"{bench.port.name}: a pushed mass explains {answer.explained:.0%} of its motion under pulses, "
-            f"expected {EXPLAINED:.0%}; bring it to the middle of its workspace, and let nothing touch it"
+            f"expected {EXPLAINED:.0%}; move it to the middle of its workspace, and make sure that nothing touches it"
         )
     friction = friction_of(answer.mobility, drag, others)
     return FingerFigures(
@@ -363,13 +363,15 @@ def _trial(bench: Bench, channel: int, axis: int, force: float, step: float) -> 
             "it, check that its motors are on, or use a larger force"
         )
     if shift < 0.0:
-        raise DeviceError(f"{bench.port.name} moves against a force along axis {axis}: its motors turn the wrong way")
+        raise DeviceError(
+            f"{bench.port.name} moves against a force along axis {axis}: its motors turn in the wrong direction"
+        )
     _bring_home(bench, channel, force, force * took**2 / (2.0 * shift))
     return 2.0 * shift / took**2
 
 
 def _take_back(bench: Bench, channel: int, push: FloatArray, duration: float) -> None:
-    """Undo a push: push twice as long the other way, then once as before, so that the finger ends where it started."""
+    """Undo a push: push twice as long in the opposite direction, then once as before, so that the finger returns."""
     began = bench.samples[-1].end
     while bench.samples[-1].end - began < 2.0 * duration:
         bench.tick(channel, -push)
@@ -402,7 +404,7 @@ def _pulse(bench: Bench, channel: int, axis: int, force: float, step: float, acc
 
 
 def _bring_home(bench: Bench, channel: int, force: float, mass: float) -> None:
-    """Return a finger to its start by a weak spring and damper with a limited force."""
+    """Return a finger to its start by a weak spring and damper of limited force."""
     readings, home = bench.port.readings, bench.home[channel]
     began = bench.tick().start
     while bench.samples[-1].start - began < LONGEST_WAY:

@@ -42,13 +42,13 @@ class DeviceMeasures:
     """Measured properties of one device.
 
     Attributes:
-        fingers: names of the device's fingers.
-        key: key of the device's table in the scene, `finger.0.device` or `device.0`.
-        each: properties of each finger, by name.
-        round_trip: median time of a reading and a writing [s].
+        fingers: Names of the device's fingers.
+        key: Key of the device's table in the scene, `finger.0.device` or `device.0`.
+        each: Properties of each finger, by name.
+        round_trip: Median time of a reading and a writing [s].
         jitter: 1st and 99th percentile of the time from a deadline to the end of its writing [s].
-        axes: result of the axis check of each finger, by axis.
-        zero: reading at the scene's origin by finger, (d,) [m].
+        axes: Result of the axis check of each finger, by axis.
+        zero: Reading at the scene's origin by finger, (d,) [m].
     """
 
     fingers: tuple[str, ...]
@@ -112,8 +112,8 @@ class Calibration:
     """Measured properties of a scene's hardware.
 
     Attributes:
-        scene: name of the scene.
-        devices: properties of each device.
+        scene: Name of the scene.
+        devices: Properties of each device.
     """
 
     scene: str
@@ -130,10 +130,10 @@ class Calibration:
             yield from each.lines()
 
     def toml(self) -> str:
-        """Write the measures as TOML: overrides by dotted key, each a device's table `measures`."""
+        """Format the measures as TOML: overrides by dotted key, each a device's table `measures`."""
         text = [f"# Measures of the hardware of {self.scene}, by `graspfx calibrate`. Put each table into its device,"]
         text += ["#     device = { ..., measures = { ... } }"]
-        text += ['# or hand the whole file to a scene: gx.load(scene, tomllib.loads(Path("...").read_text()))']
+        text += ['# or load a scene with the whole file: gx.load(scene, tomllib.loads(Path("...").read_text()))']
         for key, table in self.overrides.items():
             values = ", ".join(f"{name} = {_figure(value)}" for name, value in table.items())
             text += [f'"{key}" = {{ {values} }}']
@@ -150,7 +150,7 @@ def require_hardware(parts: Parts) -> None:
     """Require that a device of a scene is hardware.
 
     Raises:
-        InputError: all devices are simulated.
+        InputError: If all devices are simulated.
     """
     if not parts.hardware:
         remedy = "a simulated device has the properties of its settings"
@@ -164,21 +164,22 @@ def calibrate(
     share: float = SHARE,
     prompt: Prompt | None = None,
 ) -> Calibration:
-    """Measure a scene's hardware: lateness, mass, friction and resolution; with a person's help also zero and axes.
+    """Measure a scene's hardware: lateness, mass, friction and resolution; with a person's help also origin and axes.
 
-    Each device is opened separately and settles at zero force. Small pulses then push its fingers back and forth one by
-    one, while nobody holds them. The scene's limits apply. However a calibration ends, forces are set to zero first.
+    Each device is opened separately, and comes to rest at zero force. Small pulses then push its fingers back and forth
+    one by one, while nobody holds them. The scene's limits apply. At the end of a calibration, for any reason, forces
+    are first set to zero.
 
     Args:
-        scene: name, path, or a Scene.
-        pulses: number of pulses per device, divided among its fingers.
-        share: fraction of a device's largest force for the pulses, at most one fifth.
-        prompt: function that tells a person what to do; without it, axes and zero are not checked.
+        scene: Name, path, or a Scene.
+        pulses: Number of pulses per device, divided among its fingers.
+        share: Fraction of a device's largest force for the pulses, at most one fifth.
+        prompt: Function that shows instructions to a person; without it, axes and origin are not checked.
 
     Raises:
-        InputError: the scene has no hardware, or the share is out of range.
-        DeviceError: a device does not open, is not at rest, does not move, or has a fault.
-        KeyboardInterrupt: a signal ended the calibration.
+        InputError: If the scene has no hardware, or the share is out of range.
+        DeviceError: If a device does not open, is not at rest, does not move, or has a fault.
+        KeyboardInterrupt: If a signal ended the calibration.
     """
     from graspfx.scene.load import to_scene
 
@@ -199,7 +200,7 @@ def _device(parts: Parts, wire: Wire, pulses: int, share: float, prompt: Prompt 
     channels = {names[f]: channel for channel, f in enumerate(wire.fingers.tolist()) if f >= 0}
     axes, zero = dict[str, dict[str, str]](), dict[str, FloatArray]()
     if prompt is not None:
-        prompt(f"bring {', '.join(channels)} to the middle of the workspace and release: pushes follow for a while")
+        prompt(f"move {', '.join(channels)} to the middle of the workspace and release: force pulses follow")
     with on_bench(parts, wire, WallClock()) as bench:
         each = {
             name: finger_figures(bench, channel, _force(bench, channel, share), max(1, pulses // len(channels)))

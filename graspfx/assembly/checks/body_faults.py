@@ -1,4 +1,4 @@
-"""Faults of an object's body: its shape, its mass, its viscosity and its contacts with other bodies."""
+"""Faults of an object's body: shape, mass, viscosity, and contacts with other bodies."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def shape_faults(scene: SceneTable, at: Location, thing: Any, stock: Stock) -> I
     """Find the faults of an object's shape, and store a valid shape."""
     shape, d = thing.shape, scene.dimensions
     if shape is None and scene.coupling.contact == "unilateral":
-        yield (*at, "shape"), "required for unilateral contact (coupling.contact = 'attached' needs none)"
+        yield (*at, "shape"), "required for unilateral contact, but not with coupling.contact = 'attached'"
     if shape is None:
         return
     if isinstance(shape, MeshShape):
@@ -91,7 +91,7 @@ def mass_faults(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding
 
 
 def may_turn(scene: SceneTable, thing: Any) -> bool:
-    """Tell whether an object is free to rotate, if `free` has a valid length."""
+    """Return whether an object is free to rotate, if `free` has a valid length."""
     free = scene.free(thing)
     return len(free) == WIDTHS[scene.dimensions] and any(free[scene.dimensions :])
 
@@ -143,8 +143,8 @@ def meeting_faults(scene: SceneTable, stock: Stock, earlier: Sequence[Finding]) 
         if native and table.shape.kind not in FLAT:
             yield (
                 ("obstacle", i, "shape", "kind"),
-                f"{', '.join(native)} with native dynamics can meet a half-space or a plane, not a {table.shape.kind}; "
-                f"dynamics = {MEETING} meets any",
+                f"{', '.join(native)} with native dynamics can collide only with half-spaces and planes, not with a "
+                f"{table.shape.kind}; dynamics = {MEETING} supports all shapes",
             )
     if native and scene.world.restitution > 0.0:
         yield (
@@ -155,7 +155,7 @@ def meeting_faults(scene: SceneTable, stock: Stock, earlier: Sequence[Finding]) 
         if thing.shape is not None and thing.shape.kind in FLAT and bodies.moves(scene, thing):
             yield (
                 ("object", i, "shape", "kind"),
-                f"a {thing.shape.kind} is unbounded: among obstacles lock its freedoms, or make it an [[obstacle]]",
+                f"a {thing.shape.kind} is unbounded: lock all its degrees of freedom, or make it an [[obstacle]]",
             )
         elif thing.shape is not None and bodies.moves(scene, thing):
             yield from _inside(scene, i, thing, stock)
@@ -180,7 +180,7 @@ def light_faults(scene: SceneTable, at: Location, thing: Object, stock: Stock) -
         return  # has a fault of its own
     if one.fixed:
         return
-    otherwise = "; dynamics = 'native' takes it among half-spaces and planes"
+    otherwise = "; dynamics = 'native' supports it on half-spaces and planes"
     if not mass > engine.least:
         key = "mass" if thing.mass is not None else "density"
         yield (*at, key), f"the mass is {mass:.4g} kg: {engine.label} needs more than {engine.least:g} kg{otherwise}"
@@ -188,7 +188,7 @@ def light_faults(scene: SceneTable, at: Location, thing: Object, stock: Stock) -
         key = "inertia" if thing.inertia is not None else "mass" if thing.mass is not None else "density"
         yield (
             (*at, key),
-            f"the least moment of inertia is {min(one.moments):.4g} kg m^2: {engine.label} needs more than "
+            f"the smallest moment of inertia is {min(one.moments):.4g} kg m^2: {engine.label} needs more than "
             f"{engine.least:g} kg m^2{otherwise}",
         )
 
@@ -197,7 +197,10 @@ def _together(scene: SceneTable, stock: Stock) -> Iterator[Finding]:
     if scene.world.collide and len(scene.object) > 1:
         for i, thing in enumerate(scene.object):
             if thing.dynamics == "native" and bodies.moves(scene, thing):
-                yield ("object", i, "dynamics"), f"native objects meet no other object; world.collide needs {MEETING}"
+                yield (
+                    ("object", i, "dynamics"),
+                    f"native objects do not collide with one another; world.collide needs dynamics = {MEETING}",
+                )
     collide = bool(scene.world.collide)
     for group in bodies.groups(scene):
         if not bodies.in_world(scene, group):
@@ -206,7 +209,7 @@ def _together(scene: SceneTable, stock: Stock) -> Iterator[Finding]:
         if (scene.obstacle or collide) and not hasattr(plugins.load("dynamics", name, stock.folder), "create_world"):
             yield (
                 ("object", group[0], "dynamics"),
-                f"{name!r} without create_world lets objects meet nothing; use {MEETING}",
+                f"objects cannot collide with dynamics {name!r}, which has no create_world; use {MEETING}",
             )
             continue
         for i in group:
@@ -215,8 +218,8 @@ def _together(scene: SceneTable, stock: Stock) -> Iterator[Finding]:
             if thing.shape is not None and sum(map(bool, scene.free(thing)[3:])) not in engine.rotations:
                 yield (
                     ("object", i, "free"),
-                    f"{engine.label} has no joint for two of three rotations of a body with contacts: expected "
-                    "none, one or three; dynamics = 'native' takes it on half-spaces and planes",
+                    f"{engine.label} has no joint for two of three rotations of a body with contacts: expected none, "
+                    "one or three; dynamics = 'native' supports two on half-spaces and planes",
                 )
             if engine.partial:
                 continue
@@ -231,8 +234,9 @@ def _together(scene: SceneTable, stock: Stock) -> Iterator[Finding]:
             elif thing.shape is not None and bodies.moves(scene, thing) and not all(scene.free(thing)):
                 yield (
                     ("object", i, "free"),
-                    f"{engine.label} locks no single freedom of a body that meets others: expected all free or none; "
-                    "dynamics = 'mujoco', 'native' on half-spaces and planes, or world.collide = false, no obstacles",
+                    f"{engine.label} cannot lock single degrees of freedom of a body with contacts: expected all "
+                    "free or none; use dynamics = "
+                    "'mujoco', 'native' on half-spaces and planes, or world.collide = false, no obstacles",
                 )
 
 
@@ -247,12 +251,12 @@ def _too_stiff(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterat
         yield (
             ("world", "stiffness"),
             f"given {k:g} N/m, expected no more than {STIFFEST * mass / T**2:.3g} N/m, {STIFFEST:g} m/T^2 of "
-            f"{thing.name!r} with {mass:g} kg at {T:g} s: beyond that, rounding throws it off its support",
+            f"{thing.name!r} with {mass:g} kg at {T:g} s: beyond that, rounding errors throw it off its support",
         )
 
 
 def _inside(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterator[Finding]:
-    """Find shapes that start below a half-space or across a plane; testing other pairs would need a search."""
+    """Find shapes that start below a half-space or across a plane; a test of other pairs would need a search."""
     from graspfx.objects.floor.floor import clearance
 
     state = np.zeros(SIZE)

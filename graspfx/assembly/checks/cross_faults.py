@@ -51,7 +51,7 @@ def safety_faults(scene: SceneTable) -> Iterator[Finding]:
 
 
 def host_faults(scene: SceneTable) -> Iterator[Finding]:
-    """Find parts that a scene with a host must not define, because the host simulates the object and its contacts."""
+    """Find parts that a scene with a host must not define because the host simulates the object and its contacts."""
     if scene.host is None:
         return
     with suppress(NotValid):
@@ -62,13 +62,13 @@ def host_faults(scene: SceneTable) -> Iterator[Finding]:
             or things[0].shape is not None
             or any(scene.free(things[0]))
         ):
-            yield ("object",), "expected no object beside [host], whose program simulates the object; leave it out"
+            yield ("object",), "expected no object with [host], whose program simulates the object; remove it"
     if scene.obstacle:
-        yield ("obstacle",), "expected no obstacle beside [host], whose program simulates the world; leave it out"
+        yield ("obstacle",), "expected no obstacle with [host], whose program simulates the world; remove it"
     with suppress(NotValid):
         law = scene.coupling
         if law.passivity != "off" or law.contact != "attached":
-            yield ("coupling",), "expected no coupling beside [host], whose program computes contacts; leave it out"
+            yield ("coupling",), "expected no coupling with [host], whose program computes contacts; remove it"
 
 
 def finger_safety_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
@@ -78,12 +78,12 @@ def finger_safety_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Fin
 
 
 def chain_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Finding]:
-    """Find limits of fingers in a simulation without a chain, and hardware whose first force would not be zero."""
+    """Find finger limits in a simulation without a safety chain, and hardware whose first force would not be zero."""
     hardware = any(map(is_hardware, connected.values()))
     if scene.safety is None:
         for i, finger in enumerate(scene.finger):
             if finger.safety is not None and not hardware and scene.host is None:
-                text = "expected a scene with [safety], which switches the chain on; add that table"
+                text = "expected a scene with [safety], which enables the safety chain; add that table"
                 yield ("finger", i, "safety"), text
     elif hardware and scene.safety.soft_start == 0.0:
         yield ("safety", "soft_start"), "expected a time above zero, as a person holds the hardware; given 0"
@@ -101,13 +101,16 @@ def own_coefficient(scene: SceneTable, at: Location, finger: Any) -> Iterator[Fi
     if finger.friction is None:
         return
     if scene.coupling.contact == "attached":
-        yield at, "attached contacts do not slip: leave it out"
+        yield at, "attached contacts do not slip: remove it"
     elif scene.coupling.friction == "stick":
-        yield at, "coupling.friction = 'stick' holds every finger; with a number there each finger may have its own"
+        yield (
+            at,
+            "coupling.friction = 'stick' prevents all slip; with a number, each finger may have its own coefficient",
+        )
 
 
 def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
-    """Find missing settings of soft fingers, and hard fingers with settings of soft ones."""
+    """Find missing settings of soft fingers, and hard fingers with settings of soft fingers."""
     at: Location = ("finger", i, "patch")
     if finger.model == "hard":
         if finger.patch is not None:
@@ -124,12 +127,18 @@ def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
     coupling = scene.coupling
     parts = [part for part in (coupling.external, coupling.internal) if not isinstance(part, ObjectImpedance)]
     if any(np.ndim(gain) for part in parts for gain in (part.stiffness, part.damping)):
-        yield ("finger", i, "model"), "soft fingers expect each gain as one number, or as one matrix of the object"
+        yield (
+            ("finger", i, "model"),
+            "with soft fingers, expected each gain as one number, or as one matrix of the object",
+        )
     if coupling.contact == "attached":
         if scene.object[scene.finger_objects[i]].shape is None:
-            yield ("finger", i, "model"), "a soft finger expects an object with a shape: torsion is about its normal"
+            yield ("finger", i, "model"), "a soft finger requires an object with a shape: torsion is about its normal"
     elif coupling.friction != "stick" and scene.coefficients[i] == 0.0:
-        yield ("finger", i, "model"), "a soft finger needs friction for torsion: set coupling.friction or its friction"
+        yield (
+            ("finger", i, "model"),
+            "torsion of a soft finger requires friction: set coupling.friction or the finger's friction",
+        )
 
 
 def pad_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
@@ -143,7 +152,7 @@ def pad_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
     implicit = thing.dynamics == "native" and thing.integrator == "implicit"
     if implicit and any(np.any(part.damping) for part in (coupling.external, coupling.internal)):
         text = "expected no damping with the integrator 'implicit', which solves for it together with the motion"
-        yield at, f"{text}: a pad's depth follows the elastic force; take another integrator, or no damping"
+        yield at, f"{text}: a pad's depth follows the elastic force; use another integrator, or no damping"
 
 
 def contact_axes_faults(scene: SceneTable, share: str) -> Iterator[Finding]:
@@ -167,9 +176,9 @@ def contact_axes_faults(scene: SceneTable, share: str) -> Iterator[Finding]:
         if np.array_equal(even, gain) and (gain[..., d - 1, d - 1] == gain[..., 1 % d, 1 % d]).all():
             continue
         form = {1: "[[k_n]]", 2: "[[k_n, 0], [0, k_t]]", 3: "[[k_n, 0, 0], [0, k_t, 0], [0, 0, k_t]]"}[d]
-        yield at, f"contact axes expect {form}, the normal first; all directions along the surface are equal"
+        yield at, f"with contact axes, expected {form}, the normal first; all directions along the surface are equal"
     if share == "external" and coupling.contact == "attached" and any(thing.shape is None for thing in scene.object):
-        yield ("coupling", "axes"), "'contact' expects objects with a shape, which have normals"
+        yield ("coupling", "axes"), "'contact' requires objects with a shape, which have normals"
 
 
 def control_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Finding]:
@@ -187,7 +196,7 @@ def metric_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> It
     """Find devices that do not report the mass that the metric needs, and invalid weights."""
     coupling = scene.coupling
     if coupling.metric == "mass" and coupling.split != "mass":
-        yield ("coupling", "metric"), "coupling.split already weights the fingers: leave the metric out"
+        yield ("coupling", "metric"), "coupling.split already weights the fingers: remove the metric"
     weights, n = coupling.weights, len(scene.finger)
     if (weights is not None) != (coupling.split == "weights"):
         wanted = "a number above zero for each finger" if weights is None else "no weights without split = 'weights'"
@@ -200,7 +209,7 @@ def metric_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> It
     for at, device in connected.items():
         if device.features.mass is None:
             where = ".".join(map(str, at))
-            yield ("coupling", key), f"'mass' expects every device to report its mass; the device of {where} does not"
+            yield ("coupling", key), f"'mass' requires every device to report its mass; the device of {where} does not"
 
 
 UNIT = 1e-6  # tolerance of a quaternion's norm; more is a typing error, not rounding
@@ -305,7 +314,10 @@ def _unique(scene: SceneTable, table: str) -> Iterator[Finding]:
         except NotValid:
             continue
         if name in names:
-            yield (table, i, NAME_KEYS.get(table, "name")), f"{name!r} is taken; every {table} needs a different name"
+            yield (
+                (table, i, NAME_KEYS.get(table, "name")),
+                f"{name!r} is used twice; every {table} needs a different name",
+            )
         names.add(name)
 
 
@@ -313,7 +325,7 @@ def _finger_names(scene: SceneTable) -> Iterator[Finding]:
     names = scene.finger_names
     for i, name in enumerate(names):
         if name in names[:i]:
-            yield ("finger", i, "name"), f"{name!r} is taken; every finger needs a different name"
+            yield ("finger", i, "name"), f"{name!r} is used twice; every finger needs a different name"
 
 
 def _free(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
@@ -327,7 +339,7 @@ def _inertia(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
     inertia, d = thing.inertia, scene.dimensions
     if inertia is None:
         if may_turn(scene, thing) and thing.shape is None and scene.coupling.contact == "attached":
-            yield (*at, "inertia"), "required where a rotation is free and there is no shape to compute it from"
+            yield (*at, "inertia"), "required if a rotation is free and there is no shape from which to compute it"
         return
     values = inertia if isinstance(inertia, tuple) else (inertia,)
     if d == 1:
@@ -343,7 +355,7 @@ def _turning(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
     if thing.rotational_viscosity is None and may_turn(scene, thing):
         yield (
             (*at, "rotational_viscosity"),
-            "required where a rotation is free: without it a grasp is not stable; `free` locks it",
+            "required if a rotation is free: without it a grasp is not stable; or lock the rotation by `free`",
         )
 
 
@@ -372,7 +384,7 @@ def _turned(scene: SceneTable, at: Location, field: str, value: Any, in_space: s
 
 
 def _body(scene: SceneTable, at: Location, thing: Any, stock: Stock, faults: list[Finding]) -> Iterator[Finding]:
-    """Find errors of the body itself, if there is no other fault."""
+    """Find errors raised by the body, if there is no other fault."""
     if any(place[: len(at)] == at or place == ("gravity",) for place, _ in faults):
         return
     try:
@@ -434,7 +446,7 @@ def _unused(scene: SceneTable, table: str) -> Iterator[Finding]:
     used = {getattr(finger, table) for finger in scene.finger if isinstance(getattr(finger, table), str)}
     for i, item in enumerate(getattr(scene, table)):
         if getattr(item, NAME_KEYS[table]) not in used:
-            yield (table, i, NAME_KEYS[table]), f"no finger names {getattr(item, NAME_KEYS[table])!r}"
+            yield (table, i, NAME_KEYS[table]), f"no finger refers to {getattr(item, NAME_KEYS[table])!r}"
 
 
 def _gain(scene: SceneTable, share: str, quantity: str) -> Iterator[Finding]:
@@ -459,7 +471,7 @@ def _object_gain(scene: SceneTable, part: ObjectImpedance, quantity: str) -> Ite
     w = WIDTHS[d]
     shape = np.shape(value)
     if value is not None and shape not in ((w, w), (w,), *([()] if w == 1 else [])):
-        expected = f"{w} x {w} numbers on the object's freedoms, or {w} on its diagonal"
+        expected = f"{w} x {w} numbers on the object's degrees of freedom, or {w} on its diagonal"
         yield ("coupling", "external", f"object_{quantity}"), f"expected {expected}; given {_size(shape) or 'a number'}"
     if quantity == "stiffness" and part.object_point is not None and len(part.object_point) != d:
         yield ("coupling", "external", "object_point"), f"expected {d} coordinates [m]"
@@ -482,7 +494,7 @@ def _stiff(scene: SceneTable, share: str) -> Iterator[Finding]:
         expected = "eigenvalues of more than 0" if stiffness.ndim > 1 else "more than 0"
         yield (
             ("coupling", share, key),
-            f"unilateral contact expects {expected}; the smallest is {least:.6g} (contact = 'attached' takes 0)",
+            f"unilateral contact expects {expected}; the smallest is {least:.6g} (contact = 'attached' allows 0)",
         )
 
 
@@ -498,7 +510,7 @@ def _ratio(scene: SceneTable, quantity: str) -> Iterator[Finding]:
         yield (
             ("coupling", small, quantity),
             f"unilateral contact expects at least {LEAST:g} of coupling.{large}.{quantity}, "
-            f"{LEAST * gains[large]:.6g} {unit}{instead}; given {gains[small]:.6g} (contact = 'attached' takes any)",
+            f"{LEAST * gains[large]:.6g} {unit}{instead}; given {gains[small]:.6g} (contact = 'attached' allows any)",
         )
 
 

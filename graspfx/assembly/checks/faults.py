@@ -1,4 +1,4 @@
-"""All faults of a scene, found before it runs."""
+"""Validation of a scene, which finds all faults before a run."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ Finding = tuple[Location, str]
 CODE: tuple[tuple[type[Table], str], ...] = ((Device, "name"), (MadeHand, "kind"), (Object, "dynamics"))
 DATA: tuple[tuple[type[Table], str], ...] = ((MeshShape, "mesh"), (Path, "file"))
 REPLAY, COMMAND = "gx.replay(..., trust=True) in Python", "--trust on the command line, or GRASPFX_TRUST=1"
-READ = f"the Python that a recording names runs only if you say so: read it, then {REPLAY}, {COMMAND}"
-DO = "move it there, or say that you trust the scene:"
+READ = f"Python files named in a recording run only if you allow it: read them, then use {REPLAY}, {COMMAND}"
+DO = "move it there, or trust the scene:"
 
 
 def trust_faults(scene: SceneTable, source: Source) -> list[Finding]:
@@ -36,7 +36,7 @@ def trust_faults(scene: SceneTable, source: Source) -> list[Finding]:
     In a scene from a recording, every path of a Python file is a fault, because the recording itself defines which
     folder is the scene's.
 
-    The remaining scene names no such file, so later checks cannot import or read one.
+    The remaining scene names no files outside of the folder, so later checks cannot import or read one.
     """
     return [] if source.is_trusted else list(_faults((), scene, source))
 
@@ -156,7 +156,7 @@ def field_faults(error: ValidationError, draft: Table) -> Iterator[tuple[Key, st
 
 
 def _likely_keys(errors: Iterable[Any], draft: Table) -> dict[Key, Key]:
-    """Pair every unknown key with a similar known key, so that one typing error is one fault."""
+    """Pair every unknown key with a similar known key, so that one typing error is reported as one fault."""
     unknown = [each["loc"] for each in errors if each["type"] == "extra_forbidden"][:MOST_HINTS]
     parts = {at: part_at(draft, at[:-1]) for at in unknown}
     close = {
@@ -207,7 +207,7 @@ def message(error: Any) -> str:
 
 
 def part_at(draft: Table, location: Sequence[str | int]) -> Any:
-    """Return the table at a validator's location; None if it is not valid."""
+    """Return the table at a validator's location; None if the table is not valid."""
     part: Any = draft
     try:
         for step in location:

@@ -88,7 +88,7 @@ def _moving(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int], 
 
 
 def _operator(scene: SceneTable, at: Location, hand: Any) -> Iterator[Finding]:
-    """Find faults of those parts of a hand's operator model that go beyond spring and damper."""
+    """Find faults of a hand's operator model, except its spring and damper."""
     if hand.limb is not None:
         yield from _spring(scene, (*at, "limb"), hand.limb)
     tremor, reaction = hand.tremor, hand.reaction
@@ -114,7 +114,7 @@ def _guide(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int]) -
 
 
 def _numbered(at: Location, hand: Any, field: str) -> Iterator[tuple[Location, Any]]:
-    """List the tables of a field that accepts one or a list, each with its location."""
+    """List the tables of a field that accepts one table or a list, each with its location."""
     try:
         value = getattr(hand, field)
     except NotValid:
@@ -190,7 +190,7 @@ def _turn_axis(scene: SceneTable, at: Location, turn: Any) -> Iterator[Finding]:
         else:
             yield from _axis(scene, at, turn)
     elif turn.axis not in (None, 2, "z"):
-        yield (*at, "axis"), f"a turn in the plane is about z: leave it out; given {abbreviate(turn.axis)}"
+        yield (*at, "axis"), f"a turn in 2-D is about z: remove it; given {abbreviate(turn.axis)}"
 
 
 def _squeeze(at: Location, hand: Any) -> Iterator[Finding]:
@@ -198,7 +198,7 @@ def _squeeze(at: Location, hand: Any) -> Iterator[Finding]:
     if isinstance(squeeze, int | float):
         return
     if "squeeze_ramp" in hand.model_fields_set:
-        yield (*at, "squeeze_ramp"), "steps of a squeeze have their own times: leave it out"
+        yield (*at, "squeeze_ramp"), "steps of a squeeze have their own times: remove it"
     steps: tuple[Step, ...] = listed(squeeze)
     if not steps:
         yield (*at, "squeeze"), "expected a number, or at least one step"
@@ -218,7 +218,7 @@ def _normals(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int])
     if bare and hand.closing == "normal" and closes:
         yield (
             (*at, "closing"),
-            f"a direction is required: {bare[0]!r} has no shape, so there is no normal for closing",
+            f"a direction is required: {bare[0]!r} has no shape, and therefore no normals as closing directions",
         )
 
 
@@ -268,7 +268,7 @@ def _plugin_faults(
         return
     parameters, settings = inspect.signature(module.hold).parameters, table.settings
     clashes = [key for key in settings if key in AUTOMATIC and key in parameters]
-    wrong = [((*at, key), "the scene sets it: leave it out") for key in clashes]
+    wrong = [((*at, key), "the scene sets it: remove it") for key in clashes]
     wrong += signature_faults(at, kind, settings, parameters, AUTOMATIC)
     yield from wrong
     starts = _starts(scene, fingers, stock)
@@ -288,7 +288,7 @@ def _plugin_faults(
 
 
 def _starts(scene: SceneTable, fingers: Sequence[int], stock: Stock) -> list[tuple[float, ...]]:
-    """List start positions of fingers; raise NotValid if a finger has no position, which is a separate fault."""
+    """List the start positions of fingers; raise NotValid if a finger has none, which is a separate fault."""
     starts = []
     for i in fingers:
         try:

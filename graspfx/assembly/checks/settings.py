@@ -36,7 +36,7 @@ def numbers(count: int) -> str:
 
 
 def record_faults(scene: SceneTable) -> Iterator[tuple[tuple[str | int, ...], str]]:
-    """Find names of columns that no recording of these fingers and objects contains, whatever the coupling."""
+    """Find names of columns that no recording of these fingers and objects contains, for any coupling."""
     names = scene.record.columns
     if not names:
         return
@@ -77,17 +77,17 @@ def setting_faults(scene: SceneTable, at: Location, table: Device, stock: Stock)
     faults = list(signature_faults(at, table.name, settings, parameters, {AUTOMATIC}))
     twice = [key for key, now in table.former.items() if now in (table.model_extra or {})]
     faults += [
-        ((*at, key), f"the former name of {table.former[key]!r}, which is also given: leave it out") for key in twice
+        ((*at, key), f"the former name of {table.former[key]!r}, which is also given: remove it") for key in twice
     ]
     if AUTOMATIC in settings and AUTOMATIC in parameters and settings[AUTOMATIC] != scene.dimensions:
-        faults.append(((*at, AUTOMATIC), f"expected {scene.dimensions}, the scene's dimensions; leave it out"))
+        faults.append(((*at, AUTOMATIC), f"expected {scene.dimensions}, the scene's dimensions; remove it"))
     yield from faults
     if not faults:
         yield from _connection(scene, at, table, driver, stock)
 
 
 def reason(error: GraspFXError) -> str:
-    """Return an error's text; omit its leading name if the fault's key already contains that name."""
+    """Return an error's text, without its leading name if the fault's key already contains that name."""
     return str(error).removeprefix(f"{error.name}: ") if isinstance(error, InputError) else str(error)
 
 
@@ -113,8 +113,8 @@ def _connection(scene: SceneTable, at: Location, table: Device, driver: ModuleTy
             names, kind = ", ".join(f"{name}()" for name in missing), type(device).__name__
             yield (
                 at,
-                f"the device of {file} lacks {names}: add what is missing to {kind}; "
-                "graspfx.protocols.Device says what each method does",
+                f"the device of {file} lacks {names}: add them to {kind}; graspfx.protocols.Device documents each "
+                "method",
             )
 
 

@@ -59,7 +59,7 @@ def unit_notes(scene: SceneTable, stock: Stock) -> list[str]:
 
 
 def _in(value: float, unit: str, factor: float) -> str:
-    """Return the text for a value if it were in another unit."""
+    """Return a text that states a value as if it were in another unit."""
     return f"{value:g} {unit} would be {factor * value:.4g}"
 
 
@@ -127,7 +127,7 @@ def _gains(scene: SceneTable, stock: Stock) -> Iterator[Doubt]:
 
 
 def _soft(at: Location, stiffness: Any) -> Iterator[Doubt]:
-    """Find springs too soft to be felt; a stiffness of zero counts as intended."""
+    """Find springs too soft to be felt; a stiffness of zero is intended."""
     springs = [k for k in np.ravel(stiffness).tolist() if k > 0.0]
     if springs and max(springs) < SOFTEST:
         yield at, max(springs), "N/m", _in(max(springs), "N/mm", 1e3)

@@ -1,1 +1,1 @@
-"""A servo in a separate process: its orders, its run, and its guard in the recording process."""
+"""Servo in a separate process: its orders, its run, and its guard in the recording process."""

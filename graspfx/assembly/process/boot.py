@@ -1,4 +1,4 @@
-"""Start of another process: a new interpreter that imports this package, but not the main program."""
+"""Start of another process: a new interpreter that imports this package but not the main program."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ def start(ring: int) -> tuple[subprocess.Popen[bytes], Connection]:
     """Start a servo's process; return it and the connection to it.
 
     Args:
-        ring: descriptor of the shared memory.
+        ring: Descriptor of the shared memory.
 
     Raises:
-        InputError: this system starts no such process.
+        InputError: If this system does not support such processes.
     """
     return spawn("graspfx.assembly.process.servo_child", ring)
 
@@ -35,11 +35,11 @@ def spawn(module: str, *descriptors: int) -> tuple[subprocess.Popen[bytes], Conn
     signal on.
 
     Args:
-        module: module of this package.
-        descriptors: descriptors of shared files.
+        module: Module of this package.
+        descriptors: Descriptors of shared files.
 
     Raises:
-        InputError: this system starts no such process.
+        InputError: If this system does not support such processes.
     """
     from multiprocessing.connection import Connection  # only where a process starts
 

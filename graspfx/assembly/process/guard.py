@@ -1,4 +1,4 @@
-"""Guard of a servo's process: fetches rows, sends a sign of life, and removes the force if the servo's process dies."""
+"""Guard of a servo's process, which fetches rows, sends heartbeats, and removes the force if the process dies."""
 
 from __future__ import annotations
 
@@ -36,20 +36,20 @@ BACKLOG = 1 << 28  # bytes of rows that may wait for the disk; beyond this, the 
 
 
 class Relay:
-    """Fetches rows, faults and changes from a servo in another process.
+    """Relay of rows, faults and changes from a servo in another process.
 
     Args:
-        ring: ring buffer of the servo.
-        recorder: recorder of the run.
-        watch: function, such as a viewer's, that is called with the first tick and the number of ticks of each batch of
+        ring: Ring buffer of the servo.
+        recorder: Recorder of the run.
+        watch: Function, such as a viewer's, that is called with the first tick and the number of ticks of each batch of
             rows; it may read the recorder's last row.
-        goals: function that returns the accepted goals of guided hands by key; None without guided hands.
+        goals: Function that returns the accepted goals of guided hands by key; None without guided hands.
 
     Attributes:
-        ticks: number of ticks whose rows were fetched.
-        lost: number of rows that were overwritten before they were fetched; they are NaN.
-        faults: faults that the servo has reported.
-        letters: values by the number of the letter that carries them to the servo.
+        ticks: Number of ticks whose rows were fetched.
+        lost: Number of rows that were overwritten before they were fetched; they are NaN.
+        faults: Faults that the servo has reported.
+        letters: Values by the number of the letter that carries them to the servo.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class Relay:
         """Pass new data to the recorder.
 
         Raises:
-            RecordingError: the recorder cannot store the data.
+            RecordingError: If the recorder cannot store the data.
         """
         changes = [*self._changes(), *self._goal_changes()]
         for tick, values in sorted(changes, key=lambda change: change[0]):
@@ -111,7 +111,7 @@ class Relay:
         self._recorder.drain()
 
     def _goal_changes(self) -> Iterator[tuple[int, Mapping[str, Any]]]:
-        """Yield the goals that were accepted since the last call; more than 16384 of them overwrite the first."""
+        """Yield the goals that were accepted since the last call, at most the last 16384."""
         count = int(self._ring.words[Word.GOALS])
         for number in range(max(self._goals, count - SLOTS + 1), count):
             row = self._ring.goal_log[number % SLOTS]
@@ -138,29 +138,29 @@ DEATH = "death"  # message of the guard: the process has ended
 
 
 class Guard(Thread):
-    """A thread that starts a servo's process and ends with it.
+    """Thread that starts a servo's process and ends with it.
 
     The thread waits for the end of the process, so that it can remove the hardware's force within milliseconds if the
-    process dies with forces on. A servo that does not rest on request, makes no ticks, or does not open its hardware is
-    ended by signals, because the servo may hang in a driver.
+    process dies with forces on. A servo that does not rest on request, runs no ticks, or does not open its hardware is
+    terminated by signals, because it may hang in a driver.
 
     Args:
-        ring: ring buffer shared with the process.
-        devices: devices whose force is removed if the process dies with forces on.
-        period: sampling period T [s].
-        clock: clock for the timeouts of an inactive servo.
-        names: names of all devices of the scene.
-        watchdog: largest lateness of a tick [s].
+        ring: Ring buffer shared with the process.
+        devices: Devices whose force is removed if the process dies with forces on.
+        period: Sampling period T [s].
+        clock: Clock for the timeouts of an inactive servo.
+        names: Names of all devices of the scene.
+        watchdog: Largest lateness of a tick [s].
 
     Attributes:
-        messages: messages of the process, tuples that begin with their kind; the last one is DEATH.
-        lock: lock of the relay and its recorder.
-        relay: relay of the rows; None before the run.
-        failure: error of the relay, after which the servo is asked to rest.
-        report: sentences about the removal of forces; empty if no force was removed.
-        is_settled: whether the hardware has reported that it is open and at rest.
-        is_overdue: whether the hardware did not report in time, so that the process was ended.
-        hang: description of a device call that did not return; empty if all calls return.
+        messages: Messages of the process, tuples that begin with their kind; the last one is DEATH.
+        lock: Lock of the relay and its recorder.
+        relay: Relay of the rows; None before the run.
+        failure: Error of the relay, after which the servo is asked to rest.
+        report: Sentences about the removal of forces; empty if no force was removed.
+        is_settled: Whether the hardware has reported that it is open and at rest.
+        is_overdue: Whether the hardware did not report in time, so that the process was ended.
+        hang: Description of a device call that did not return; empty if all calls return.
     """
 
     def __init__(
@@ -225,12 +225,12 @@ class Guard(Thread):
         self._ring.words[Word.STOP] = 1
 
     def interrupt(self, number: int) -> None:
-        """Pass a signal on to the process, which interrupts a hanging driver."""
+        """Pass a signal on to the process, where it interrupts a hanging driver."""
         self.rest()
         self._signal(number)
 
     def kill(self) -> None:
-        """End the process at once; the force of open hardware is then removed."""
+        """Terminate the process at once; the force of open hardware is then removed."""
         self._signal(process_end.KILL)
 
     def _signal(self, number: int) -> None:
@@ -287,7 +287,7 @@ class Guard(Thread):
             self.report = quench_all(self._devices)
 
     def _fetch(self) -> None:
-        """Fetch rows unless the recorder is locked, because signs of life must not wait."""
+        """Fetch rows unless the recorder is locked, because heartbeats must not wait."""
         if not self.lock.acquire(blocking=False):
             return
         try:
@@ -300,7 +300,7 @@ class Guard(Thread):
             self.lock.release()
 
     def _hurry(self) -> None:
-        """End a servo that does not open its hardware, does not rest, or is inactive.
+        """Terminate a servo that does not open its hardware, does not rest, or is inactive.
 
         The first step is a signal that interrupts a driver's call.
         """

@@ -1,4 +1,4 @@
-"""Messages to a servo's process: its task, and between ticks orders, letters with new numbers, and goals of hands."""
+"""Messages to a servo's process: its task and, between ticks, orders, letters with new numbers, and goals of hands."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Errand:
-    """The task of a servo's process.
+    """Task of a servo's process.
 
     The process is a new interpreter with the `sys.path` and working folder of the sending process. It imports the
     modules of drivers and hands by their names, but not the main program.
 
     Attributes:
-        scene: scene to run.
-        ticks: number of ticks to run.
-        width: number of entries of a row.
-        selected: whether rows have only the columns and ticks that the scene selects.
-        live: keys that may change during the run.
-        goals: size of the goals of guided hands.
-        trust: whether files outside the scene's folder may be read.
-        verbosity: level of messages to pass on, or None.
-        path: search path of modules.
-        parent: process number of the recording process.
+        scene: Scene to run.
+        ticks: Number of ticks to run.
+        width: Number of entries of a row.
+        selected: Whether rows have only the columns and ticks that the scene selects.
+        live: Keys that may change during the run.
+        goals: Size of the goals of guided hands.
+        trust: Whether files outside the scene's folder may be read.
+        verbosity: Level of messages to pass on, or None.
+        path: Search path of modules.
+        parent: Process number of the recording process.
     """
 
     scene: Scene
@@ -63,7 +63,7 @@ class Errand:
         """Serialise the task for the other process.
 
         Raises:
-            InputError: the scene holds an object that cannot be serialised.
+            InputError: If the scene holds an object that cannot be serialised.
         """
         self.scene.to_dict()  # names the key of an object that is not data
         try:
@@ -71,8 +71,7 @@ class Errand:
         except Exception as error:
             raise InputError(
                 "scene", self.scene, "numbers, texts, lists and tables, which can be sent to another process",
-                f"a scene with hardware runs in a separate process: {error}; create the object in a driver "
-                "of your own",
+                f"a scene with hardware runs in a separate process: {error}; create the object in your own driver",
             ) from error  # fmt: skip
 
 
@@ -89,9 +88,9 @@ class GoalPlace(NamedTuple):
     """Goals of one guided hand.
 
     Attributes:
-        plant: index of the plant that the hand moves.
-        memory: block of the hand.
-        entries: entries of the goals in that block: offsets, (n d,), then the squeeze.
+        plant: Index of the plant that the hand moves.
+        memory: Block of the hand.
+        entries: Entries of the goals in that block: offsets, (n d,), then the squeeze.
     """
 
     plant: int
@@ -112,8 +111,8 @@ class GuideKeys(NamedTuple):
     """Keys of a guided hand.
 
     Attributes:
-        table: key of the hand with a number for the name, such as `hand.0`.
-        fingers: indices of its fingers.
+        table: Key of the hand with a number for the name, such as `hand.0`.
+        fingers: Indices of its fingers.
     """
 
     table: str
@@ -132,12 +131,12 @@ def guide_keys(scene: Scene, servo: Servo) -> list[GuideKeys]:
 
 
 class GoalSender:
-    """Sends goals of guided hands to a servo in another process, without waiting for it.
+    """Sender of guided hands' goals to a servo in another process, which never waits for the servo.
 
     Args:
-        ring: ring buffer shared with the servo.
-        servo: copy of the running servo in its initial state.
-        keys: keys of the guided hands.
+        ring: Ring buffer shared with the servo.
+        servo: Copy of the running servo in its initial state.
+        keys: Keys of the guided hands.
     """
 
     def __init__(self, ring: Ring, servo: Servo, keys: Sequence[GuideKeys]) -> None:
@@ -158,13 +157,13 @@ class GoalSender:
         """Send a hand's goals; omitted goals are unchanged.
 
         Args:
-            number: index of the hand.
-            offset: offset (d,) for all its fingers, or (n, d) [m].
-            squeeze: squeeze [m].
-            finger: index, among the hand's fingers, of the finger with this `offset`; None for all.
+            number: Index of the hand.
+            offset: Offset (d,) for all its fingers, or (n, d) [m].
+            squeeze: Squeeze [m].
+            finger: Index, among the hand's fingers, of the finger with this `offset`; None for all.
 
         Raises:
-            InputError: goals are not finite, have another shape, or exceed `FARTHEST`.
+            InputError: If goals are not finite, have another shape, or exceed `FARTHEST`.
         """
         with self._lock:
             offsets, closing = self.values(number)
@@ -174,13 +173,13 @@ class GoalSender:
                 if new.shape not in (part.shape, (self._dimensions,)) or not _is_near(new):
                     shapes = f"{part.shape} or ({self._dimensions},)"
                     raise InputError(
-                        "offset", offset, f"finite components of shape {shapes}, none beyond {FARTHEST:g} m"
+                        "offset", offset, f"finite components of shape {shapes}, of at most {FARTHEST:g} m in magnitude"
                     )
                 part[...] = new
             if squeeze is not None:
                 distance = floats("squeeze", squeeze)
                 if distance.ndim or not _is_near(distance):
-                    raise InputError("squeeze", squeeze, f"a finite distance, not beyond {FARTHEST:g} m")
+                    raise InputError("squeeze", squeeze, f"a finite distance of at most {FARTHEST:g} m in magnitude")
                 closing = float(distance)
             self._goals[self._starts[number] : self._starts[number + 1]] = np.append(offsets.ravel(), closing)
             self._post()
@@ -212,11 +211,11 @@ class GoalSender:
 
 
 class GoalTaker:
-    """Writes new goals into the hands of a running servo between two ticks.
+    """Receiver that writes new goals into the hands of a running servo between two ticks.
 
     Args:
-        ring: ring buffer with the goals.
-        servo: running servo.
+        ring: Ring buffer with the goals.
+        servo: Running servo.
     """
 
     def __init__(self, ring: Ring, servo: Servo) -> None:
@@ -254,14 +253,14 @@ def _is_near(value: Any) -> bool:
 
 
 class Hold:
-    """A plant with its hand, as three memories: the hand's block, its gains and the plant's mechanics.
+    """A plant with its hand as three memories: the hand's block, its gains, and the plant's mechanics.
 
     Args:
-        hand: hand that holds the plant.
-        plant: plant.
+        hand: Hand that holds the plant.
+        plant: Plant.
 
     Attributes:
-        memories: the block; K and B; masses and dampings. A memory is empty if it cannot change.
+        memories: Three memories: the block; K and B; masses and dampings. A memory is empty if it cannot change.
     """
 
     def __init__(self, hand: Any, plant: Any) -> None:
@@ -276,8 +275,8 @@ class Hold:
     def numbers(self) -> Iterator[tuple[int, Index, FloatArray]]:
         """Yield the memories, entries and numbers that another hold of the same structure adopts.
 
-        Followers of a guided hand are excluded, because they keep their state. Goals are excluded too, because they are
-        sent separately.
+        Followers of a guided hand are excluded, because their state does not change. Goals are excluded too, because
+        they are sent separately.
         """
         block, _, _ = self.memories
         if len(block):
@@ -292,7 +291,7 @@ class Hold:
             yield 2, np.arange(len(mechanics)), mechanics
 
     def adopt(self, other: Any) -> None:
-        """Copy gains and mechanics from the memories; afterwards the plant must take hold again."""
+        """Copy gains and mechanics from the memories; afterwards the plant's `hold` must be called again."""
         _, gains, mechanics = self.memories
         if len(gains):
             hand: Any = self._hand
@@ -302,7 +301,7 @@ class Hold:
 
 
 def is_carried(hand: Any) -> bool:
-    """Tell whether the numbers of a hand may change in another process."""
+    """Return whether the numbers of a hand may change in another process."""
     return isinstance(hand, Steerable) and isinstance(hand, FusedHand) and hasattr(hand, "regain")
 
 
@@ -310,23 +309,23 @@ LOOK = 0.002  # interval of checks whether a pause is over [s]
 
 
 class Pause(Protocol):
-    """Tells whether ticks must wait."""
+    """Protocol of a source of pauses, during which ticks must wait."""
 
     @property
     def is_paused(self) -> bool:
-        """Whether the coming tick is to wait."""
+        """Whether the next tick must wait."""
         ...
 
 
 class PausingPacer(Pacer):
-    """A pacer that holds ticks back during pauses; after a pause the grid of deadlines starts anew.
+    """A pacer that delays ticks during pauses; after a pause the grid of deadlines starts again.
 
     Args:
-        period: sampling period T [s].
-        clock: clock for waiting.
+        period: Sampling period T [s].
+        clock: Clock for waiting.
 
     Attributes:
-        orders: source of pauses; None without pauses.
+        orders: Source of pauses; None without pauses.
     """
 
     def __init__(self, period: float, clock: Clock | None = None) -> None:
@@ -349,21 +348,21 @@ class PausingPacer(Pacer):
 SILENCE = 500_000_000  # silence after which the other process counts as dead [ns]
 SIMULATED_SILENCE = 10_000_000_000  # as above, without hardware: a browser may occupy all processors [ns]
 LETTER = "letter"  # key under which a change names the letter that carries its values
-NO_RECORDER = "the recording process gives no sign of life"
+NO_RECORDER = "the recording process sends no heartbeat"
 
 
 class ParentGone(BaseException):
-    """The process that started this one has ended or no longer needs it."""
+    """The process that started this process has ended, or no longer needs it."""
 
 
 class Orders:
-    """Tells a servo whether to stop, before each tick and while it waits, and accepts letters with new numbers.
+    """Stop condition of a servo, tested before each tick and while it waits; it also accepts letters with new numbers.
 
     Args:
-        ring: ring buffer with the words and letters.
-        servo: servo that receives the orders.
-        recorder: recorder of the first tick of each letter.
-        pacer: pacer of the ticks.
+        ring: Ring buffer with the words and letters.
+        servo: Servo that receives the orders.
+        recorder: Recorder of the first tick of each letter.
+        pacer: Pacer of the ticks.
 
     Attributes:
         cause: Reason why the other process ended; empty while it runs.
@@ -400,7 +399,7 @@ class Orders:
 
     @property
     def is_paused(self) -> bool:
-        """Whether the coming tick is to wait."""
+        """Whether the next tick must wait."""
         halt = self._words[Word.HALT]
         return bool(halt and self._servo.ticks >= halt - 1)
 

@@ -25,12 +25,12 @@ PATIENCE = 2.0  # time for all devices [s]
 
 @dataclass(frozen=True)
 class Quencher:
-    """A device that a person may hold, and the way to remove its force if its program dies.
+    """A device that a person may hold, and the method to remove its force if its program dies.
 
     Attributes:
-        name: name of the device in messages.
-        quench: function without arguments; None if the hardware's own watchdog must suffice.
-        watchdog: timeout of the hardware's watchdog [s]; None without one.
+        name: Name of the device in messages.
+        quench: Function without arguments; None if the hardware's own watchdog must suffice.
+        watchdog: Timeout of the hardware's watchdog [s]; None if it has none.
     """
 
     name: str
@@ -47,15 +47,15 @@ class Quencher:
         except BaseException as error:  # noqa: BLE001 - also SystemExit: the others are quenched, and the end is told
             text = f"{type(error).__name__}: {message(error)}"
             if self.watchdog is not None:
-                return f"the force of {self.name} could not be removed ({text}); its watchdog drops it"
+                return f"the force of {self.name} could not be removed ({text}); its watchdog removes it"
             return f"the force of {self.name} could not be removed and may persist: switch it off: {text}"
         return f"the force of {self.name} was removed in {1e3 * (time.monotonic() - began):.1f} ms"
 
     @property
     def silence(self) -> str:
-        """Return the message that `act` has not returned."""
+        """Return the message for an `act` that has not returned."""
         if self.watchdog is not None:
-            return f"the force of {self.name} could not be removed within {PATIENCE:g} s; its watchdog drops it"
+            return f"the force of {self.name} could not be removed within {PATIENCE:g} s; its watchdog removes it"
         return f"the force of {self.name} is still being removed and may persist: switch it off"
 
 
@@ -63,7 +63,7 @@ def quenchers(parts: Parts) -> list[Quencher]:
     """Return the hardware of a scene that displays forces, with its drivers imported.
 
     Raises:
-        InputError: the hardware has no watchdog and its driver has no `quench`.
+        InputError: If the hardware has no watchdog and its driver has no `quench`.
     """
     scene, quenchers_ = parts.scene, list[Quencher]()
     for wire in parts.wires:

@@ -1,4 +1,4 @@
-"""The servo's process: builds the scene, opens its hardware, runs, and rests if the recording process asks or dies.
+"""The servo's process, which builds the scene, opens its hardware, runs, and rests on request or if its parent dies.
 
 The servo's process reports its progress to the recording process, and waits for permission to open the hardware, to
 run, and to release the hardware after the files are closed.
@@ -35,11 +35,11 @@ if TYPE_CHECKING:
 
 
 def main(line_: int, ring_: int) -> None:
-    """Do the task that is received on the connection.
+    """Perform the task that is received on the connection.
 
     Args:
-        line_: descriptor of the connection.
-        ring_: descriptor of the shared memory of rows.
+        line_: Descriptor of the connection.
+        ring_: Descriptor of the shared memory of rows.
     """
     die_with_parent(KILL)  # no hardware is open yet
     for name in NAMES:
@@ -101,14 +101,14 @@ def _at_devices(servo: Servo, parts: Parts, ready: Callable[[Exits], None]) -> I
 
 
 class Simulations:
-    """Simulated devices on the wall clock: a run without hardware.
+    """Real-time run with simulated devices only.
 
     Args:
-        servo: servo that is ready to tick.
-        exits: signals that end the run.
+        servo: Servo that is ready to tick.
+        exits: Signals that end the run.
 
     Attributes:
-        pacer: pacer of the ticks.
+        pacer: Pacer of the ticks.
     """
 
     has_unstopped = False  # no hardware, so no force can persist
@@ -182,7 +182,7 @@ def _tell_aside(line: Connection, errand: Errand) -> Iterator[None]:
             line.send(("end",))
 
         def clear(self) -> None:
-            """Do nothing: nothing is shown here."""
+            """Do nothing: this process does not display waits."""
 
     if errand.verbosity is not None:
         _listen(line, errand.verbosity)

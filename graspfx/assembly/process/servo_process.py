@@ -41,11 +41,11 @@ def letter_of(servo: Servo, update: Update) -> Letter:
     """Convert an update to a letter.
 
     Args:
-        servo: copy of the running servo, to whose parts the update refers.
-        update: update of its parts.
+        servo: Copy of the running servo, to whose parts the update refers.
+        update: Update of its parts.
 
     Raises:
-        InputError: the update changes more than numbers.
+        InputError: If the update changes more than numbers.
     """
     own = memories(servo)
     places = {id(memory): i for i, memory in enumerate(own)}
@@ -78,16 +78,16 @@ def _news(memory: FloatArray, number: int, where: Index, numbers: FloatArray) ->
 def _refusal(values: Mapping[str, Any]) -> InputError:
     return InputError(
         ", ".join(values), list(values.values()), "gains, friction and numbers of objects without planes",
-        "such parts run in another process in real time; start the run with such values",
+        "in real time these parts run in another process; start the run with these values",
     )  # fmt: skip
 
 
 class Mail:
-    """Posts letters to a servo, each after the previous one was accepted.
+    """Sender of letters to a servo, each after the previous one has been accepted.
 
     Args:
-        ring: ring buffer shared with the servo.
-        relay: relay that records the first tick of each change.
+        ring: Ring buffer shared with the servo.
+        relay: Relay that records the first tick of each change.
     """
 
     def __init__(self, ring: Ring, relay: Relay) -> None:
@@ -98,9 +98,9 @@ class Mail:
         """Post a letter and wait until it is accepted; return its first tick.
 
         Args:
-            letter: letter to the servo.
-            values: values to record for it, by key.
-            require: function that is called repeatedly and raises an error if the servo no longer accepts messages.
+            letter: Letter to the servo.
+            values: Values to record for it, by key.
+            require: Function that is called repeatedly and raises an error if the servo no longer accepts messages.
         """
         ring, number = self._ring, self._number + 1
         require()
@@ -122,15 +122,15 @@ class ServoProcess:
     """A servo in a separate process, with its hardware open and at rest; `servo_process` creates it.
 
     Args:
-        guard: guard of the process.
-        ring: ring buffer shared with it.
-        layout: layout of its rows.
-        exits: signals that end the run.
+        guard: Guard of the process.
+        ring: Ring buffer shared with it.
+        layout: Layout of its rows.
+        exits: Signals that end the run.
 
     Attributes:
-        engine: name of the engine that runs the ticks.
-        cause: cause of the process's end, if it died; otherwise empty.
-        error: error that ended the run in the process; None without one.
+        engine: Name of the engine that runs the ticks.
+        cause: Cause of the process's end, if it died; otherwise empty.
+        error: Error that ended the run in the process; None without one.
     """
 
     def __init__(self, guard: Guard, ring: Ring, layout: Layout, exits: Exits) -> None:
@@ -174,7 +174,7 @@ class ServoProcess:
         return relay
 
     def run(self, ticks: int, recorder: Recorder, stop: Callable[[], bool] | None) -> None:
-        """Run to the end, or until `stop` returns true; whatever happens, the next force is zero."""
+        """Run to the end, or until `stop` returns true; in all cases the next force is zero."""
         self.begin(recorder)
         try:
             while not self.await_rest(LOOK):
@@ -220,7 +220,7 @@ class ServoProcess:
     # Messages of the process --------------------------------------------------------------------------------------
 
     def await_rest(self, seconds: float) -> bool:
-        """Wait for the servo's rest; return whether it is reached."""
+        """Wait until the servo is at rest; return whether it is."""
         end = left = time.monotonic() + seconds
         while not self._has_rested and left > 0.0:
             self._take(max(end - time.monotonic(), 0.0))
@@ -262,8 +262,8 @@ class ServoProcess:
         """Wait for a message of a kind; raise errors that the process reports.
 
         Raises:
-            DeviceError: the process died.
-            Interruption: a signal arrived, and the process was ended.
+            DeviceError: If the process died.
+            Interruption: If a signal arrived, and the process was ended.
         """
         while True:
             message = self._take(0.05)
@@ -308,22 +308,22 @@ class ServoProcess:
 def servo_process(
     parts: Parts, layout: Layout, every: int, *, ticks: int, selected: bool, live: Sequence[str] = (), goals: int = 0
 ) -> Iterator[ServoProcess]:
-    """Start a process with a scene's servo, and open its hardware; at the end close the hardware and end the process.
+    """Start a process with a scene's servo, and open its hardware; on exit close the hardware and end the process.
 
     Args:
-        parts: parts of the scene.
-        layout: layout of its rows.
-        every: number of ticks from one row to the next.
-        ticks: number of ticks to run.
-        selected: whether rows contain only what the scene's `record` selects.
-        live: keys that may change during the run.
-        goals: size of the goals of guided hands.
+        parts: Parts of the scene.
+        layout: Layout of its rows.
+        every: Number of ticks from one row to the next.
+        ticks: Number of ticks to run.
+        selected: Whether rows contain only what the scene's `record` selects.
+        live: Keys that may change during the run.
+        goals: Size of the goals of guided hands.
 
     Raises:
-        InputError: the scene cannot be serialised; hardware has neither a watchdog nor `quench`; or a finger is
+        InputError: If the scene cannot be serialised; hardware has neither a watchdog nor `quench`; or a finger is
             inside its object. Other errors of the process before its run are raised too.
-        DeviceError: a device does not open or is not at rest, or the process died.
-        KeyboardInterrupt: a signal arrived before the run.
+        DeviceError: If a device does not open or is not at rest, or the process died.
+        KeyboardInterrupt: If a signal arrived before the run.
     """
     errand = Errand(parts.scene, ticks, layout.width, selected, tuple(live), goals)
     errand.text()

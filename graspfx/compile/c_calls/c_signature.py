@@ -22,7 +22,7 @@ TOKEN = re.compile(
     r"\s*(0[xX][0-9a-fA-F]+|[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[A-Za-z_]\w*|<=|>=|==|!=|[-(){}\[\],;:*<>])"
 )
 NUMBER = re.compile(r"0[xX]|[-+]?[\d.]")
-GRAMMAR = "calls such as 'int dhdGetPosition(out 0, out 1, out 2, i8 id)', several with ';' between"
+GRAMMAR = "calls such as 'int dhdGetPosition(out 0, out 1, out 2, i8 id)', separated by ';'"
 MOST = 4096  # largest number of entries of a buffer
 
 
@@ -31,11 +31,12 @@ class Argument:
     """An argument of a C function.
 
     Attributes:
-        kind: "in" or "out" for entries of the block, "setting" or "buffer" for a name, or "number".
-        type: "double" for an entry of the block; otherwise one of TYPES.
+        kind: Kind of the argument: "in" or "out" for entries of the block, "setting" or "buffer" for a name, or
+            "number".
+        type: Type, "double" for an entry of the block; otherwise one of TYPES.
         first: First entry of the block.
         count: Number of entries passed by address; 0 for a number passed by value.
-        factor: Factor on the entries, after `out` and before `in`.
+        factor: Factor on the entries, applied after the call for `out` and before it for `in`.
         name: Name of a setting or buffer.
         value: Value of a number.
     """
@@ -51,7 +52,7 @@ class Argument:
 
 @dataclass(frozen=True)
 class CCall:
-    """One call: type of the result, name of the function, and arguments.
+    """One call: result type, function name, and arguments.
 
     Attributes:
         parts: Number of values of this type in a returned struct; 1 for a plain number.
@@ -79,7 +80,7 @@ class Comparison:
 
 
 class Reader:
-    """Reads a text token by token.
+    """Reader of a text, token by token.
 
     Args:
         subject: Argument for which the text was given.
@@ -115,7 +116,7 @@ class Reader:
         token = self.next
         if not token or (expected and token not in expected):
             words = " or ".join(map(repr, expected)) if expected else "more"
-            raise self.wrong(f"{words} expected{f' before {token!r}' if token else ' at its end'}")
+            raise self.wrong(f"{words} expected{f' before {token!r}' if token else ' at the end'}")
         self.at += 1
         return token
 
@@ -160,7 +161,7 @@ def read_calls(subject: str, text: object, size: int | None) -> tuple[CCall, ...
         size: Number of entries of the block; None for any.
 
     Raises:
-        InputError: If the text is invalid, a type is unknown, or an entry is outside the block.
+        InputError: If the text is invalid, a type is unknown, or an entry is out of range.
     """
     reader, calls = Reader(subject, text), []
     while True:
@@ -221,7 +222,7 @@ def _entries(reader: Reader, kind: str, size: int | None) -> Argument:
         last = reader.whole()
         count = last - first
         if count < 1:
-            raise reader.wrong(f"entries {first}:{last} are an empty range")
+            raise reader.wrong(f"entries {first}:{last} form an empty range")
     if size is not None and last > size:
         raise reader.wrong(f"entry {last - 1} is out of range: the block has {size} entries, counted from 0")
     factor = reader.number() if reader.has("*") else 1.0
@@ -229,18 +230,18 @@ def _entries(reader: Reader, kind: str, size: int | None) -> Argument:
 
 
 def _require_one_size(reader: Reader, calls: Sequence[CCall]) -> None:
-    """Require that each buffer has one size."""
+    """Require that each buffer has the same type and size in all calls."""
     buffers: dict[str, tuple[str, int]] = {}
     for call in calls:
         for each in call.arguments:
             if each.kind == "buffer" and buffers.setdefault(each.name, (each.type, each.count)) != (
                 each.type, each.count
             ):  # fmt: skip
-                raise reader.wrong(f"{each.name!r} is a buffer of two sizes")
+                raise reader.wrong(f"{each.name!r} is a buffer of two types or sizes")
 
 
 def read_comparisons(subject: str, text: object) -> tuple[Comparison, ...]:
-    """Parse comparisons separated by `or`, such as `< 0 or status[5] == 0`; an empty text has none."""
+    """Parse comparisons separated by `or`, such as `< 0 or status[5] == 0`; an empty text yields none."""
     reader, comparisons = Reader(subject, text), list[Comparison]()
     while reader.next:
         if comparisons:

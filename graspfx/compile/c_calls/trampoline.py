@@ -17,12 +17,12 @@ FRESH, REPEAT = 0, 1  # return values; a negative value is a fault
 
 @dataclass(frozen=True)
 class Estimation:
-    """Velocity estimation from positions by a kernel `double (ptr state, i64 offset, double x, i64 missed)`.
+    """Estimation of velocities from positions by a kernel `double (ptr state, i64 offset, double x, i64 missed)`.
 
     Args:
         symbol: Symbol of the kernel.
-        count: Number of components; the block begins with their positions, followed by their velocities.
-        stride: Number of entries per component's state.
+        count: Number of components; the block begins with their positions and continues with their velocities.
+        stride: Number of entries of each component's state.
     """
 
     symbol: str
@@ -32,11 +32,11 @@ class Estimation:
 
 @dataclass(frozen=True)
 class Role:
-    """One of the functions of a device: its calls, and their fault conditions.
+    """One function of a device: its calls, and their fault conditions.
 
     Args:
-        name: "ask", "read", "write" or "stop".
-        estimation: Velocity estimation after its calls, if any.
+        name: Name of the function: "ask", "read", "write" or "stop".
+        estimation: Velocity estimation after the calls, if any.
     """
 
     name: str
@@ -133,7 +133,7 @@ class Trampolines:
         return self._op(f"getelementptr i64, ptr %context, i64 {word}")
 
     def _role(self, role: Role) -> None:
-        """Write one function; the first failed call ends it, except for `stop`, which makes all calls."""
+        """Write one function; it returns after the first failed call, except for `stop`, which makes all calls."""
         self._lines.append(f"define i64 @graspfx_{role.name}(ptr %context, ptr %block) nounwind {{")
         self._lines.append("start:")
         verdict = "0"
@@ -253,7 +253,7 @@ class Trampolines:
         return next(line[:-1] for line in reversed(self._lines) if line.endswith(":") and not line.startswith(" "))
 
     def _emptied(self, role: Role, call: CCall, errors: CCall, verdict: str) -> str:
-        """Empty a library's stack of errors; report the oldest error of this call."""
+        """Empty a library's error stack, and report the oldest error of this call."""
         before = self._block()
         loop, more, done = (self._name(kind)[1:] for kind in ("pop", "more", "done"))
         self._put(f"br label %{loop}")
@@ -321,7 +321,7 @@ def passed(type_: str) -> str:
 
 
 def words_of(type_: str, value: float) -> int:
-    """Return the word of a context that holds a number of a type."""
+    """Return the word of a context that stores a number of a type."""
     if type_ in FLOATS:
         return int.from_bytes(struct.pack("<d" if type_ == "double" else "<f", value), "little", signed=False)
     return int(value) % (1 << width(type_))

@@ -21,16 +21,16 @@ RECEIPT = ("place", "memory", "count")  # words of a result tuple
 
 
 def exchange_text() -> str:
-    """Return the text of exchange(buffer, place), which makes the calls of the plan at a place of the buffer.
+    """Return the text of exchange(buffer, place), which makes the calls of the plan at an index of the buffer. The
 
-    It returns 0, or 1 if a call has raised an exception. The caller holds the interpreter's lock.
+    function returns 0, or 1 if a call has raised an exception. The caller must hold the interpreter's lock.
     """
     names = [*DECLARED.values(), *CALLED.values()]
     return "\n".join([*(f"declare {signature}" for signature in names), _CHANGED, _SENT, _RECEIVED, _ALL, _EXCHANGE])
 
 
 def _fields(base: str, words: tuple[str, ...], pointers: tuple[str, ...]) -> str:
-    """Return loads of a record's words into registers with their names."""
+    """Return instructions that load a record's words into registers of the same names."""
     lines = []
     for k, name in enumerate(words):
         lines += [

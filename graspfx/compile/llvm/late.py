@@ -1,8 +1,8 @@
-"""Functions that exist in machine code only, as LLVM text: calls by address, the clock, words of other threads.
+"""LLVM text of functions that kernels call by name: calls by address, the clock, words of other threads. Interpreted
 
-Kernels call them by these names. Each is also a Python function marked `bound_late`, used by interpreted kernels. The
-buffer comes first, and *places* count its entries. Addresses are derived from the buffer if possible, because LLVM may
-assume that other addresses do not alias it.
+kernels call the Python function of the same name, which is marked `bound_late`. The buffer is the first argument, and
+*places* are indices of its entries. Addresses are derived from the buffer if possible, because LLVM may assume that
+other addresses do not alias it.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ class LlvmProgram(NamedTuple):
 
 
 class Module:
-    """Functions of a program, written when they are first called."""
+    """Functions of a program; each is written when it is first called."""
 
     def __init__(self, trees: Sequence[ast.FunctionDef]) -> None:
         self.trees = {tree.name: tree for tree in trees}
@@ -87,7 +87,7 @@ def llvm_program(
         apart: Whether all buffers are distinct memory.
 
     Raises:
-        InputError: If the program contains something that cannot be compiled, with the function and the line.
+        InputError: If the program cannot be compiled; the error names the function and the line.
     """
     entry = entry_of(source)
     tree, names, arrays = entry.tree, list(entry.names), entry.arrays
@@ -202,7 +202,7 @@ def entry_of(source: str) -> Entry:
 
 
 def is_indexed(tree: ast.FunctionDef, name: str, functions: Mapping[str, ast.FunctionDef]) -> bool:
-    """Tell whether a parameter is indexed in a function or in functions that it calls."""
+    """Return whether a parameter is indexed in a function or in functions that it calls."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name) and node.value.id == name:
             return True

@@ -23,7 +23,7 @@ ORDERS = {ast.Eq: "eq", ast.NotEq: "ne", ast.Lt: "lt", ast.LtE: "le", ast.Gt: "g
 
 
 class Number(NamedTuple):
-    """A number: its LLVM type, and the constant or the register that holds it."""
+    """A number: its LLVM type, and its constant or register."""
 
     type: str
     text: str
@@ -37,7 +37,7 @@ class LlvmFunction(NamedTuple):
 
 
 class Code:
-    """The text of a function while it is being written."""
+    """Text of a function that is being written."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -73,7 +73,7 @@ class Code:
         return self.op(FLOAT, f"call double @llvm.{name}.f64({operands})")
 
     def libm(self, name: str, *arguments: Number) -> Number:
-        """Call the platform's function under a name unknown to LLVM, which would fold and rewrite `pow`."""
+        """Call the platform's function by a name unknown to LLVM, which would otherwise fold and rewrite `pow`."""
         self.used.add(name)
         operands = ", ".join(f"double {a.text}" for a in arguments)
         return self.op(FLOAT, f"call double @graspfx_{name}({operands})")
@@ -246,7 +246,7 @@ def _division(code: Code, op: ast.operator, a: Number, b: Number) -> Number:
 
 
 def mantissa_and_exponent(code: Code, x: Number) -> tuple[Number, Number]:
-    """Write math.frexp: x = m 2^e with 0.5 <= abs(m) < 1; zero and non-finite numbers return themselves and 0."""
+    """Write math.frexp: x = m 2^e with 0.5 <= abs(m) < 1; zero and non-finite x are unchanged, with e = 0."""
     size = code.intrinsic("fabs", x)
     tiny = code.op(BOOL, f"fcmp olt double {size.text}, {floating(2.0**-1022).text}")
     scaled = code.op(FLOAT, f"fmul double {x.text}, {floating(2.0**54).text}")
@@ -280,7 +280,7 @@ def _scaled(code: Code, x: Number, exponent: Number) -> Number:
 
 
 def mathematical(code: Code, name: str, arguments: Sequence[Number]) -> Number | None:
-    """Write a function of `math`; return None if it is none of those below."""
+    """Write a function of `math`; return None if it is not supported."""
     numbers = [convert(code, a, FLOAT) for a in arguments]
     if name in EXACT and len(numbers) == (2 if name == "copysign" else 1):
         return code.intrinsic(EXACT[name], *numbers)

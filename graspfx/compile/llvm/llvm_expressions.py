@@ -1,4 +1,4 @@
-"""Expressions of a program in LLVM: values, branching tests, entries of arrays and calls."""
+"""Expressions of a program in LLVM: values, branch conditions, array entries and calls."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ class Expressions:
         return self.meet(end, edges)
 
     def edge(self, number: Number) -> tuple[int, str, Number]:
-        """Reserve the jump at the end of a block, which is written when all branches have a common type."""
+        """Reserve the jump at the end of a block; it is written when the common type of all branches is known."""
         self.code.lines.append("")
         return len(self.code.lines) - 1, self.code.block, number
 
@@ -201,7 +201,7 @@ class Expressions:
         return code.op(to, f"phi {to} {', '.join(sources)}")
 
     def detached(self, write: Callable[[], Number]) -> tuple[Number, list[str]]:
-        """Collect the lines that `write` writes, instead of leaving them in the text."""
+        """Remove the lines that `write` writes from the text, and return them."""
         mark = len(self.code.lines)
         number = write()
         text = self.code.lines[mark:]
@@ -304,7 +304,7 @@ class Expressions:
         return None
 
     def own(self, node: ast.Call, name: str, arguments: Sequence[Value]) -> Number | Tuple | None:
-        """Write a call of another function of the program."""
+        """Write a call to another function of the program."""
         function = self.functions.function_for(name, arguments, lambda why: self.cannot(node, why))
         operands = ", ".join(f"ptr {a.text}" if isinstance(a, Array) else f"{a.type} {a.text}" for a in flat(arguments))
         text = f'call {result_type(function.result)} @"{function.name}"({operands})'
@@ -330,7 +330,7 @@ def flat(values: Iterable[Value]) -> list[Number | Array]:
 
 
 def _harmless(node: ast.expr) -> bool:
-    """Tell whether an expression may be evaluated speculatively: it neither reads memory nor calls functions."""
+    """Return whether an expression may be evaluated speculatively: it neither reads memory nor calls functions."""
     if not isinstance(node, ast.Compare | ast.BoolOp | ast.UnaryOp | ast.Name | ast.Constant):
         return False
     inner = (n for n in ast.walk(node) if isinstance(n, ast.Call | ast.Subscript | ast.IfExp | ast.Div | ast.Pow))

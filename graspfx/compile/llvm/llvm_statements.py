@@ -20,7 +20,7 @@ from graspfx.compile.llvm.llvm_expressions import (
 
 @dataclass
 class Join:
-    """A point where several paths join: their ends, each with the place of its jump and its variables."""
+    """A join of several paths: for each path, its end, the position of its jump, and its variables."""
 
     label: str
     edges: list[tuple[int, Variables]] = field(default_factory=list)
@@ -35,14 +35,14 @@ class Loop:
 
 
 class Statements(Expressions):
-    """One function for given types of its arguments."""
+    """One function for given argument types."""
 
     def __init__(self, functions: Functions, node: ast.FunctionDef) -> None:
         super().__init__(functions, node)
         self.returns: list[tuple[int, Number | Tuple | None]] = []
 
     def function_text(self, name: str, arguments: Sequence[Value]) -> tuple[LlvmFunction, str]:
-        """Write the function; return its name with the type of its result, and its text."""
+        """Write the function; return its name, its result type and its text."""
         scope: Variables = {}
         parameters = []
         roots = [a.root for a in arguments if isinstance(a, Array)]
@@ -72,7 +72,7 @@ class Statements(Expressions):
         self.returns.append((len(self.code.lines) - 1, value))
 
     def returned(self) -> Type:
-        """Return the common type of all results; a path that returns nothing gives unused zeros."""
+        """Return the common type of all results; a path without a return value returns unused zeros."""
         result: Type = None
         for _, value in self.returns:
             if value is not None:
@@ -110,7 +110,7 @@ class Statements(Expressions):
         join.edges.append((len(self.code.lines) - 1, dict(scope)))
 
     def seal(self, join: Join, to: Variables) -> None:
-        """Write the jumps to a join, each after converting its variables to the types after the join."""
+        """Write the jumps to a join; before each, convert the path's variables to the types after the join."""
         for place, scope in join.edges:
             _, text = self.detached(lambda variables=scope: self.adapt(variables, to))  # type: ignore[misc]
             self.code.lines[place] = "\n".join([*text, f"  br label {join.label}"])
@@ -292,7 +292,7 @@ class Statements(Expressions):
         enter: Callable[[Variables], None],
         advance: Callable[[], None],
     ) -> bool:
-        """Write a loop, repeatedly until the types at its head equal those at the end of its body."""
+        """Write a loop, and repeat until the types at its head equal those at the end of its body."""
         code = self.code
         mark, returns = len(code.lines), len(self.returns)
         types = dict(scope)
@@ -344,7 +344,7 @@ def joined(one: Type | Array, other: Type | Array) -> Type | Array:
 
 
 def together(scopes: Iterable[Variables]) -> Variables:
-    """Merge the variables of several branches; a variable that only some set may be read only after assignment."""
+    """Merge the variables of several branches; a variable that only some branches set must be set again before use."""
     out: Variables = {}
     for scope in scopes:
         for name, type_ in scope.items():

@@ -1,4 +1,4 @@
-"""A program as a function of Python's own kind, called in 20 ns, where ctypes takes a good part of 1 us."""
+"""A program as a built-in function of Python: a call takes 20 ns, with ctypes almost 1 us."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ class _Definition(ctypes.Structure):
 def method_text(entry: str, arrays: int, numbers: Sequence[str]) -> str:
     """Write LLVM's text of the functions that read their arguments and call the entry.
 
-    That for Python has a `self`, a tuple that begins with the buffers' addresses, as bytes. That for other machine
-    code, `graspfx_callback`, takes one address: of a table of the buffers' addresses and then the numbers, eight bytes
-    each.
+    The function for Python has a `self`, a tuple that begins with the buffers' addresses, as bytes. The function for
+    other machine code, `graspfx_callback`, takes the address of a table: the buffers' addresses and then the numbers,
+    eight bytes each.
     """
     n = len(numbers)
     reading, operands = [], [f"ptr %p{k}" for k in range(arrays)]
@@ -96,10 +96,10 @@ def method_text(entry: str, arrays: int, numbers: Sequence[str]) -> str:
 
 
 def method(address: int, pointers: Sequence[ctypes.c_void_p], owner: Any) -> Callable[..., int]:
-    """Create the function on the buffers at these addresses; it keeps the pointers and the owner of its code alive.
+    """Create the function for the buffers at these addresses; it keeps the pointers and the owner of its code alive.
 
     Args:
-        address: of the machine code of `method_text`.
+        address: Address of the machine code of `method_text`.
     """
     definition = _Definition(b"run", address, FASTCALL, None)
     table = struct.pack(f"{len(pointers)}P", *(pointer.value for pointer in pointers))

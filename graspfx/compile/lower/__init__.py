@@ -1,1 +1,1 @@
-"""From kernels on records and vectors to kernels on numbers and entries: the same arithmetic in the same order."""
+"""Lowering of kernels on records and vectors to kernels on numbers and entries, with arithmetic in the same order."""

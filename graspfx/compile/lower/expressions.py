@@ -1,4 +1,4 @@
-"""Lowering of a kernel's expressions: fields become entries, operators of values the arithmetic of their class."""
+"""Lowering of a kernel's expressions: fields become entries, and operators become the arithmetic of their class."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ OPERATORS: dict[type[ast.operator], str] = {
 
 
 class Expressions(Scratch):
-    """The expressions of one kernel."""
+    """Expressions of one kernel during lowering."""
 
     # Names and constants ------------------------------------------------------------------------------------------
 
@@ -239,7 +239,7 @@ class Expressions(Scratch):
             )
             return result
         if kind_of(one) != kind_of(other):
-            raise self.cannot(node, "chooses between two kinds, or between records of two buffers")
+            raise self.cannot(node, "chooses between values of two kinds, or between records of two buffers")
         a, b = offsets(one), offsets(other)
         if len(a) == 1:
             options: list[ast.expr] = [ast.IfExp(test, a[0], b[0])]
@@ -273,7 +273,7 @@ class Expressions(Scratch):
         return self.kernel_call(node, called.value, function, arguments, keywords, frame)
 
     def method(self, func: ast.Attribute, node: ast.Call, frame: Frame) -> Lowered | None:
-        """Inline a method of a value, a record or a group; return None if the attribute is a module's function."""
+        """Inline a method of a value, a record or a group; return None if the attribute is a function of a module."""
         owner = self.value(func.value, frame)
         if isinstance(owner, Group) and func.attr == "part":
             field = self.value(node.args[0], frame)
@@ -293,7 +293,7 @@ class Expressions(Scratch):
         fields = parts_of(kind)
         values = dict(zip(fields, node.args, strict=False)) | {str(k.arg): k.value for k in node.keywords}
         if set(values) != set(fields):
-            raise self.cannot(node, f"gives {', '.join(values)} to {kind.__name__}({', '.join(fields)})")
+            raise self.cannot(node, f"passes {', '.join(values)} to {kind.__name__}({', '.join(fields)})")
         return Bundle(kind, tuple(self.value(values[name], frame) for name in fields))
 
     def view(self, kind: type[Record] | type[Floats] | type[Table], node: ast.Call, frame: Frame) -> Lowered:

@@ -13,7 +13,7 @@ from graspfx.compile.records import SCALARS, Floats, Many, Record, Table, is_val
 
 @dataclass(frozen=True)
 class Bundle:
-    """A value such as a vector, with its place in memory if it has one."""
+    """A value such as a vector, with its position in memory if it is stored there."""
 
     kind: type
     parts: tuple[Lowered, ...]
@@ -32,7 +32,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Group:
-    """A group of records, or of values with one in each of several records."""
+    """A group of records, or of values, one in each of several records."""
 
     kind: type
     buffer: str
@@ -103,7 +103,7 @@ def load(name: str) -> ast.Name:
 
 
 def variable(kind: Any, name: str) -> Lowered:
-    """Return a value of a kind whose numbers are variables named after `name`."""
+    """Return a value of this kind, with variables named after `name` as its numbers."""
     kind, _ = optional(kind)
     if get_origin(kind) is tuple:
         return Pack(tuple(variable(part, f"{name}_{k}") for k, part in enumerate(get_args(kind))))
@@ -121,7 +121,7 @@ def variable(kind: Any, name: str) -> Lowered:
 
 
 def labels_of(kind: Any) -> list[str]:
-    """Return the types of a parameter's variables in order: int, float or bool; nothing for a buffer."""
+    """Return the types of a parameter's variables in order: int, float or bool; buffers are skipped."""
     kind, _ = optional(kind)
     if get_origin(kind) is tuple:
         return [label for part in get_args(kind) for label in labels_of(part)]
@@ -170,7 +170,7 @@ def offsets(value: Lowered) -> list[ast.expr]:
 
 
 def entries(kind: Any, buffer: str, at: ast.expr) -> Lowered:
-    """Return a number or a value class at an offset, as its entries."""
+    """Return the entries of a number or a value class at an offset."""
     if kind in SCALARS:
         entry = ast.Subscript(load(buffer), at, ast.Load())
         if kind is int:

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 @cache
 def lowered(function: FunctionType) -> FunctionType:
-    """Lower a kernel and, on their first call, the kernels that it calls; other names of its module are unchanged.
+    """Lower a kernel; kernels that it calls are lowered on their first call. Its module's other names are unchanged.
 
     Raises:
-        InputError: If a statement or an expression is not supported in kernels, with its file and line.
+        InputError: If a statement or an expression is not supported in kernels; the error names its file and line.
     """
     file = f"<{function.__module__}.{function.__qualname__}, lowered>"
     stored = store().find(function)

@@ -25,21 +25,21 @@ from graspfx.compile.records import parts_of
 
 @cache
 def indexed(tree: ast.FunctionDef) -> set[str]:
-    """Return the names of the variables that are indexed."""
+    """Return the names of indexed variables."""
     subscripts = [node for node in ast.walk(tree) if isinstance(node, ast.Subscript)]
     return {node.value.id for node in subscripts if isinstance(node.value, ast.Name)}
 
 
 @cache
 def names_of(tree: ast.FunctionDef) -> frozenset[str]:
-    """Return the names of a function's variables and parameters and of the module's names that it uses."""
+    """Return the names of a function's variables and parameters, and the names that it uses from its module."""
     names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
     return frozenset(names | {node.arg for node in ast.walk(tree) if isinstance(node, ast.arg)})
 
 
 @cache
 def repeated(tree: ast.FunctionDef) -> set[str]:
-    """Return the variables with a number that is used more than once, or that are used whole more than once."""
+    """Return the variables that are used more than once, as a whole or one of their numbers."""
     uses: Counter[tuple[str, str]] = Counter()
     whole: Counter[str] = Counter()
     for node in ast.walk(tree):
@@ -54,14 +54,14 @@ def repeated(tree: ast.FunctionDef) -> set[str]:
 
 
 def value_of(item: Any) -> Lowered:
-    """Convert a value that a module names."""
+    """Convert a value named in a module."""
     if isinstance(item, bool | int | float):
         return ast.Constant(item)
     return Bundle(type(item), tuple(value_of(getattr(item, name)) for name in parts_of(type(item))))
 
 
 def kind_of(value: Lowered) -> tuple[object, ...]:
-    """Return the properties in which two values of a variable must agree."""
+    """Return the properties that all values of one variable must share."""
     if isinstance(value, ast.expr):
         return ("number",)
     if isinstance(value, Bundle):

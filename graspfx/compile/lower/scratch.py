@@ -35,7 +35,7 @@ from graspfx.errors import InputError, KernelError
 
 @dataclass
 class Frame:
-    """Names of one function: its variables, and the names of its module."""
+    """Names that one function uses: its variables, and the names of its module."""
 
     scope: dict[str, Lowered]
     namespace: Mapping[str, Any]
@@ -88,7 +88,7 @@ class Scratch:
         return plus(at, field.start)
 
     def fixed_size(self, owner: Place, text: str) -> ast.expr:
-        """Return a size on which offsets depend; for a parameter's record it is computed once, at the beginning."""
+        """Return a size on which offsets depend; a size of a parameter's record is computed once, at the beginning."""
         if not (isinstance(owner.offset, ast.Name) and owner.offset.id in self.records):
             return self.size(owner, text)
         if (owner.buffer, text) not in self.sizes:
@@ -117,7 +117,7 @@ class Scratch:
         return Constant(item)
 
     def callee(self, node: ast.expr, function: Any, frame: Frame) -> ast.expr:
-        """Return the name of a called function: its name in the module, or a new one for another module's function."""
+        """Return the name of a called function: its name in the module, or a new one if it is from another module."""
         if not frame.prefix and not hasattr(function, LOWERED):
             return node
         own = str(function.__name__)
@@ -145,14 +145,14 @@ class Scratch:
                 return name
 
     def require_other(self, name: str, value: Lowered, node: ast.AST, frame: Frame) -> None:
-        """Require that the variables for the numbers of a value have no names that also occur in the source."""
+        """Require that the names of the variables for a value's numbers do not occur in the source."""
         for number in expressions(value):
             own = number.id.removeprefix(frame.prefix) if isinstance(number, ast.Name) else name
             if own != name and own in frame.written:
-                raise self.cannot(node, f"lowers {name!r} to {own!r}, which exists already: rename one of them")
+                raise self.cannot(node, f"lowers {name!r} to {own!r}, which already exists: rename one of them")
 
     def variables(self, value: Lowered, name: str, node: ast.AST, frame: Frame) -> Lowered:
-        """Return variables, named after a name in the source, for the numbers of a value."""
+        """Return variables for the numbers of a value, named after a name in the source."""
         result = like(value, frame.prefix + name)
         for number in offsets(result):
             self.require_other(name, number, node, frame)

@@ -155,7 +155,7 @@ class Body(Expressions):
         self.out.append(assign_all(names, values))
 
     def target(self, node: ast.expr, value: Lowered, frame: Frame) -> list[ast.expr]:
-        """List the numbers of a target; a name takes the kind of the value."""
+        """List the numbers of a target; a name gets the kind of the value."""
         if isinstance(node, ast.Name):
             frame.scope[node.id] = self.variables(value, node.id, node, frame)
             return offsets(frame.scope[node.id])
@@ -200,7 +200,7 @@ class Body(Expressions):
             elif b is None or ends[1]:
                 frame.scope[name] = a
             elif kind_of(a) != kind_of(b):
-                raise self.cannot(node, f"gives {name!r} different kinds, or different buffers, in its branches")
+                raise self.cannot(node, f"assigns values of different kinds or buffers to {name!r} in its branches")
             else:
                 frame.scope[name] = self.joined(name, a, b, frame, node)
         self.out.append(ast.If(test, body, otherwise))
@@ -209,10 +209,10 @@ class Body(Expressions):
         """Join a variable after a branch: both branches must have assigned the same names."""
         if isinstance(a, Constant) and isinstance(b, Constant):
             if a.value is not b.value:
-                raise self.cannot(node, f"gives {name!r} different functions in its branches")
+                raise self.cannot(node, f"assigns different functions to {name!r} in its branches")
             return a
         if [ast.dump(n) for n in offsets(a)] != [ast.dump(n) for n in offsets(b)]:
-            raise self.cannot(node, f"binds {name!r} in one branch only: assign it before the branch")
+            raise self.cannot(node, f"assigns {name!r} in one branch only: assign it before the branch")
         return a
 
     def loop(self, node: ast.For, frame: Frame) -> None:
@@ -281,7 +281,9 @@ class Body(Expressions):
         before = len(self.out)
         test = self.number(node.test, frame)
         if len(self.out) > before:
-            raise self.cannot(node.test, "needs statements: compute it before the loop and at its end")
+            raise self.cannot(
+                node.test, "needs preceding statements: compute it before the loop and at the end of its body"
+            )
         self.out.append(ast.While(test, self.block(node.body, frame), []))
 
 
@@ -299,5 +301,5 @@ def is_float(node: ast.expr) -> bool:
 
 
 def leaves(statements: Sequence[ast.stmt]) -> bool:
-    """Tell whether the end of a branch is unreachable."""
+    """Return whether the end of a branch is unreachable."""
     return bool(statements) and isinstance(statements[-1], ast.Return | ast.Break | ast.Continue | ast.Raise)

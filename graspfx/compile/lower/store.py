@@ -16,7 +16,7 @@ from graspfx.compile.own_sources import closure_digest, compiler_modules, is_own
 
 @dataclass(frozen=True)
 class Lowering:
-    """A kernel's lowered text, the functions that it calls by their names in the text, and its source files."""
+    """A kernel's lowered text, the functions that it calls (by their names in the text), and its source files."""
 
     text: str
     code: CodeType

@@ -1,1 +1,1 @@
-"""Quality of a grasp, and named coordinates of its internal forces."""
+"""Quality measures of a grasp, and named coordinates of its internal forces."""

@@ -1,4 +1,4 @@
-"""Force closure: whether fingers that push with friction can make every wrench, with a proof of the answer."""
+"""Force closure: whether fingers that push with friction can exert every wrench, with a proof of the answer."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ROUNDS = 200
 
 
 class PushingWrenches:
-    """Wrenches of n contacts that push with f_n = 1 within their friction; moments are divided by a length.
+    """Wrenches of n contacts with normal force f_n = 1 within their friction cones; moments are divided by a length.
 
     | contact | forces | source |
     |---|---|---|
@@ -33,7 +33,7 @@ class PushingWrenches:
     | soft, independent | abs(f_t) <= mu f_n, abs(tau) <= gamma f_n | Murray, Li and Sastry 1994, ch. 5 |
 
     Args:
-        grasp: Contacts with normals. Contacts of the model "full" have no friction law and are refused.
+        grasp: Contacts with normals. Contacts of the model "full" have no friction law and raise an error.
         friction: Coefficient mu, one for all or one per contact.
         torsion: Coefficient gamma [m] of soft contacts in space, one for all or one per contact.
         limit: Rule that combines the two limits of a soft contact.
@@ -69,7 +69,10 @@ class PushingWrenches:
         self.torsion = _coefficients("torsion", torsion, n) * soft
         if (soft & (self.torsion == 0.0)).any():
             raise InputError(
-                "torsion", torsion, "a positive length [m], for soft contacts", "give the torsion per newton"
+                "torsion",
+                torsion,
+                "a positive length [m] for soft contacts",
+                "give the largest torsion per newton of normal force",
             )
         self.elliptic, self.length = limit == "elliptic", moment_length(grasp, length)
         arms = grasp.points - reference_point(grasp, about)
@@ -85,7 +88,7 @@ class PushingWrenches:
         self.grasp = grasp
 
     def reach(self, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Find the maximum of u.w of each contact at f_n = 1, (k, n), along u (k, w), and its force (k, n, d + 1)."""
+        """Find each contact's largest u.w at f_n = 1, (k, n), for directions u (k, w), and its force (k, n, d + 1)."""
         d = self.normals.shape[1]
         v = np.einsum("kw,wnc->knc", directions, self.maps)
         normal = (v[..., :d] * self.normals).sum(axis=-1)
@@ -116,12 +119,12 @@ class PushingWrenches:
 
 @dataclass(frozen=True, eq=False)
 class ForceClosure:
-    """Whether pushing contacts can make every wrench, with the proof.
+    """Whether pushing contacts can exert every wrench, with the proof.
 
     Attributes:
         closed: True if they can.
-        squeeze: Primal proof if closed, else None: contact forces (m,) strictly inside their cones that make no wrench;
-            the normal forces sum to 1 N.
+        squeeze: Primal proof if closed, else None: contact forces (m,) strictly inside their cones whose wrench is
+            zero; the normal forces sum to 1 N.
         separating: Dual proof if not closed, else None: a wrench direction u (w,), forces before moments divided by the
             length, with u.w <= 0 for every wrench of the contacts. Also None if 200 rounds prove neither answer.
         share: Fraction of the squeeze that can be spread evenly over the cones, in (0, 1]; 0 if not closed.
@@ -155,19 +158,19 @@ def force_closure(
         max r,  g_j.u + r |g_j| <= 0,  |u_k| <= 1.
 
     t > 0 proves closure by forces in the true cones. Otherwise u, the centre of the directions that separate the g_j,
-    is tested in closed form against the cones themselves. If no wrench of theirs has u.w > 0, u disproves closure. Else
-    the most violating wrenches join the g_j and the test repeats (Elzinga and Moore 1975), usually a few times. Both
-    answers therefore hold for second-order cones without linearisation. A grasp within 1e-7 of the boundary counts as
-    not closed. The answer does not depend on scale, reference point or units.
+    is tested in closed form against the cones themselves. If no wrench of the cones has u.w > 0, u disproves closure.
+    Otherwise the most violating wrenches are added to the g_j and the test is repeated (Elzinga and Moore 1975),
+    usually a few times. Both answers therefore hold for second-order cones without linearisation. A grasp within 1e-7
+    of the boundary counts as not closed. The answer does not depend on scale, reference point or units.
 
-    A contact with friction 0 pushes along its normal. For two contacts (hard in the plane, soft in space) the test
+    A contact with friction 0 pushes only along its normal. For two contacts (hard in the plane, soft in space) the test
     reduces to Nguyen's rule (1988): the line between them lies inside both cones.
 
     Args:
         grasp, friction, torsion, limit, length, about: As for `PushingWrenches`.
 
     Raises:
-        InputError: A contact is full, normals are missing, or coefficients are negative or missing.
+        InputError: If a contact is full, normals are missing, or coefficients are negative or missing.
     """
     cones = PushingWrenches(grasp, friction, torsion, limit, length, about)
     return closure_of(cones)[0]
@@ -236,5 +239,5 @@ def _coefficients(name: str, argument: ArrayLike, n: int) -> FloatArray:
 
 
 def _safe(x: FloatArray) -> FloatArray:
-    """Return the divisor, with 1 in place of zero (the dividend is zero there too)."""
+    """Return the divisors, with 1 in place of zero (the dividend is zero there too)."""
     return np.where(x > 0.0, x, 1.0)

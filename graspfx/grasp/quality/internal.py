@@ -25,7 +25,7 @@ AXES = "xyz"
 
 
 class Dividing(Protocol):
-    """Split of contact forces, as the coordinates need it; `Split` and `VirtualLinkage` implement it."""
+    """Protocol of a split of contact forces, implemented by `Split` and `VirtualLinkage`."""
 
     def divide(self, force: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Divide contact forces (..., m) into external and internal parts."""
@@ -33,7 +33,7 @@ class Dividing(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class InternalCoordinates:
-    """(I - P) f = B y with G B = 0: the internal part of contact forces as m - rank named numbers y.
+    """Coordinates y of internal forces: (I - P) f = B y with G B = 0, where y has m - rank named components.
 
     | coordinate | 1 unit of it | unit |
     |---|---|---|
@@ -95,7 +95,7 @@ def internal_coordinates(
         pairs: Pairs of fingers, counted from 0, whose tensions are used; a well-conditioned choice if None.
 
     Raises:
-        InputError: Names or pairs do not fit; or the tensions of the pairs are dependent or incomplete.
+        InputError: If the names or pairs are invalid, or the tensions of the pairs are dependent or incomplete.
     """
     fingers = _fingers(names, grasp.fingers)
     A, size = grasp.unit_free()
@@ -179,7 +179,7 @@ def _bendings(contacts: Contacts, fingers: list[str]) -> Candidates:
 
 
 def _torsions(grasp: GraspMatrix, A: FloatArray, units: FloatArray, fingers: list[str]) -> Candidates:
-    """List moments of the contacts, each balanced by the smallest forces, or by another moment if forces cannot."""
+    """List moments of the contacts, each balanced by the smallest forces or, if no forces can, by another moment."""
     columns = np.flatnonzero(grasp.torsion_columns)
     if not columns.size:
         return []
@@ -209,7 +209,7 @@ def _torsions(grasp: GraspMatrix, A: FloatArray, units: FloatArray, fingers: lis
 
 
 def _circuits(grasp: GraspMatrix, A: FloatArray, units: FloatArray, rank: int, fingers: list[str]) -> Candidates:
-    """List components of one contact, balanced by `rank` others: they always span the null space."""
+    """List components of one contact, each balanced by `rank` others; they always span the null space."""
     pivots = _pivots(A, rank)
     candidates: Candidates = []
     for j in range(len(units)):
@@ -225,7 +225,7 @@ def _circuits(grasp: GraspMatrix, A: FloatArray, units: FloatArray, rank: int, f
 
 
 def _extended(rows: Candidates, candidates: Candidates, target: int, units: FloatArray) -> Candidates:
-    """Select the candidates that add most; exchange them until every other one has coefficients <= 1."""
+    """Select the candidates of largest volume; exchange them until every other one has coefficients <= 1."""
     want = target - len(rows)
     if want <= 0 or not candidates:
         return rows
@@ -254,7 +254,7 @@ def _exchanged(X: FloatArray, picks: list[int]) -> list[int]:
 
 
 def _pivots(X: FloatArray, count: int, least: float = 0.0) -> list[int]:
-    """Pick up to `count` columns of X, each the one that adds most to the previous ones; ties go to the first."""
+    """Select up to `count` columns of X, each the one with the largest part orthogonal to the previous ones."""
     R = X.copy()
     picks: list[int] = []
     for _ in range(min(count, *X.shape)):

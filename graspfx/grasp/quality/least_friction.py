@@ -26,7 +26,7 @@ STEPS = 60  # largest number of Newton steps per centre
 
 
 def least_friction(grasp: GraspMatrix, wrench: ArrayLike | None = None, *, normal_force: float | None = None) -> float:
-    """Find the least mu with |f_t| <= mu f_n at every contact: for force closure, or to make a wrench.
+    """Find the least mu, |f_t| <= mu f_n at every contact, for which a grasp has force closure, or exerts a wrench.
 
     Without a wrench, it is the infimum of the coefficients for which `Grasp.force_closure` holds. With a wrench w, it
     is the least for which contact forces f in the cones, with f_n <= L, satisfy G f = w. The bound L is required: as L
@@ -36,14 +36,14 @@ def least_friction(grasp: GraspMatrix, wrench: ArrayLike | None = None, *, norma
 
     Args:
         grasp: Grasp of hard contacts with normals.
-        wrench: Wrench w of the fingers on the object, (w,), about the grasp's origin [N, N m]; -W holds a weight W.
+        wrench: Wrench w of the fingers on the object, (w,), about the grasp's origin [N, N m]; -W balances a weight W.
         normal_force: Bound L of the normal forces [N], with a wrench.
 
     Returns:
         Coefficient, with an error of 1e-9 of itself or of 1; zero below 1e-7, infinite if none suffices.
 
     Raises:
-        InputError: Contacts are not hard or have no normals, or the wrench has no bound or another size.
+        InputError: If contacts are not hard or have no normals, or the wrench has no bound or another size.
     """
     grasp.require_one("least_friction")
     if any(model != "hard" for model in grasp.contacts.models):
@@ -78,7 +78,7 @@ def least_friction(grasp: GraspMatrix, wrench: ArrayLike | None = None, *, norma
 
 
 def _by_normals(normals: FloatArray, G: FloatArray, wrench: FloatArray) -> bool:
-    """True if normal forces in [0, 1] make the wrench."""
+    """True if normal forces in [0, 1] exert the wrench."""
     from scipy.optimize import linprog
 
     n, d = normals.shape

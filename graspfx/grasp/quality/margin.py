@@ -1,4 +1,4 @@
-"""Margin of a grasp: radius of the largest ball of wrenches that bounded pushes can make."""
+"""Margin of a grasp: radius of the largest ball of wrenches that bounded pushing forces can exert."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ SHRINK = 1e-6  # relative inward shift of points: qhull fails on many coplanar p
 
 @dataclass(frozen=True, eq=False)
 class Margin:
-    """Bounds on epsilon, the radius of the largest ball of wrenches that the grasp can make (Ferrari and Canny 1992).
+    """Bounds on epsilon, the radius of the largest ball of wrenches that the grasp can exert (Ferrari and Canny 1992).
 
     Attributes:
-        guaranteed: Lower bound: radius of the largest ball in a polytope of wrenches that the contacts can make.
+        guaranteed: Lower bound: radius of the largest ball in a polytope of wrenches that the contacts can exert.
         reached: Upper bound: the largest wrench of the contacts along `weakest`, exact for the cones.
-        weakest: Unit direction (w,) in which the contacts can do least, forces before moments divided by the length.
+        weakest: Unit direction (w,) of the smallest support of W, forces before moments divided by the length.
         length: Length that divides moments [m].
     """
 
@@ -50,15 +50,16 @@ def wrench_margin(
     tolerance: float = 1e-3,
     points: int = 600,
 ) -> Margin:
-    """Compute min over |u| = 1 of max over w in W of u.w, where W holds the wrenches of forces in the cones.
+    """Compute epsilon = min over |u| = 1 of max over w in W of u.w, for the set W of wrenches of forces in the cones.
 
     Normal forces are bounded. With `bound` "sum" they sum to at most 1 N, and W is the convex hull of the contacts'
     wrenches. With "each" every one is at most 1 N, and W is the Minkowski sum (both: Ferrari and Canny 1992). The
     support function of W is known in closed form for the cones. The nearest facet of a polytope of points of W bounds
-    epsilon from below (Barber, Dobkin and Huhdanpaa 1996), the support of W along the normal of that facet from above.
-    The point of W found there joins the polytope, until the bounds agree. A final descent on the sphere lowers the
-    upper bound to a local minimum. No linear program finds epsilon, because the minimum over the sphere is not convex.
-    The bounds stay further apart for a smooth W that is weak along a family of directions, which needs many points.
+    epsilon from below (Barber, Dobkin and Huhdanpaa 1996). The support of W along the normal of that facet bounds it
+    from above. Its point of W is added to the polytope, until the bounds agree. A final descent on the sphere lowers
+    the upper bound to a local minimum. No linear program finds epsilon, because the minimum over the sphere is not
+    convex. The bounds stay further apart for a smooth W that is weak along a family of directions, which needs many
+    points.
 
     A grasp without force closure has margin 0. Unlike closure, epsilon depends on the length and the reference point.
 
@@ -69,7 +70,7 @@ def wrench_margin(
         points: Largest number of points of the polytope.
 
     Raises:
-        InputError, UnknownNameError: As for `force_closure`, or the tolerance is outside (0, 1).
+        InputError, UnknownNameError: As for `force_closure`, or if the tolerance is outside (0, 1).
     """
     if bound not in get_args(Bound):
         raise UnknownNameError("bound on the normal forces", str(bound), get_args(Bound))

@@ -1,4 +1,4 @@
-"""Singular values of the grasp matrix in comparable units: how well contact forces make wrenches."""
+"""Singular values of the grasp matrix in comparable units, as measures of how well contact forces exert wrenches."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ FloatArray = NDArray[np.float64]
 class Measures:
     """Ellipsoid of the wrenches that contact forces with |f| <= 1 N can make (Yoshikawa and Nagai 1991).
 
-    Let G_s be the grasp matrix with its moments divided by a length L and its torsion columns multiplied by a length
-    l. Its singular values sigma_1 >= ... >= sigma_w are the half axes of the ellipsoid [N per N], one for each degree
-    of freedom of the object. Degrees of freedom that the grasp can neither resist nor move have the value zero.
+    Let G_s be the grasp matrix with its moments divided by a length L and its torsion columns multiplied by a length l.
+    Its singular values sigma_1 >= ... >= sigma_w are the half axes of the ellipsoid [N per N], one for each degree of
+    freedom of the object. Degrees of freedom in which the grasp can exert no wrench have the value zero.
 
     Attributes:
         singular_values: Half axes, (w,), in descending order.
@@ -36,18 +36,18 @@ class Measures:
 
     @property
     def isotropy(self) -> float:
-        """sigma_w / sigma_1: 1 for a ball, 0 if some wrench cannot be made (Prattichizzo and Trinkle 2016)."""
+        """sigma_w / sigma_1: 1 for a ball, 0 if some wrench cannot be exerted (Prattichizzo and Trinkle 2016)."""
         values = self.singular_values
         return float(values[-1] / values[0]) if values.size and values[0] > 0.0 else 0.0
 
     @property
     def volume(self) -> float:
-        """Manipulability sqrt(det(G_s G_s')) = sigma_1 ... sigma_w: volume of the ellipsoid over the unit ball's."""
+        """Manipulability sqrt(det(G_s G_s')) = sigma_1 ... sigma_w: volume ratio of the ellipsoid and the unit ball."""
         return float(np.prod(self.singular_values))
 
     @property
     def minimum(self) -> float:
-        """sigma_w, the largest wrench that 1 N makes in the weakest direction of the grasp."""
+        """sigma_w, the largest wrench that |f| = 1 N exerts in the weakest direction of the grasp."""
         return float(self.singular_values[-1]) if self.singular_values.size else 0.0
 
 
@@ -65,10 +65,10 @@ def measures(
         length: Length L that divides moments [m]. If None, the contacts' rms distance from their centroid.
         about: Reference point of moments [m], for example the object's centre of mass. If None, the contacts' centroid,
             or the grasp's origin if a translation is locked.
-        torsion_length: Length l: a torsion of l [N m] counts as much as 1 N [m]. If None, L.
+        torsion_length: Length l: a torsion of l N m has the same weight as a force of 1 N [m]. If None, L.
 
     Raises:
-        InputError: A length is not positive, or no length is given and all contacts coincide.
+        InputError: If a length is not positive, or no length is given and all contacts coincide.
     """
     L = moment_length(grasp, length)
     ell = L if torsion_length is None else _positive("torsion_length", torsion_length)
@@ -98,7 +98,9 @@ def moment_length(grasp: GraspMatrix, length: float | None) -> float:
     arms = arms - arms.mean(axis=0)
     radius = float(np.sqrt((arms**2).sum() / grasp.fingers))
     if radius == 0.0:
-        raise InputError("length", None, "a length [m] for moments", "all contacts coincide, so they have no radius")
+        raise InputError(
+            "length", None, "a length [m] for moments", "all contacts coincide, so that their rms radius is zero"
+        )
     return radius
 
 
@@ -116,7 +118,7 @@ def reference_point(grasp: GraspMatrix, about: ArrayLike | None) -> FloatArray:
 
 
 def turning(arms: FloatArray, forces: FloatArray) -> FloatArray:
-    """Compute r x a for rows (k, d): (k, 0), (k, 1) or (k, 3)."""
+    """Compute r x a for each row of arrays (k, d); the result is (k, 0), (k, 1) or (k, 3)."""
     d = arms.shape[1]
     if d == 3:
         return np.asarray(np.cross(arms, forces))

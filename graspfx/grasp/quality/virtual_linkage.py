@@ -20,14 +20,14 @@ FloatArray = NDArray[np.float64]
 class VirtualLinkage:
     """Split f = P f + (I - P) f of a linkage with a spherical joint at each contact and actuators between contacts.
 
-    Forces alone make a wrench, f_F = W_F^+ w. The contacts' moments are torques of the joints and so internal (Williams
+    Only forces exert a wrench, f_F = W_F^+ w. The contacts' moments are joint torques and therefore internal (Williams
     and Khatib 1993). With G = [W_F W_T], the columns of forces and of moments,
 
         P = [W_F^+ (I - W_T H); H] G,    H = (N' W_T)^+ N',    N' W_F = 0,
 
-    H is zero unless forces cannot make some wrench (two contacts cannot turn the object about the line through them);
-    the moments make only that wrench. The internal forces are E t and tau - W_F^+ W_T tau. t = E^+ f_F are the tensions
-    of the actuators, each a column [.. u_ij .. -u_ij ..] of E, and tau the torques of the joints.
+    H is zero unless forces cannot exert some wrench (two contacts cannot rotate the object about the line through
+    them). The moments then exert only that wrench. The internal forces are E t and tau - W_F^+ W_T tau. t = E^+ f_F are
+    the tensions of the actuators, each a column [.. u_ij .. -u_ij ..] of E, and tau the torques of the joints.
 
     Without moments P = G^+ G. For frictionless and hard contacts this is the split of `grasp.split.Split` without a
     metric, for any choice of actuators, because E spans the null space of G and W_F^+ is orthogonal to it. With moments
@@ -47,7 +47,7 @@ class VirtualLinkage:
         rank: Rank of G.
 
     Raises:
-        InputError: The tolerance is outside [0, 1).
+        InputError: If the tolerance is outside [0, 1).
     """
 
     def __init__(
@@ -96,10 +96,10 @@ class VirtualLinkage:
 
     @cached_property
     def coordinates(self) -> InternalCoordinates:
-        """Tensions of the actuators [N], positive if they draw fingers together, and torques of the joints [N m].
+        """Tensions of the actuators [N], positive if they pull the fingers together, and torques of the joints [N m].
 
         Raises:
-            InputError: The actuators do not fit, or their tensions are dependent or incomplete.
+            InputError: If the actuators are invalid, or their tensions are dependent or incomplete.
         """
         return self.internal_coordinates()
 

@@ -16,13 +16,13 @@ class PartForce(Record):
 
 
 class ForceByMode(Record):
-    """The components Q_j'f of a force: internal, translation, rotation; their sum is the force."""
+    """Components Q_j'f of a force for internal motion, translation and rotation; their sum is the force."""
 
     parts: Many[PartForce] = many("3")
 
 
 class FingerBooks(Contact):
-    """A finger's forces over the sample and its steps, in the object's axes unless stated."""
+    """A finger's forces in the sample, and its steps, in the object's axes unless stated otherwise."""
 
     place: Vector  # position of the fingertip, world [m]
     arm: Vector  # vector from the object's centre to the point of application, world [m]
@@ -53,7 +53,7 @@ class ModeLosses(Record):
 
 
 class EnergyReport(Record):
-    """Energies for a recording [J]: by mode (internal, translation, rotation), then of the object."""
+    """Energies for a recording [J]: those of each mode (internal, translation, rotation), then those of the object."""
 
     work: Vector
     stored: Vector
@@ -75,7 +75,7 @@ class EnergyReport(Record):
 
 
 class LedgerState(Record):
-    """Ledger of one object, beside its block."""
+    """Ledger of one object, stored next to its block."""
 
     count: int  # n
     components: int  # components of the forces if gains are matrices with cones, which needs h = K^-1 fe; else 0

@@ -17,11 +17,11 @@ ROUNDING = 1e-12  # fraction of the largest energy so far below which a debt cou
 
 @kernel
 def control(grasp: GraspState, ledger: LedgerState, T: float) -> bool:
-    """Add damping to the forces of this sample that repays the debt of each mode if the next step equals the last.
+    """Add to this sample's forces the damping that repays each mode's debt if the next step equals the last one.
 
     The damping is a W Q_j d/T (`leak.add_damping`) with a at most m/(2 T), where m is the smallest mass that a step of
     any mode moves. Held for a sample, this damping dissipates the most energy possible, and twice as much dissipates
-    none. Each finger's force is then brought back into its cone and within the limits. Returns whether any force has
+    none. Each finger's force is then projected back into its cone and within the limits. Return whether any force has
     changed.
     """
     ledger.report.damping = ZERO
@@ -64,7 +64,7 @@ def bound(grasp: GraspState, T: float, mobility: float) -> float:
 
 @kernel
 def push(grasp: GraspState, finger: FingerState, books: FingerBooks) -> None:
-    """Add a finger's brake to its force inside the cone, and store the part that was added as the brake."""
+    """Add a finger's brake force to its force within the cone, and store the added part as the brake force."""
     if grasp.attached:
         finger.local = finger.local + books.brake
         return

@@ -1,4 +1,4 @@
-"""Energy of a grasp during a run, split into internal motion, translation and rotation, and minimal damping of leaks.
+"""Energy of a grasp in a run, split into internal motion, translation and rotation, and the minimal damping of leaks.
 
 All fingers' vectors are in one frame; torsion is the fourth entry of soft fingers, in units of the patch length. w_i
 is the weight of finger i in the metric W. Rigid modes are those of `graspfx.grasp.rigid_modes`: a fraction beta_k,
@@ -7,8 +7,8 @@ then the components of q_k on displacements scaled by sqrt(w).
     Q_k = W^-1/2 beta_k q_k q_k' W^1/2,   f'D = sum_k f'Q_k D + f'(I - sum_k Q_k) D
 
 A force held over a sample does exactly the work f'D on a port that moves by D, so these sums are exact. The step D
-selects the port: the fingers' own step for the device port, the object's motion at the contacts for the object port,
-and their difference, the change of e = p - c, for the coupling between them.
+selects the port. It is the fingers' step for the device port, the object's motion at the contacts for the object port,
+and their difference, the change of e = p - c, for the coupling.
 """
 
 from __future__ import annotations
@@ -85,8 +85,8 @@ def reach(split: ModeSplit, contacts: Many[Contact], steps: Many[Vector4]) -> No
 def works(split: ModeSplit, contacts: Many[Contact], forces: Many[Vector4], steps: Many[Vector4]) -> Works:
     """Compute f'(I - Q) D, the sums of f'Q_k D over translations and over rotations, and f'D [J].
 
-    Each is summed independently, so comparing the first three with the fourth is a check. A finger of zero weight is
-    internal.
+    Each is summed independently, so that the first three can be checked against the fourth. The work of a finger of
+    zero weight is internal.
     """
     reach(split, contacts, steps)
     width, modes = split.width, split.modes
@@ -120,8 +120,8 @@ def works(split: ModeSplit, contacts: Many[Contact], forces: Many[Vector4], step
 def squares(split: ModeSplit, contacts: Many[Contact], steps: Many[Vector4]) -> Vector:
     """Compute D'W Q D of the internal motion, translations and rotations [m^2], not negative.
 
-    At a displacement e, a spring of gain k stores k/2 times these. On a step D, friction b w_i at each finger
-    dissipates at least b/T times these.
+    At a displacement e, a spring of gain k stores k/2 times these squares. On a step D, friction b w_i at each finger
+    dissipates at least b/T times these squares.
     """
     reach(split, contacts, steps)
     width, modes = split.width, split.modes
@@ -158,7 +158,7 @@ def store(
 
 @kernel
 def open_accounts(accounts: Accounts) -> None:
-    """Start the accounts at zero; the present energy of the springs counts as initial energy."""
+    """Start the accounts at zero; the present energy of the springs is the initial energy."""
     for account in accounts.parts:
         account.work.value = account.work.carry = account.spent = 0.0
         account.opened = account.stored
@@ -170,7 +170,7 @@ def observe(
     accounts: Accounts, split: ModeSplit, contacts: Many[Contact], forces: Many[Vector4], steps: Many[Vector4],
     drag: float,
 ) -> None:  # fmt: skip
-    """Book one sample: work of the held force on the step, and `drag` = b/T [N/m] times the squares of the step.
+    """Book one sample: the work of the held force on the step, and `drag` = b/T [N/m] times the squares of the step.
 
     Friction of the devices is b w_i at finger i [N s/m]; b = 0 books no friction.
     """
@@ -205,7 +205,7 @@ def book(account: Sum, energy: float) -> None:
 
 @kernel
 def balance(account: Account) -> float:
-    """Compute work and energy dissipated by friction minus the springs' gain [J]; negative if energy was generated."""
+    """Compute the work plus the energy dissipated by friction minus the springs' gain [J]; negative if generated."""
     work = account.work.value + account.work.carry
     gained = account.stored - account.opened
     return work + account.spent - gained
@@ -228,8 +228,8 @@ def add_damping(
     """Add a W Q_m D/T to the forces of each account m in debt, with the smallest a that repays it in one equal step.
 
     a = min(most, T debt/(D'W Q_m D)) [N s/m] (Hannaford and Ryu 2002, one controller per mode), so a debt of internal
-    motion adds no damping to motion of the object. A debt beyond `most` is carried over. The brake is held over a
-    sample like any damping, so `most` is the damping that device friction permits: b - k T/2 at the largest gain k.
+    motion adds no damping to motion of the object. A debt beyond `most` is carried over. The damping force is held over
+    a sample, so `most` is the damping that device friction permits: b - k T/2 at the largest gain k.
 
     Returns:
         a of internal motion, translation and rotation [N s/m].

@@ -15,7 +15,7 @@ work is that of the wrench plus f'd; for the work of the wrench see `graspfx.obj
 independently, so the gap between the fingers' work and all other entries is rounding or an error of the ledger.
 
 A compliant fingertip adds its depth (fe_n/k)^(2/3) along the normal to h. It stores 2/5, not 1/2, of its force times
-its depth. The difference of a tenth is subtracted from V_j, and its change, of third order in a step, is reshaped.
+its depth. The difference, a tenth, is subtracted from V_j. Its change, of third order in a step, is part of `reshaped`.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from graspfx.spatial import NOTHING, ZERO, Vector4, cross, dot, inner, with_tors
 
 @kernel
 def observe(grasp: GraspState, ledger: LedgerState, T: float) -> None:
-    """Book the previous sample; the forces of this sample give the present energy of the springs."""
+    """Book the previous sample; the present energy of the springs is that of this sample's forces."""
     started = ledger.started
     if started:
         move(grasp, ledger, T)
@@ -65,7 +65,7 @@ def observe(grasp: GraspState, ledger: LedgerState, T: float) -> None:
 
 @kernel
 def move(grasp: GraspState, ledger: LedgerState, T: float) -> None:
-    """Book the motion of the previous sample and all work along it except that of the springs."""
+    """Book the motion of the previous sample, and all work along it except that of the springs."""
     start, accounts = ledger.start, ledger.accounts
     sample = settle(grasp.body, start, T)
     met = sample.met
@@ -160,7 +160,7 @@ def add_pads(grasp: GraspState, ledger: LedgerState, adds: bool) -> None:
 
 @kernel
 def book_pads(ledger: LedgerState) -> None:
-    """Book, as reshaped, how much less energy pads store than springs of the same force and depth."""
+    """Book, as `reshaped`, the change of the energy that pads store less than springs of the same force and depth."""
     for j in range(3):
         book(ledger.losses[j].reshaped, ledger.curved[j] - ledger.held_curved[j])
 

@@ -1,4 +1,4 @@
-"""The observer of an object's energy, which books each sample and damps the modes that generate energy."""
+"""Observer of an object's energy, which books each sample and damps the modes that generate energy."""
 
 from __future__ import annotations
 
@@ -30,8 +30,9 @@ class Observer:
     """Ledger of one object and its passivity controller.
 
     Args:
-        grasped: Object and its coupling; the law then separates elastic from damping forces.
-        body: Body of the object. The work of obstacles is computed for a native body and is the remainder for others.
+        grasped: Object and its coupling, whose law then separates elastic from damping forces.
+        body: Body of the object. Body of the object. The work of obstacles is computed for a native body, and is the
+            remainder for others.
         period: Sampling period T [s].
         control: Whether the forces of modes that generate energy are damped.
         friction: Viscous friction of each finger's device (n,) [N s/m]; zero if unknown.
@@ -39,7 +40,7 @@ class Observer:
         guarded: Whether the forces pass through a safety chain.
 
     Attributes:
-        buffer: Memory beside the object's block; `watch` uses both.
+        buffer: Memory of the observer; `watch` uses it and the object's block.
         met: Wrench (6,) of planes on a body in the previous sample, to be copied to `buffer[MET : MET + 6]` before
             `watch`; None for a body without planes.
         where: Entries of the buffer under the names used in recordings.

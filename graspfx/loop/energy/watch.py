@@ -1,4 +1,4 @@
-"""The observer's work in a sample, as one function of the object's block and the observer's own."""
+"""The observer's work in a sample, as a function of the object's block and the observer's memory."""
 
 from __future__ import annotations
 

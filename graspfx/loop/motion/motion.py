@@ -45,11 +45,11 @@ class Motion(Protocol):
 
     @property
     def dimensions(self) -> int | None:
-        """Number of dimensions d, or None for a motion that suits any d."""
+        """Number of dimensions d, or None for a motion that is valid in any d."""
         ...
 
     def at(self, time: float) -> tuple[FloatArray, FloatArray]:
-        """Offset (d,) [m] and its velocity (d,) [m/s] at a time [s]; (1,) for a motion that suits any d."""
+        """Offset (d,) [m] and its velocity (d,) [m/s] at a time [s]; (1,) for a motion that is valid in any d."""
         ...
 
 
@@ -68,7 +68,7 @@ class CourseBlock(NamedTuple):
     others: list[tuple[int, Motion]]  # entries of the `OtherPart` of third-party motions
 
     def ask(self, memory: FloatArray, start: int, time: float) -> None:
-        """Evaluate third-party motions at a time and write them into the course at an entry of a memory."""
+        """Evaluate third-party motions at a time, and write their values to the course that begins at entry `start`."""
         for at, motion in self.others:
             part = OtherPart(memory, start + at)
             d, (x, v) = part.dimensions, motion.at(time)
@@ -106,7 +106,7 @@ def parts_of(motion: Motion) -> Sequence[Part]:
 
 
 class _Parts:
-    """Base class of this package's motions: their parts, and the kernel that adds them up."""
+    """Base class of this package's motions: their parts, and the kernel that sums them."""
 
     def __init__(self, dimensions: int | None, parts: Sequence[Part]) -> None:
         self.dimensions = dimensions
@@ -137,12 +137,12 @@ class Sine(_Parts):
     s is the minimum-jerk step. If `ramp` is zero, s = 1 and the velocity jumps by 2 pi f a at `begin`.
 
     Args:
-        amplitude: a [m].
-        frequency: f [Hz].
-        axis: direction: a vector (d,) of any length above zero, or 0, 1 or 2 for an axis, with `dimensions`.
-        begin: time of the first motion [s].
-        ramp: time over which the amplitude fades in [s].
-        dimensions: d, required if `axis` is a number.
+        amplitude: Amplitude a [m].
+        frequency: Frequency f [Hz].
+        axis: Direction: a vector (d,) of any length above zero, or the number 0, 1 or 2 of an axis.
+        begin: Start time [s].
+        ramp: Time over which the amplitude fades in [s].
+        dimensions: Number of dimensions d, required if `axis` is a number.
     """
 
     def __init__(
@@ -168,12 +168,12 @@ class Sine(_Parts):
 
 
 class Reach(_Parts):
-    """x(t) = s((t - begin) / duration) displacement with the minimum-jerk step s; it then stays there.
+    """x(t) = s((t - begin) / duration) displacement, with the minimum-jerk step s; constant after the step.
 
     Args:
-        displacement: final offset (d,) [m].
-        begin: start time [s].
-        duration: duration of the step [s].
+        displacement: Final offset (d,) [m].
+        begin: Start time [s].
+        duration: Duration of the step [s].
     """
 
     def __init__(self, displacement: ArrayLike, begin: float = 0.0, duration: float = 1.0) -> None:
@@ -190,12 +190,12 @@ class Path(_Parts):
     """A recorded path: a monotone cubic interpolation of its points, constant before the first and after the last.
 
     Its velocity is continuous and it does not overshoot. The slopes are those of F. N. Fritsch and R. E. Carlson
-    (Monotone piecewise cubic interpolation, SIAM J. Numerical Analysis 17(2), 1980), as in SciPy's PchipInterpolator. A
-    path that moves at one of its ends stops there abruptly.
+    (Monotone piecewise cubic interpolation, SIAM J. Numerical Analysis 17(2), 1980), as in SciPy's PchipInterpolator.
+    If the path moves at one of its ends, it stops there abruptly.
 
     Args:
-        times: increasing times (N,), at least two [s].
-        positions: offsets from the rest position, (N, d), or (N,) for d = 1 [m].
+        times: Increasing times (N,), at least two [s].
+        positions: Offsets from the rest position, (N, d), or (N,) for d = 1 [m].
     """
 
     def __init__(self, times: ArrayLike, positions: ArrayLike) -> None:
@@ -205,7 +205,7 @@ class Path(_Parts):
         if x.ndim == 1:
             x = x[:, None]
         if t.ndim != 1 or len(t) < 2 or not np.isfinite(t).all() or not (np.diff(t) > 0.0).all():
-            raise InputError("times", times, "two or more finite times (N,), each later than the one before [s]")
+            raise InputError("times", times, "two or more finite times (N,), strictly increasing [s]")
         if x.ndim != 2 or len(x) != len(t) or not 1 <= x.shape[1] <= 3 or not np.isfinite(x).all():
             raise InputError("positions", positions, f"finite positions (N, d) or (N,), N = {len(t)} as for times [m]")
         cubics = np.moveaxis(np.asarray(PchipInterpolator(t, x).c, dtype=float), 1, 0)  # (N - 1, 4, d)
@@ -222,11 +222,11 @@ class Path(_Parts):
         """Read a path from a CSV file whose first line names the columns t, x[, y[, z]], in s and m.
 
         Args:
-            file: path of the file, absolute or relative to `folder`.
-            folder: folder of a relative path; the current one if None.
+            file: Path of the file, absolute or relative to `folder`.
+            folder: Folder of a relative path; the current one if None.
 
         Raises:
-            InputError: the file is missing, or is not such a table; the message names the line.
+            InputError: If the file is missing, or is not such a table; the message names the line.
         """
         path = to_path("path", file, folder=folder)
         require_file("path", str(file), path, EXPECTED)
@@ -248,17 +248,19 @@ class Levels(_Parts):
         x(t) = x_k-1 + s((t - begin_k) / duration_k) (x_k - x_k-1)    from begin_k on
 
     Args:
-        steps: rows x_k, begin_k [s] and duration_k [s], (N, 3). No step begins before the previous one has ended. A
+        steps: Rows x_k, begin_k [s] and duration_k [s], (N, 3). No step begins before the previous one has ended. A
             duration of zero is a jump, whose velocity is zero.
     """
 
     def __init__(self, steps: ArrayLike) -> None:
         table = floats("steps", steps)
         if table.ndim != 2 or table.shape[1] != 3 or len(table) < 1 or not np.isfinite(table).all():
-            raise InputError("steps", steps, "rows (N, 3) of finite numbers: a level, its beginning and duration [s]")
+            raise InputError("steps", steps, "rows (N, 3) of finite numbers: a level, its start time and duration [s]")
         begin, duration = table[:, 1], table[:, 2]
         if (duration < 0.0).any() or any(map(overlap, begin, duration, begin[1:])):
-            raise InputError("steps", steps, "durations of zero or more, and no step before the end of the one before")
+            raise InputError(
+                "steps", steps, "durations of zero or more, and no step before the end of the previous one"
+            )
         part = LevelsPart(np.zeros(size_for(LevelsPart, count=len(begin))))
         part.kind, part.entries, part.count, part.dimensions = LEVELS, len(part.buffer), len(begin), 1
         part.array(LevelsPart.begins)[:], part.array(LevelsPart.durations)[:] = begin, duration
@@ -269,7 +271,7 @@ class Levels(_Parts):
 
 
 def overlap(begin: float, duration: float, following: float) -> bool:
-    """Tell whether a step that begins at `following` overlaps this one, by more than the rounding of 0.1 + 0.2."""
+    """Return whether a step that begins at `following` overlaps this one, by more than the rounding of 0.1 + 0.2."""
     end = begin + duration
     return following < end - ROUNDING * max(abs(begin), abs(end))
 
@@ -278,7 +280,7 @@ class Sum(_Parts):
     """Sum of motions.
 
     Args:
-        motions: one or more motions of the same number of dimensions.
+        motions: One or more motions of the same number of dimensions.
     """
 
     def __init__(self, motions: Sequence[Motion]) -> None:
@@ -294,7 +296,7 @@ def direction(axis: int | ArrayLike, dimensions: int | None = None) -> FloatArra
     """Compute the unit vector (d,) along a vector of any length, or along the axis 0, 1 or 2 of `dimensions`."""
     if isinstance(axis, int | np.integer) and not isinstance(axis, bool):
         if dimensions is None:
-            raise InputError("axis", axis, "a vector (d,)", "or give `dimensions` with the number of an axis")
+            raise InputError("axis", axis, "a vector (d,)", "with the number of an axis, also give `dimensions`")
         if not 0 <= axis < dimensions:
             raise InputError("axis", axis, f"a number from 0 to {dimensions - 1}, or a vector ({dimensions},)")
         u = np.zeros(dimensions)
@@ -320,7 +322,7 @@ def floats(name: str, value: ArrayLike) -> FloatArray:
 
 
 def _table(path: FilePath, rows: Any) -> tuple[int, list[list[float]]]:
-    """Return the number of dimensions of a CSV table and its rows."""
+    """Return the number of dimensions of a CSV table, and its rows."""
     names = [name.strip() for name in next(rows, [])]
     d = len(names) - 1
     if not 1 <= d <= 3 or names != ["t", *AXES[:d]]:

@@ -1,4 +1,4 @@
-"""Blocks of hands: motions and their parts, turns, one hand, and hands joined."""
+"""Blocks of hands: motions and their parts, turns, single hands, and joined hands."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class ReachPart(MotionPart):
 
 
 class PathPart(MotionPart):
-    """Cubics between times; each row begins with four coefficients in descending powers, d components each."""
+    """Cubics between times; each row contains four coefficients in descending powers, d components each."""
 
     times: Floats = floats("count")  # [s]
     cubics: Table = table("count - 1", "4 * dimensions")
@@ -51,7 +51,7 @@ class PathPart(MotionPart):
 
 
 class LevelsPart(MotionPart):
-    """From level to level, in one dimension."""
+    """Steps from level to level, in one dimension."""
 
     begins: Floats = floats("count")  # [s]
     durations: Floats = floats("count")  # [s]
@@ -69,13 +69,13 @@ class TremorPart(MotionPart):
 
 
 class OtherPart(MotionPart):
-    """A motion whose values are written by the caller for each time."""
+    """A motion whose value at each time is written by the caller."""
 
     now: Displacement
 
 
 class Course(Record):
-    """A motion, the sum of its parts."""
+    """A motion as the sum of its parts."""
 
     count: int  # number of parts
     entries: int  # size of all parts
@@ -130,7 +130,7 @@ class GuidedHandState(Record):
 
 
 class JoinedHandsState(Record):
-    """Several hands as one; their blocks follow."""
+    """Several hands as one; their blocks follow this record."""
 
     hands: int
     fingers: int  # total number n

@@ -32,8 +32,8 @@ from graspfx.spatial import ZERO, Matrix, Vector, cross
 def minimum_jerk(s: float) -> tuple[float, float]:
     """Compute 10 s^3 - 15 s^4 + 6 s^5 and its derivative by s; 0 before s = 0, 1 after s = 1.
 
-    Of all steps between two states of rest, this one has the smallest integral of squared jerk (T. Flash and N. Hogan,
-    The coordination of arm movements, J. Neuroscience 5(7), 1985).
+    Of all motions between two states of rest, this one has the smallest integral of squared jerk (T. Flash and N.
+    Hogan, The coordination of arm movements, J. Neuroscience 5(7), 1985).
     """
     if s <= 0.0:
         return 0.0, 0.0
@@ -43,7 +43,7 @@ def minimum_jerk(s: float) -> tuple[float, float]:
 
 
 def step(since: float, duration: float) -> tuple[float, float]:
-    """Compute a minimum-jerk step from 0 to 1, `since` [s] after its start, and its rate [1/s]; 1 without duration."""
+    """Compute a minimum-jerk step from 0 to 1 and its rate [1/s], `since` [s] after its start; 1 without duration."""
     if duration > 0.0:
         s, ds = minimum_jerk(since / duration)
         return s, ds / duration
@@ -92,7 +92,7 @@ def add_reach(part: ReachPart, t: float, now: Displacement) -> None:
 
 @kernel
 def add_path(part: PathPart, t: float, now: Displacement) -> None:
-    """Add a path: the cubic of the piece that t is in, or the nearer end."""
+    """Add a path: the cubic of the interval that contains t, or the nearer end."""
     count, d = part.count, part.dimensions
     times, cubics, last = part.times, part.cubics, part.last
     if t >= times[count - 1]:
@@ -201,7 +201,7 @@ def axis_matrix(u: Vector, cos: float, sin: float) -> Matrix:
 
 @kernel
 def turn_plane(turning: Turning, position: Floats, velocity: Floats, n: int) -> None:
-    """Turn positions and velocities (n, 2) about z by the angle of now."""
+    """Rotate positions and velocities (n, 2) about z by the present angle."""
     angle, rate, c = turning.now.value.x, turning.now.rate.x, turning.centre
     sin, cos = elementary.sin_cos(angle)
     for i in range(n):
@@ -216,7 +216,7 @@ def turn_plane(turning: Turning, position: Floats, velocity: Floats, n: int) -> 
 
 @kernel
 def turn_space(turning: Turning, position: Floats, velocity: Floats, n: int) -> None:
-    """Turn positions and velocities (n, 3) about the axis by the angle of now."""
+    """Rotate positions and velocities (n, 3) about the axis by the present angle."""
     angle, rate, c, u = turning.now.value.x, turning.now.rate.x, turning.centre, turning.axis
     sin, cos = elementary.sin_cos(angle)
     R = axis_matrix(u, cos, sin)
@@ -230,7 +230,7 @@ def turn_space(turning: Turning, position: Floats, velocity: Floats, n: int) -> 
 
 @kernel
 def turn(turning: Turning, t: float, position: Floats, velocity: Floats, n: int, d: int) -> int:
-    """Turn positions and velocities (n, d) in place; return 0 if there was nothing to turn.
+    """Rotate positions and velocities (n, d) in place; return 0 if the angle and its rate are zero.
 
     r -> c + R (r - c), v -> R v + angle' u x R (r - c), R = u u' + cos (I - u u') + sin [u]x.
     """
@@ -288,7 +288,7 @@ def arrange(hand: HandState, t: float) -> None:
 
 @kernel
 def follow_goals(guide: GuidedHandState, t: float) -> None:
-    """Advance the followers of a guided hand to time t, if they are not there yet."""
+    """Advance the followers of a guided hand to time t, unless they have reached it."""
     h = t - guide.time
     if h <= 0.0:
         return

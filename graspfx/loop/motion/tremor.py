@@ -24,17 +24,17 @@ class Tremor(_Parts):
 
     One frequency is drawn from each of N equal parts of the band; the phases are uniform. By the central limit theorem
     x is nearly Gaussian, with a flat spectrum over the band and a long-time root mean square A (M. Shinozuka,
-    Simulation of multivariate and multidimensional random processes, J. Acoustical Society of America 49, 1971). It
+    Simulation of multivariate and multidimensional random processes, J. Acoustical Society of America 49, 1971). x
     depends on time only, not on the sampling period.
 
     Args:
-        amplitude: A, root mean square [m].
-        frequency: centre of the band [Hz].
-        width: width of the band [Hz]; zero gives one sine.
-        dimensions: number of dimensions d.
-        seed: seed of the random numbers, whole numbers of zero or more.
-        begin: start time [s].
-        ramp: time over which it fades in by a minimum-jerk step [s].
+        amplitude: Root mean square A [m].
+        frequency: Centre of the band [Hz].
+        width: Width of the band [Hz]; zero for a single sine.
+        dimensions: Number of dimensions d.
+        seed: Seed of the random numbers, whole numbers of zero or more.
+        begin: Start time [s].
+        ramp: Time over which the tremor fades in by a minimum-jerk step [s].
     """
 
     def __init__(
@@ -79,9 +79,9 @@ def random_sines(seed: Sequence[int], low: float, high: float, count: int) -> tu
     """Draw one frequency from each of `count` equal parts of a band, and phases: (count,) each.
 
     Args:
-        seed: seed, whole numbers of zero or more.
-        low, high: ends of the band.
-        count: number of sines.
+        seed: Seed, whole numbers of zero or more.
+        low, high: Ends of the band.
+        count: Number of sines.
     """
     random = np.random.Generator(np.random.PCG64(np.random.SeedSequence(list(seed))))
     places = (np.arange(count) + random.random(count)) / count

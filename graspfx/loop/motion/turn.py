@@ -15,12 +15,13 @@ FloatArray = NDArray[np.float64]
 
 
 class Turn:
-    """r -> c + R (r - c) and r' -> R r' + angle' u x R (r - c), R the rotation by angle(t) about u.
+    """r -> c + R (r - c) and r' -> R r' + angle' u x R (r - c), where R is the rotation by angle(t) about u.
 
     Args:
-        angle: angle as a one-dimensional motion [rad].
-        centre: centre c, (2,) or (3,) [m].
-        axis: direction u, (3,) of any length above zero, or 0, 1 or 2 for an axis; None in the plane, where it is z.
+        angle: Angle as a one-dimensional motion [rad].
+        centre: Centre c, (2,) or (3,) [m].
+        axis: Direction u, (3,) of any length above zero, or the number 0, 1 or 2 of an axis; None in 2-D, where it is
+            z.
     """
 
     def __init__(self, angle: Motion, centre: ArrayLike, axis: int | ArrayLike | None = None) -> None:
@@ -32,7 +33,7 @@ class Turn:
         self.dimensions = d = len(c)
         if d == 2:
             if axis is not None:
-                raise InputError("axis", axis, "no axis, because in the plane it is always z")
+                raise InputError("axis", axis, "no axis, because in 2-D it is always z")
             u = direction(2, 3)
         else:
             if axis is None:
@@ -54,7 +55,7 @@ class Turn:
         return CourseBlock(self._entries, fixed, [(start + at, angle) for at, angle in others])
 
     def turned(self, time: float, r: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Turn positions (n, d) [m] and velocities (n, d) [m/s]; return the same arrays while the angle and its rate
+        """Rotate positions (n, d) [m] and velocities (n, d) [m/s]; return the same arrays while the angle and its rate
         are zero."""
         block, position, velocity = self._entries.copy(), np.array(r, dtype=float), np.array(v, dtype=float)
         self._course.ask(block, start_of(Turning, "angle"), time)

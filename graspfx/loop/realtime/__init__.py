@@ -1,1 +1,1 @@
-"""Real-time runs: deadlines, hardware readings, initial finger positions, and exits with zero force."""
+"""Real-time runs: deadlines, hardware readings, initial finger positions, and termination with zero force."""

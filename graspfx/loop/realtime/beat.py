@@ -1,7 +1,7 @@
-"""One turn of the native loop: wait, ask, read, compute, write, record. The Python loop does the same.
+"""One turn of the native loop: wait, ask, read, compute, write, record. The Python loop takes the same steps.
 
-`beat` runs turns of any scene whose devices are C functions. It loops over the records of its `Beat`, whose fields,
-like those of its `World`, are places in the scene's arena. Its Python source also runs interpreted.
+`beat` runs turns of any scene whose devices are C functions. It iterates over the records of its `Beat`. The fields of
+the `Beat`, like those of its `World`, are indices into the scene's arena. Its Python source also runs interpreted.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Port(Record):
 
 
 class Beat(Record):
-    """Memory of a turn; unless stated, the fields are places."""
+    """Memory of a turn; unless stated otherwise, the fields are indices into the arena."""
 
     tick: int  # next tick
     span: int  # ticks that the ring holds
@@ -73,9 +73,9 @@ class Beat(Record):
 
 @kernel
 def beat(loop: Beat) -> int:
-    """Run one turn if a vendor's thread calls, else all turns until the loop ends.
+    """Run one turn if a vendor's thread calls, else all turns until the loop ends. Return 1 to be called again, 0 after
 
-    Returns 1 to be called again, 0 after the last turn.
+    the last turn.
     """
     publish(loop.buffer, loop.own + BUSY, 1)
     again = 1
@@ -148,7 +148,7 @@ def turn(loop: Beat, k: int) -> None:
 
 @kernel
 def run_tick(loop: Beat, k: int, row: int) -> None:
-    """Run tick k up to the writing of its devices, or from there on."""
+    """Run tick k up to the writing of its devices, or its remaining part."""
     run_steps(loop.buffer, loop.code, loop.rows, loop.world, k, row)
 
 
@@ -197,9 +197,9 @@ def note_fresh(loop: Beat, world: World, i: int, fresh: float) -> None:
 
 @kernel
 def display(loop: Beat, servo: ServoState, k: int) -> None:
-    """Write all forces up to the first device that fails; after a fault, stop all devices.
+    """Write forces until a device fails; after a fault, stop all devices.
 
-    If Python has stopped the devices because a function did not return, a late return also ends with zero force.
+    If Python has stopped the devices because a function did not return, its late return also ends with zero force.
     """
     if not servo.faulted:
         began = now(loop.buffer)
@@ -216,7 +216,7 @@ def display(loop: Beat, servo: ServoState, k: int) -> None:
 
 @kernel
 def stop_all(loop: Beat, k: int) -> None:
-    """Stop all devices, those without a fault first; a failed stop is tried once more."""
+    """Stop all devices, those without a fault first; repeat a failed stop once."""
     for j in range(loop.port_count):
         i = closing(loop, j)
         state = PortState(loop.buffer, loop.ports[i].state)
@@ -238,8 +238,8 @@ def stop_all(loop: Beat, k: int) -> None:
 def stop_port(loop: Beat, state: PortState, i: int) -> int:
     """Stop a device and return its code.
 
-    In a vendor's thread the device is asked first, unless it was: `ask` opens a frame, `write` and `stop` close it, and
-    a force can be set in a frame only.
+    In a vendor's thread the device is asked first if it has not been: `ask` opens a frame, `write` and `stop` close it,
+    and a force can be set only in a frame.
     """
     if loop.nested and not state.is_asked:
         call_port(loop, loop.ports[i], i, 0, state.raw.offset)
@@ -273,7 +273,7 @@ def write(loop: Beat, servo: ServoState, i: int, k: int) -> None:
 
 @kernel
 def call_port(loop: Beat, port: Port, i: int, which: int, block: int) -> int:
-    """Call a device's function (ask, read, write or stop, by number) and record that it has the thread."""
+    """Call a device's function (ask, read, write or stop, by number), and record that it occupies the thread."""
     publish(loop.buffer, loop.own + CALLED, 1 + 4 * i + which)
     return call_device(loop.buffer, port.functions.offset + 2 * which, block)
 
@@ -289,7 +289,7 @@ def now(buffer: Any) -> float:
 
 @bound_late
 def sleep_until(buffer: Any, deadline: float) -> int:
-    """Wait until a time of the clock."""
+    """Wait until the clock reaches a time."""
     while (left := deadline - now(buffer)) > 0.0:
         time.sleep(left)
     return 0
@@ -304,7 +304,7 @@ def call_device(buffer: Any, words: int, block: int) -> int:
 
 @bound_late
 def run_steps(buffer: Any, code: int, rows: int, world: int, k: int, row: int) -> int:
-    """Run `steps` for tick k, up to the writing of its devices or from there on."""
+    """Run `steps` for tick k, up to the writing of its devices, or its remaining part."""
     return int(buffer.steps(k, 1, row))
 
 

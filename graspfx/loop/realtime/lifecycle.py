@@ -1,4 +1,4 @@
-"""The life cycle of hardware in a run: choice of the loop, opening, check that devices are at rest, and closing."""
+"""Life cycle of hardware in a run: choice of the loop, opening, the check that devices are at rest, and closing."""
 
 from __future__ import annotations
 
@@ -34,22 +34,22 @@ SPAN = 0.01  # time between two of these positions, with at least four new readi
 DRIFT = 0.001  # largest displacement while a recording is opened [m]
 SAME = 1e-6  # tolerance of a rate times the period
 HAS_NATIVE = sys.platform.startswith("linux")  # whether the system supports the loop without Python
-DO = "hold the device still within its workspace, and start again"
+DO = "hold the device still inside its workspace, and start again"
 
 
 def require_simulations(hardware: Sequence[str]) -> None:
-    """Reject hardware in a run without real time.
+    """Reject hardware in a run that is not in real time.
 
     Args:
         hardware: Names of the scene's devices that are not simulations.
 
     Raises:
-        InputError: If there is such a device.
+        InputError: If there is a device other than a simulation.
     """
     if hardware:
         raise InputError(
             "real_time", False, "True: this scene has hardware, which needs real time",
-            f"run it with graspfx run SCENE --real-time, or gx.run(scene, real_time=True); it is {', '.join(hardware)}",
+            f"use graspfx run SCENE --real-time, or gx.run(scene, real_time=True); hardware: {', '.join(hardware)}",
         )  # fmt: skip
 
 
@@ -82,7 +82,7 @@ def why_python(
         if why:
             return f"{device_name(station, fingers)} {why}"
     if len({each.device.thread for each in hardware if isinstance(each.device, DrivingDevice)}) > 1:
-        return "two of its devices have clocks of their own"
+        return "two of its devices are driven by different vendors' threads"
     return "" if arena is None else _why_arena(arena, stations, fingers)
 
 
@@ -93,9 +93,9 @@ def _why_device(station: DeviceWiring, period: float) -> str:
     if isinstance(device, LimitedDevice):
         return "has a position-dependent force limit, which C functions cannot report"
     if fitting.deadman is not None or fitting.every > 1:
-        return "has a deadman switch or a rate in the scene, which C functions do not support"
+        return "has a deadman switch or a lower rate in the scene, which C functions do not support"
     if isinstance(device, RawDevice) or device.features.switches:
-        return "reports switches or raw values, which C functions cannot"
+        return "reports switches or raw values, which C functions cannot report"
     rate = device.features.rate
     if isinstance(device, DrivingDevice) and (rate is None or abs(rate * period - 1.0) > SAME):
         return f"calls the loop itself, {rate or 0.0:g} times a second, but the scene's period is {period:g} s"
@@ -112,7 +112,7 @@ def _why_arena(arena: Arena, stations: Sequence[DeviceWiring], fingers: Sequence
         if plain:
             return f"{part} is moved by plain Python or other software"
     if foreign_kernels({str(i): each.kernel for i, each in enumerate(arena.foreign)}):
-        return "kernels of others are checked in the first ticks"
+        return "third-party kernels are checked in the first ticks"
     return ""
 
 
@@ -135,9 +135,9 @@ def loop_text(why: str, stations: Sequence[DeviceWiring]) -> str:
 
 @contextmanager
 def opened(devices: DeviceExchange, period: float) -> Iterator[None]:
-    """Open devices one after another; at the end stop all of them, then close all of them.
+    """Open devices one after another; on exit, stop all of them, then close all of them.
 
-    A device that cannot be closed gives a warning; it displays zero force by then.
+    If a device cannot be closed, a warning is logged; the device then already displays zero force.
 
     Raises:
         DeviceError: If a device does not open; those opened before it are closed.
@@ -172,7 +172,7 @@ class Rest:
     """Hardware at rest.
 
     Attributes:
-        positions: Positions of each finger that hardware moves, by its index in the scene (d,) [m].
+        positions: Position (d,) of each finger of hardware, by the finger's index in the scene [m].
         round_trip: Median time to read and write all devices [s].
         fresh: Smallest fraction of readings with a new sample over the devices.
     """
@@ -219,7 +219,7 @@ def settle(devices: DeviceExchange, period: float, clock: Clock) -> Rest:
 
 
 def look_again(devices: DeviceExchange, rest: Rest, periods: int) -> dict[int, FloatArray]:
-    """Read devices once more, `periods` after they settled, and return the positions of their fingers.
+    """Read devices once more, `periods` after they came to rest, and return the positions of their fingers.
 
     Raises:
         DeviceError: If a finger has moved away.

@@ -1,4 +1,4 @@
-"""Columns that a real-time run records for each tick besides the motion: times, device states and fresh samples."""
+"""Columns that a real-time run records besides the motion: each tick's times, device states and new samples."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ FloatArray = NDArray[np.float64]
 
 
 class LoopState(Record):
-    """Block that a loop fills in each tick between its reading and the row, into which it is copied.
+    """Block that a loop fills in each tick, and that is then copied to the tick's row.
 
-    The reader of the devices fills `largest` and `raw`; a device without raw values has no entry in `raws`.
+    The function that reads the devices fills `largest` and `raw`; a device without raw values has no entry in `raws`.
     """
 
     fingers: int  # n
@@ -32,7 +32,7 @@ class LoopState(Record):
     io_read: float  # duration of asking and reading all devices [s]
     io_write: float  # duration of writing all devices [s]
     skipped: int  # periods skipped before the tick
-    fresh: Floats = floats("fingers")  # 1 if the reading brought a new sample
+    fresh: Floats = floats("fingers")  # 1 if the reading contained a new sample
     largest: Floats = floats("fingers")  # force limit that the device reported, infinite without one [N]
     switches: Floats = floats("devices")  # switches as bits
     raw: Floats = floats("raws")
@@ -60,14 +60,14 @@ def loop_memory(layout: Layout) -> FloatArray:
 
 
 class PortLog:
-    """The parts of a loop's memory that belong to one device.
+    """One device's parts of a loop's memory.
 
     Args:
         memory: Memory of the loop, `LoopState`.
         layout: Layout of its rows.
-        device: Device that is read.
+        device: Device.
         number: Index of the device in the scene.
-        fingers: Fingers of its channels, -1 for none.
+        fingers: Finger of each channel, -1 for none.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class PortLog:
             assert isinstance(device, SwitchedDevice)
             bits: object = device.switches
             if isinstance(bits, bool) or not isinstance(bits, int | np.integer) or not 0 <= bits < 1 << self._count:
-                return f"returned {abbreviate(bits)} for its switches, expected the bits of {self._count}"
+                return f"returned {abbreviate(bits)} for its switches, expected an integer of {self._count} bits"
             self._switches[0] = bits
         if self._raw is not None:
             assert isinstance(device, RawDevice)

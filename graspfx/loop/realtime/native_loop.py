@@ -1,4 +1,4 @@
-"""The loop without Python: machine code runs the ticks in its own thread, and Python monitors it."""
+"""Loop without Python: machine code runs the ticks in its own thread, and Python monitors it."""
 
 from __future__ import annotations
 
@@ -37,18 +37,18 @@ _LOST: list[object] = []  # memory of loops that did not end: a vendor's functio
 
 @runtime_checkable
 class Writer(Protocol):
-    """A `stop` that sometimes writes into the memory of a run."""
+    """A `stop` function that sometimes writes to the memory of a run."""
 
     @property
     def has_news(self) -> bool:
-        """Whether it has something to write."""
+        """Whether the function has something to write."""
         ...
 
     def __call__(self) -> bool: ...
 
 
 class NativeLoop:
-    """Loop for scenes whose devices all offer C functions: no Python runs between two ticks.
+    """Loop for scenes whose devices all offer C functions; no Python code runs between two ticks.
 
     Args:
         arena: Arena of the scene.
@@ -60,7 +60,7 @@ class NativeLoop:
     Attributes:
         beat: Memory of the loop.
         words: Words of the loop, HALT to CALLED.
-        hang: Description of the device call that did not return; empty without one.
+        hang: Description of the device call that did not return; empty if all calls returned.
     """
 
     def __init__(
@@ -102,21 +102,21 @@ class NativeLoop:
     ) -> int:
         """Run ticks from k on and return how many were run.
 
-        If a device function does not return, the loop ends (`hang`); the caller then stops the devices.
+        If a device function does not return, the loop ends and `hang` describes it; the caller then stops the devices.
 
         Args:
             k: First tick.
             ticks: Largest number of ticks to run.
             recorder: Recorder of the rows.
-            stop: Function called every few milliseconds that tells whether forces must decay and the loop must end. One
-                that is a `Writer` is called between two ticks.
-            pacer: Pacer of the run; its state becomes that of a pacer that has waited for each tick.
+            stop: Function called every few milliseconds; it returns whether forces must decay and the loop must end. A
+                `Writer` is called between two ticks.
+            pacer: Pacer of the run; afterwards its state is as if it had waited for each tick.
             look: Function called every few milliseconds with the number of ticks so far.
             mode: PACED, or FREE for ticks without waiting.
 
         Raises:
-            DeviceError: If a device has no functions, or a device of an earlier run still has the loop.
-            Interruption: If no force is allowed any more.
+            DeviceError: If a device has no functions, or a device of an earlier run still occupies the loop.
+            Interruption: If forces must be zero at once, without decay.
         """
         ring = recorder.ring if isinstance(recorder, RingRecorder) else self._ring
         self._begin(k, k + ticks, ring, pacer, DRIVEN if self._driver is not None else mode)
@@ -155,7 +155,7 @@ class NativeLoop:
     def _between_ticks(
         self, worker: _Worker | _Driven, stop: Writer, ring: Ring, look: Callable[[int], None]
     ) -> _Worker | _Driven:  # fmt: skip
-        """Let `stop` write into the memory of the paused loop, then continue in another thread."""
+        """Let `stop` write to the memory of the paused loop, then continue in another thread."""
         self.words[HALT] = 1
         if not worker.pause(PATIENCE):
             self.hang = self._hang_text(PATIENCE)
@@ -169,7 +169,7 @@ class NativeLoop:
         return worker
 
     def _standstill(self, ring: Ring) -> str:
-        """Return what has held the loop up for too long; empty otherwise.
+        """Return a description of a call or tick that takes too long; empty otherwise.
 
         Checks are counted instead of time, because the whole machine may pause.
         """
@@ -209,13 +209,13 @@ class NativeLoop:
         return faults
 
     def why(self, index: int, code: int) -> str:
-        """Return the cause of a device's fault; the index after the last device means the clock."""
+        """Return the cause of a device's fault; the index after the last device stands for the clock."""
         if index == len(self._ports):
             return self._pacer.late_text
         return port_text(self._ports[index], self._calls[index], code)
 
     def _begin(self, k: int, last: int, ring: Ring, pacer: Pacer, mode: int) -> None:
-        """Let the native loop continue from the state of the Python loop."""
+        """Prepare the native loop to continue from the state of the Python loop."""
         if self.words[QUIT]:
             raise DeviceError(self.hang or "a device's C function has not returned since the previous run")
         self._calls = [_calls(each) for each in self._ports]
@@ -238,7 +238,7 @@ class NativeLoop:
         self._seen, self._looks, self.hang = (-1, 0), 0, ""
 
     def _place(self, memory: Any) -> int:
-        """Return the place of an array in the scene's arena."""
+        """Return the index of an array in the scene's arena."""
         return self._arena.memory.place(np.asarray(memory).reshape(-1).view(np.float64))
 
     def _drain(self, recorder: RowTaker, ring: Ring) -> int:
@@ -267,7 +267,7 @@ class NativeLoop:
 
 
 class _Worker:
-    """A thread in which the loop runs."""
+    """Thread in which the loop runs."""
 
     def __init__(self, loop: Callable[[], object]) -> None:
         priority = scheduling.real_time_policy()
@@ -302,7 +302,7 @@ class _Worker:
 
 
 class _Driven:
-    """A vendor's thread, which calls the loop once per period.
+    """Vendor's thread, which calls the loop once per period.
 
     Args:
         loop: Loop to be called.
@@ -330,7 +330,7 @@ class _Driven:
         return True
 
     def end(self, wait: float) -> bool:
-        """Take the loop back from the thread; return whether the thread has released it."""
+        """End the thread's calls of the loop; return whether the last call has ended."""
         self._loop.words[OVER] = 1
         return self._driver.release(wait)
 
@@ -356,13 +356,13 @@ def port_text(port: DevicePort, calls: Calls, why: int) -> str:
 def stop_text(port: DevicePort, calls: Calls) -> str:
     """Return the message for a device that cannot be stopped."""
     return (
-        f"{port.name} cannot be stopped, and may keep its force: switch it off: "
+        f"{port.name} cannot be stopped and may keep its force; switch it off: "
         f"{call_text(port, calls, port.readings.state.stop_code)}; {ZERO}"
     )
 
 
 def call_text(port: DevicePort, calls: Calls, code: int) -> str:
-    """Return the meaning of an error code: from the device's `fault_text`, from the adapter's, or the code itself."""
+    """Return the meaning of an error code from the `fault_text` of the device or its adapter, or the code itself."""
     if code > 0:
         return f"its C function returned {code}, expected {FRESH} (new sample), {REPEAT} (none) or below 0 (fault)"
     for owner in (port.device, calls.keep):

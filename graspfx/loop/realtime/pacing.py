@@ -27,7 +27,7 @@ SLACK = 1e-9  # tolerance in periods: rounding adds no tick to the decay
 
 
 class Clock(Protocol):
-    """A clock that can be waited on."""
+    """Protocol of a clock."""
 
     def now(self) -> float:
         """Return the time, which never decreases [s]."""
@@ -95,10 +95,9 @@ def count_in(times: Lateness, time: float) -> None:
 
 
 class ClockState(Record):
-    """The clock of a loop: tick k has the deadline t_0 + k T, whatever earlier ticks took.
+    """The clock of a loop: tick k has the deadline t_0 + k T, however long earlier ticks took. A late tick skips the
 
-    A late tick skips the whole periods that have passed. The next deadlines stay on the grid of the first, so lateness
-    does not accumulate.
+    whole periods that have passed. Later deadlines stay on the same grid, so lateness does not accumulate.
     """
 
     mode: int
@@ -183,7 +182,7 @@ class Pacer(ClockState):
 
     Args:
         period: Sampling period T [s].
-        clock: Clock to wait on.
+        clock: Clock.
         machine: Whether machine code computes the deadlines; it is compiled unless cached.
     """
 
@@ -223,7 +222,7 @@ class Pacer(ClockState):
         self.wall = self.deadline + self.late - self.start
 
     def is_too_late(self) -> bool:
-        """Tell whether more than `most` successive periods were skipped."""
+        """Return whether more than `most` successive periods were skipped."""
         return bool(source_function(is_late)(self.buffer, self.offset))
 
     @property
@@ -241,7 +240,7 @@ class Pacer(ClockState):
 
 @cache
 def _rehearse() -> None:
-    """Run the rules once, so that the set-up of a kernel's first call comes before any deadline."""
+    """Run the rules once, so that the set-up time of a kernel's first call does not delay a tick."""
     clock = ClockState(np.zeros(size_of(ClockState)).data)
     clock.mode, clock.period = PACED, 1.0
     for now in (1.0, 4.5):
@@ -261,8 +260,8 @@ def late_text(row: int, period: float, most: int) -> str:
         most: Largest permitted number.
     """
     return (
-        f"{row} periods of {period:g} s in a row were skipped, expected at most {most}: the machine was too slow for "
-        "the hardware; all forces are zero"
+        f"{row} successive periods of {period:g} s were skipped, expected at most {most}: the machine was too slow "
+        "for the hardware; all forces are zero"
     )
 
 
@@ -270,7 +269,7 @@ def late_text(row: int, period: float, most: int) -> str:
 
 
 class EndState(Record):
-    """State of a loop's end."""
+    """State of the end of a loop."""
 
     decay: int  # ticks in which forces decay; 0 if the loop ends at once
     last: int  # tick before which the loop ends
@@ -312,10 +311,10 @@ class Chain(Protocol):
 
 
 class SoftEnd(EndState):
-    """The last ticks of a run with hardware: the gain of the safety chain, and so the forces on both sides, decay.
+    """The last ticks of a run with hardware, in which the gain of the safety chain, and so the forces on both sides,
 
-    The decay takes the last ticks of the run's duration, or as many further ticks after a stop. A run that would need
-    fewer than two ticks ends at once.
+    decay. These are the last ticks of the run's duration, or as many further ticks after a stop. A run whose decay
+    would take fewer than two ticks ends at once.
 
     Args:
         chain: Chain whose gain decays; None for a run that ends at once, such as one without hardware.
@@ -331,7 +330,7 @@ class SoftEnd(EndState):
         self._is_told = False
 
     def goes_on(self, k: int, *, stop: bool, faulted: bool) -> bool:
-        """Tell whether tick k is run."""
+        """Return whether tick k is run."""
         return bool(source_function(go_on)(self.buffer, self.offset, k, int(stop), float(faulted)))
 
     def tell(self, recorder: RowTaker | None) -> None:

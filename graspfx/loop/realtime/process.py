@@ -1,4 +1,4 @@
-"""Services of the operating system for hardware: signals that end with zero force, priority and locked memory."""
+"""Services of the operating system for hardware: signals that end a run with zero force, priority and locked memory."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ class Exits:
     Attributes:
         inside: Whether a driver's call is in progress.
         heed: Function called at once with the number of each signal, or None.
-        at_once: Whether no force is allowed any more: a signal interrupted a driver's call, or it was the second one.
+        at_once: Whether forces must be zero at once, because a signal interrupted a driver's call or a second signal
+            arrived.
     """
 
     def __init__(self) -> None:
@@ -47,11 +48,11 @@ class Exits:
 
     @property
     def cause(self) -> str:
-        """Name of the first signal; empty without one."""
+        """Name of the first signal; empty if none has arrived."""
         return signal.Signals(self.numbers[0]).name if self.numbers else ""
 
     def ask(self, number: int, frame: FrameType | None) -> None:
-        """Record a signal, as its handler."""
+        """Handle a signal: record it."""
         self.numbers.append(number)
         if self.heed is not None:
             self.heed(number)
@@ -62,12 +63,12 @@ class Exits:
 
 @contextmanager
 def signals_end() -> Iterator[Exits]:
-    """Let signals end the block in an orderly way, and pass them on to their own handlers afterwards.
+    """Let signals end the block in an orderly way, and pass them on to their previous handlers afterwards.
 
     Python calls handlers in the main thread only. Ignored signals remain ignored.
 
     Raises:
-        KeyboardInterrupt: If a signal interrupted the block and its own handler let the process continue.
+        KeyboardInterrupt: If a signal interrupted the block, and its previous handler let the process continue.
     """
     exits, handlers = Exits(), {}
     if threading.current_thread() is threading.main_thread():
@@ -93,7 +94,7 @@ def signals_end() -> Iterator[Exits]:
 
 
 class RealTimeWarning(UserWarning):
-    """A system that does not grant what real time needs."""
+    """Warning that the system does not grant real-time priority or locked memory."""
 
 
 def take_priority() -> dict[str, Any]:
@@ -126,9 +127,9 @@ def _governor() -> str:
 
 @contextmanager
 def frozen_memory() -> Iterator[None]:
-    """Exclude all present objects from the garbage collector, whose passes over them would take tens of ms.
+    """Exclude all present objects from garbage collection, which would take tens of ms for them.
 
-    What is garbage now is collected afterwards: a pass before the loop would take as long.
+    Present garbage is collected after the block, because a collection before the loop would take as long.
     """
     gc.freeze()
     try:

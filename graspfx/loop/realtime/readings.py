@@ -41,7 +41,7 @@ class Guards:
     """Limits beyond which a run with hardware ends in a fault.
 
     Attributes:
-        speed: Largest speed of a fingertip along an axis that a reading may give [m/s]; a hand reaches 5.
+        speed: Largest speed of a fingertip along an axis that a reading may have [m/s]; a hand reaches 5 m/s.
         hold: Number of successive readings without a new sample that are tolerated.
         late: Number of successive periods that may be skipped.
         soft_start: Time over which penetration at the start takes effect [s].
@@ -56,15 +56,15 @@ class Guards:
         if not (math.isfinite(self.speed) and self.speed > 0.0):
             raise InputError("speed", self.speed, "a finite speed above zero [m/s]")
         if self.hold < 0 or self.late < 0:
-            raise InputError("hold", (self.hold, self.late), "counts of zero or more")
+            raise InputError("hold", (self.hold, self.late), "numbers of zero or more")
         if not (math.isfinite(self.soft_start) and self.soft_start >= 0.0):
             raise InputError("soft_start", self.soft_start, "a finite time of zero or more [s]")
 
 
 def patience(period: float, watchdog: float) -> float:
-    """Return the time within which a call of a device must return while forces are displayed [s].
+    """Return the time within which a device's function must return while forces are displayed [s]. This time is a
 
-    It is a multiple of the watchdog time, bounded by the longest stall of a loop.
+    multiple of the watchdog time, bounded by the longest stall of a loop.
 
     Args:
         period: Sampling period T [s].
@@ -80,7 +80,7 @@ GUARDS = Guards()
 
 
 class PortState(Record):
-    """State of a device between its functions and the tick."""
+    """State of a device's exchange with the tick."""
 
     fingers: int  # k
     dimensions: int  # d
@@ -133,7 +133,7 @@ def take_sample(port: PortState, code: int, periods: int) -> int:
     """Accept a reading as a whole or reject it; return the cause of a fault, 0 for none.
 
     A position may change by at most `speed` T m along an axis, where m is the number of periods since the last sample.
-    A velocity may be at most `speed`. Without a new sample the last one is kept, up to `hold` times in a row.
+    A velocity may be at most `speed`. Without a new sample the last sample is kept, up to `hold` times in succession.
 
     Args:
         port: Device with the reading in `raw`.
@@ -188,9 +188,9 @@ def take_sample(port: PortState, code: int, periods: int) -> int:
 def enter(port: PortState) -> int:
     """Transform the last sample into the scene's axes, p = o + s R p_device, minus the depth not yet in effect.
 
-    A finger that is inside an object when a run begins has an initial depth o_0, from the nearest point without
-    contact to its position: p' = p - (1 - s) o_0, v' = v + s' o_0, s = u^2 (3 - 2 u), u = t/T_s. The force of the first
-    tick is zero; from T_s on the whole depth counts. v' is the rate of p', which damping uses.
+    A finger that is inside an object when a run begins has an initial depth o_0, the vector from the nearest point
+    without contact to its position: p' = p - (1 - s) o_0, v' = v + s' o_0, s = u^2 (3 - 2 u), u = t/T_s. The force of
+    the first tick is zero; from T_s on the whole depth is in effect. Damping uses v', the rate of p'.
     """
     last, placed, half, d = port.sample, port.placed, port.entries, port.dimensions
     for i in range(2 * half):
@@ -262,7 +262,7 @@ class Readings:
         shape: Shape (k, d).
         period: Sampling period T [s].
         guards: Guards of hardware; None for a simulation, whose clock is the tick counter.
-        frame: Frame of the device in the scene; None for the scene's axes.
+        frame: Frame of the device in the scene; None for the scene's frame.
 
     Attributes:
         memory: State of the device, `PortState`.
@@ -302,17 +302,17 @@ class Readings:
 
     @property
     def is_fresh(self) -> bool:
-        """Whether the last reading brought a sample."""
+        """Whether the last reading contained a new sample."""
         return bool(self._numbers[IS_FRESH] != 0.0)
 
     @property
     def samples(self) -> int:
-        """Number of readings that brought a sample."""
+        """Number of readings with a new sample."""
         return self.state.samples
 
     @property
     def repeats(self) -> int:
-        """Number of readings that brought none."""
+        """Number of readings without a new sample."""
         return self.state.repeats
 
     @property
@@ -352,19 +352,19 @@ class Readings:
             periods: Periods since the previous reading.
         """
         if not isinstance(reading, tuple) or len(reading) != 3:
-            return f"gave {abbreviate(reading)} for a reading, expected positions, velocities and a time"
+            return f"returned {abbreviate(reading)} for a reading, expected positions, velocities and a time"
         position, velocity, time = reading
         shape, raw = self._shape, self._raw
         for i, each in enumerate((position, velocity)):
             if type(each) is not np.ndarray or each.shape != shape or each.dtype != np.float64:
-                return f"gave {_described(each)} for {QUANTITIES[i]}, expected an array {shape} of float64"
+                return f"returned {_described(each)} for {QUANTITIES[i]}, expected an array {shape} of float64"
             raw[i] = each
         if self._guards is None:
             return self._simulated()
         if not isinstance(time, float) or not isfinite(time):
-            return f"gave {abbreviate(time)} for the time of a reading, expected a finite number [s]"
+            return f"returned {abbreviate(time)} for the time of a reading, expected a finite number [s]"
         if time < self.time:
-            return f"gave a reading of {time:.9g} s after one of {self.time:.9g} s: its clock ran back"
+            return f"returned a reading of {time:.9g} s after one of {self.time:.9g} s: its clock ran backwards"
         code = FRESH if time > self.time else REPEAT
         why = self._take(0, code, periods)
         if why:
@@ -388,7 +388,7 @@ class Readings:
 
 @cache
 def _rehearse() -> None:
-    """Run the rules once, so that the set-up of a kernel's first call comes before any deadline."""
+    """Run the rules once, so that the set-up time of a kernel's first call does not delay a tick."""
     memory = np.zeros(size_for(PortState, entries=1, dimensions=1))
     port = PortState(memory.data)
     port.fingers = port.dimensions = port.entries = 1
@@ -404,24 +404,24 @@ def reading_text(state: PortState, why: int, time: float | None = None) -> str:
     Args:
         state: State of the device.
         why: Cause given by `take_sample`.
-        time: Time of the reading [s]; None without one.
+        time: Time of the reading [s]; None if there is none.
     """
     if why == NOT_FINITE:
         raw = state.array(PortState.raw).reshape(2, state.fingers, state.dimensions)
         i = int(np.isfinite(raw[0]).all())
-        return f"gave {abbreviate(raw[i].tolist())} for {QUANTITIES[i]}, which are not finite"
+        return f"returned {abbreviate(raw[i].tolist())} for {QUANTITIES[i]}, which are not finite"
     if why == STALE:
-        text = f"gave no new sample in {state.code} readings in a row"
-        return text if time is None else f"{text}: each has the time {time:.9g} s"
+        text = f"returned no new sample in {state.code} successive readings"
+        return text if time is None else f"{text}: all have the time {time:.9g} s"
     if why == FAST:
-        return f"gave a velocity of {state.figure:.4g} m/s, expected at most {state.bound:g} m/s"
+        return f"returned a velocity of {state.figure:.4g} m/s, expected at most {state.bound:g} m/s"
     if why == ZEROS:
-        return f"gave zeros for everything, {state.figure:.4g} m from the last position: a failed reading"
+        return f"returned only zeros, {state.figure:.4g} m from the last position: a failed reading"
     if why == FORCE:
         forces = state.array(PortState.forces).reshape(state.fingers, state.dimensions)
         return f"was given {forces.tolist()} N, which is not finite"
     return (
-        f"gave a position {state.figure:.4g} m from the last one, expected at most {state.bound:.4g} m "
+        f"returned a position {state.figure:.4g} m from the last one, expected at most {state.bound:.4g} m "
         f"({state.speed:g} m/s over {state.code} x {state.period:g} s)"
     )
 

@@ -1,8 +1,8 @@
-"""Memory shared by a servo and the recording process: rows, notes, letters and goals, without waiting on either side.
+"""Memory shared by a servo and the recording process, without locks: rows, notes, letters and goals.
 
 The memory begins with integers, each in its own cache line (`Word`). Notes and letters follow, then the rows, then
-goals of guided hands. A writer of rows publishes `HEAD` after the row, so a reader who sees the new value also sees the
-row.
+goals of guided hands. The writer of rows publishes `HEAD` after each row, so a reader that sees the new value also sees
+the row.
 """
 
 from __future__ import annotations
@@ -78,9 +78,9 @@ _LOCK = Lock()
 
 
 class Notes:
-    """A ring buffer of notes, each published when complete; a note without room is dropped.
+    """A ring buffer of notes, each published when it is complete; a note that does not fit is dropped.
 
-    The bytes that the reader has read become free, so the buffer serves runs of days.
+    Bytes that have been read are reused, so the buffer suffices for runs of days.
 
     Args:
         buffer: Buffer of the notes.
@@ -125,7 +125,7 @@ class Ring:
 
     Args:
         file: Descriptor of the memory, from `create`.
-        width: Number of values per row.
+        width: Number of values of each row.
         every: Ticks per row.
         goals: Number G of values in the goals of guided hands.
 
@@ -133,9 +133,9 @@ class Ring:
         words: Integers (512,), at the positions of `Word`.
         rows: Rows (SLOTS, width). If `every` divides k, tick k has row k / every modulo SLOTS.
         notes: Notes of the servo.
-        letters: The two halves of the mailbox, as bytes.
-        goals: Goals (2, G); goals number k are in row k modulo 2.
-        goal_log: Log of applied goals (SLOTS, 1 + G): first tick and values.
+        letters: Two halves of the mailbox, as bytes.
+        goals: Goals (2, G); the k-th goals are in row k modulo 2.
+        goal_log: Log of applied goals (SLOTS, 1 + G): first tick and values of each.
     """
 
     def __init__(self, file: int, width: int, every: int = 1, goals: int = 0) -> None:
@@ -171,7 +171,7 @@ def create(width: int, goals: int = 0) -> int:
 
 
 class RingRecorder:
-    """A recorder of ticks into a ring. It never waits; a slow reader loses the oldest rows.
+    """A recorder of ticks into a ring. The recorder never waits; if the reader is slow, the oldest rows are lost.
 
     Args:
         ring: Ring to write into.
@@ -183,7 +183,7 @@ class RingRecorder:
 
     @property
     def ring(self) -> Ring:
-        """The ring. A caller that writes into it directly must set `ticks`."""
+        """The ring. A caller that writes to the ring directly must set `ticks`."""
         return self._ring
 
     @property
@@ -224,9 +224,9 @@ class Letter(NamedTuple):
     """New values of memory entries.
 
     Attributes:
-        entries: Entries and values of each memory, by the number of the memory.
-        objects: Numbers of the objects whose derived values must be updated.
-        plants: Numbers of the plants that must reattach their hands.
+        entries: Entries and values of each memory, by the index of the memory.
+        objects: Indices of the objects whose derived values must be updated.
+        plants: Indices of the plants that must reattach their hands.
     """
 
     entries: Sequence[tuple[int, Index, FloatArray]]
@@ -235,10 +235,10 @@ class Letter(NamedTuple):
 
 
 def write_letter(letter: Letter, place: memoryview) -> None:
-    """Write a letter to its place.
+    """Write a letter to its memory.
 
     Raises:
-        InputError: If the letter is longer than the place.
+        InputError: If the letter is longer than its memory.
     """
     head: list[int] = [len(letter.entries), len(letter.objects), len(letter.plants), *letter.objects, *letter.plants]
     for memory, places, _ in letter.entries:
@@ -275,7 +275,7 @@ def read_letter(place: memoryview) -> Letter:
 
 
 def pack_error(error: BaseException) -> bytes:
-    """Pack an exception for `unpack_error`; one that cannot be pickled keeps only its message."""
+    """Pack an exception for `unpack_error`; of an exception that cannot be pickled, only the message is packed."""
     error = error.with_traceback(None)
     with suppress(Exception):  # exceptions of other libraries may contain anything
         text = _written(error)
@@ -293,7 +293,7 @@ def unpack_error(text: bytes) -> BaseException:
     try:
         content = pickle.loads(text)
     except Exception as error:  # noqa: BLE001 - a type that is only there in the other process
-        return GraspFXError(f"the servo's process raised an exception of a type unknown here: {message(error)}")
+        return GraspFXError(f"the servo's process raised an exception of an unknown type: {message(error)}")
     if isinstance(content, BaseException):
         return content
     kind, arguments, values = content
@@ -304,7 +304,7 @@ def unpack_error(text: bytes) -> BaseException:
 
 
 def _written(error: BaseException) -> bytes:
-    """Pickle an exception by its own method; packages such as dask register one that loses attributes."""
+    """Pickle an exception by its own `__reduce__`; packages such as dask register a method that loses attributes."""
     text = BytesIO()
     pickler = pickle.Pickler(text, pickle.HIGHEST_PROTOCOL)
     pickler.dispatch_table = {}
@@ -313,7 +313,7 @@ def _written(error: BaseException) -> bytes:
 
 
 def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    """Replace attributes that are not plain data by the names of their types."""
+    """Replace attributes other than plain data by the names of their types."""
     plain = {}
     for name, value in values.items():
         try:

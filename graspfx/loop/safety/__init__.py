@@ -1,1 +1,1 @@
-"""The safety chain between law and devices; its reduced forces also act on the object."""
+"""The safety chain between coupling law and devices; its reduced forces also act on the object."""

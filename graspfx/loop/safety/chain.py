@@ -34,7 +34,7 @@ class SafetyLimits:
         force: Largest force of each finger (n,) [N].
         rate: Largest rate of increase of each force (n,) [N/s]. As with the other limits, infinity means no limit.
         speed: Largest speed of each finger (n,) [m/s].
-        lower, upper: Corners of the workspaces (n, d) [m].
+        lower, upper: Lower and upper corners of the workspaces (n, d) [m].
         hold: Number of successive samples without a new reading that are tolerated.
         soft_start: Duration of the soft start [s].
     """
@@ -49,11 +49,11 @@ class SafetyLimits:
 
 
 class SafetyChain:
-    """Memory of the chain: one buffer for the scene and one beside the block of each object.
+    """Memory of the chain: one buffer for the scene, and one for each object.
 
     Args:
         limits: Limits of all fingers.
-        grasped: Objects with the indices of their fingers. Their blocks are marked as guarded by a chain.
+        grasped: Objects with the indices of their fingers. The objects' blocks are marked as guarded by a chain.
         devices: Number of devices.
         period: Sampling period T [s].
         live: Names of the fields of `GraspState` that may change during a run.
@@ -113,7 +113,7 @@ class SafetyChain:
         Pace(self.pace).resting = True
 
     def is_steered(self, i: int) -> bool:
-        """Tell whether a scalar gain of object i may change during a run."""
+        """Return whether a scalar gain of object i may change during a run."""
         safety = SafetyState(self.buffers[i])
         return any(getattr(safety, name) for name in MOVES)
 
@@ -156,12 +156,12 @@ def least_stiffness(grasped: GraspedObject) -> float:
 
 
 def goal_entries() -> list[int]:
-    """List the entries of an object's memory that hold the gains to be reached."""
+    """List the entries of an object's memory that contain the target gains."""
     return entries_of(Goal, *GAINS, at=SafetyState(np.zeros(size_for(SafetyState, count=0))).goal.offset)
 
 
 def changing_entry() -> list[int]:
-    """List the entry of an object's memory that tells whether the gains are changing."""
+    """List the entry of an object's memory that marks changing gains."""
     return entries_of(SafetyState, "changing")
 
 

@@ -1,8 +1,7 @@
-"""The end of the safety chain: limits rate, workspace and size of each finger's force by scaling the whole force.
+"""End of the safety chain: limits on the rate, workspace and size of each finger's force, by scaling the whole force.
 
 Finger i exerts s_i f_i with 0 <= s_i <= 1, so no force leaves its cone. The wrench and all accounts use s_i f_i. The
-forces that a rule admits form a set that is star-shaped about zero, so the smallest s_i of all rules satisfies every
-rule.
+set of forces that a rule admits is star-shaped about zero, so the smallest s_i of all rules satisfies every rule.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ def restrain(grasp: GraspState, safety: SafetyState, pace: Pace) -> int:
 
 @kernel
 def all_finite(grasp: GraspState, safety: SafetyState) -> bool:
-    """Tell whether the forces of a sample and their inputs are finite and the limits are valid."""
+    """Return whether the forces of a sample and their inputs are finite and the limits are valid."""
     bad = 0.0
     for i, finger in enumerate(grasp.fingers):
         own = safety.fingers[i]
@@ -77,8 +76,9 @@ def share_of(grasp: GraspState, finger: FingerState, own: FingerLimits) -> float
 def growth_share(f: Vector, last: Vector, growth: float) -> float:
     """Find the largest s <= 1 for which s f is at most `growth` from the segment between the last force and zero.
 
-    A force may decrease without limit; from there it may grow or turn by `growth`. The admitted set is convex and
-    contains zero, so the ray along f leaves it once: through the side of the segment or the cap around the last force.
+    A force may decrease without limit; from any point of the segment it may grow or turn by `growth`. The admitted set
+    is convex and contains zero, so the ray along f leaves it once: through the side of the segment or the cap around
+    the last force.
     """
     a, b, along = dot(f, f), dot(last, last), dot(f, last)
     t = 0.0

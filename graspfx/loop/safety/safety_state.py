@@ -1,4 +1,4 @@
-"""Memory of the safety chain: one record for the scene and one beside each object's block."""
+"""Memory of the safety chain: one record for the scene, and one for each object."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from graspfx.spatial import Vector, Vector4
 
 
 class Pace(Record):
-    """State of the scene's chain: soft start and trust in the readings."""
+    """State of the scene's chain: soft start, and trust in the readings."""
 
     devices: int
     ramp: float  # length of the soft start [ticks]
@@ -23,7 +23,7 @@ class Pace(Record):
 
 
 class Tank(Record):
-    """Energy available to increase stiffness: stiffer springs store energy at once that no operator has supplied."""
+    """Energy available to increase stiffness: stiffer springs at once store energy that no operator has supplied."""
 
     level: float  # energy E [J]
     most: float  # capacity [J]
@@ -31,7 +31,7 @@ class Tank(Record):
 
 
 class Goal(Record):
-    """Scalar gains to be reached."""
+    """Target values of scalar gains."""
 
     external_stiffness: float  # kep [N/m]
     external_damping: float  # ked [N s/m]
@@ -74,7 +74,7 @@ class FingerLimits(Record):
 
 
 class SafetyState(Record):
-    """State of one object's chain, beside its block."""
+    """State of one object's chain, stored next to its block."""
 
     count: int  # n
     posed: bool  # the block contains friction problems

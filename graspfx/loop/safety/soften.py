@@ -1,7 +1,7 @@
-"""Scaling of stiffness and damping by gamma for soft start and trust, applied in the coupling so both sides see it.
+"""Scaling of stiffness and damping by gamma for soft start and trust, applied in the coupling and thus to both sides.
 
-Because cones are invariant to scaling, gains gamma K and gamma D give gamma times the force of K and D. With the cut
-|f_i| <= L_i they give gamma times the force of K and D cut at L_i/gamma, so the step `limit` uses L_i/gamma.
+Because cones are invariant to scaling, the force of gains gamma K and gamma D is gamma times the force of K and D. With
+the limit |f_i| <= L_i it is gamma times the force of K and D limited to L_i/gamma, so the step `limit` uses L_i/gamma.
 """
 
 from __future__ import annotations
@@ -36,11 +36,12 @@ def soften(grasp: GraspState, safety: SafetyState, pace: Pace, code: int) -> int
 
 @kernel
 def is_quick(finger: FingerState, own: FingerLimits, elapsed: float) -> bool:
-    """Tell whether a finger exceeds its largest speed, from the velocity that its driver reports or from its positions.
+    """Return whether a finger exceeds its largest speed, by the velocity that its driver reports or by its positions.
 
     A reported velocity may be delayed, filtered or always zero. Each new position is therefore also compared with those
-    two, three and four new readings earlier. A single step may be the sensor's resolution; an oscillation that repeats
-    over one of these spans does not repeat over the others. A reading is new if its position has changed.
+    two, three and four new readings earlier. The difference of two successive readings may be the sensor's resolution.
+    An oscillation that repeats over one of these spans does not repeat over the others. A reading is new if its
+    position has changed.
     """
     quick = dot(finger.velocity, finger.velocity) > own.speed * own.speed
     track = own.track

@@ -1,4 +1,4 @@
-"""The energy tank that pays for an increase of stiffness; increasing stiffness under load would generate energy.
+"""Energy tank that supplies the energy of a stiffness increase, which under load would otherwise be generated.
 
 At the displacement w = e + s = K^-1 f of a spring's force, a change dK costs dV = 1/2 w'dK w. The tank loses dV, or
 only the part of dK that it can pay for is applied. The tank gains the energy that softening springs release and
@@ -25,7 +25,7 @@ def grow(grasp: GraspState, safety: SafetyState, target: float) -> None:
     """Change gamma of the stiffness gamma K towards its target, as far as the energy in the tank allows.
 
     f = gamma K w costs dV = 1/2 w'K w dgamma. The bound 1/2 f'e/gamma replaces 1/2 w'K w, because slipping only reduces
-    it, up to the tank's capacity divided by gamma^2, because forces end at the limits.
+    the latter. The bound is at most the tank's capacity divided by gamma^2, because forces are limited.
     """
     gain, tank = safety.gain, safety.tank
     if target > gain:
@@ -68,7 +68,7 @@ def adjust(grasp: GraspState, safety: SafetyState) -> None:
 
 @inline
 def affordable(tank: Tank, cost: float) -> float:
-    """Return the part of a change that the tank can pay for: 1 without cost, 0 at a negative level."""
+    """Return the fraction of a change that the tank can pay for: 1 without cost, 0 at a negative level."""
     return 1.0 if cost <= tank.level or cost <= 0.0 else max(tank.level, 0.0) / cost
 
 
@@ -125,7 +125,7 @@ def price_by_modes(grasp: GraspState, dkep: float, dkip: float, total: float) ->
 
 @kernel
 def write_gains(grasp: GraspState, safety: SafetyState, kep: float, ked: float, kip: float, kid: float) -> None:
-    """Write those gains that may change."""
+    """Write the gains that may change."""
     if safety.kep_moves:
         grasp.external_stiffness = kep
     if safety.ked_moves:

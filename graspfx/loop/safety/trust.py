@@ -1,4 +1,4 @@
-"""The trust in a run: a soft start, and forces that decay without new readings or if a finger is too fast."""
+"""Trust in the readings: a soft start, and the decay of forces without new readings or if a finger is too fast."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A rigid body in a PyBullet world, pushed before the world's step and read after it; PyBullet without its banner."""
+"""A rigid body in a PyBullet world: its wrench is applied before each step, and its motion is read after it."""
 
 from __future__ import annotations
 
@@ -33,20 +33,20 @@ NONE = math.inf  # impossible speed that makes PyBullet accept the first one
 class BulletMember(CarriedBody):
     """Body of a block in a PyBullet world, without PyBullet's damping.
 
-    A body that rotates about one axis only gets the moment of inertia of that axis for all axes, which gives the same
+    A body that rotates about one axis only has that axis's moment of inertia about all axes, which does not change its
     motion. With two free rotations the inertia has to be isotropic.
 
-    The calls `pushes` give PyBullet the wrench that `guest.hand_over` left in the body's part, for the next step. The
-    calls `readings` write the motion after that step there, for `guest.take_over`.
+    The calls `pushes` apply the wrench that `guest.hand_over` wrote to the body's part of the buffer. After PyBullet's
+    step, the calls `readings` write the motion to that part, for `guest.take_over`.
 
     Args:
         state: Block filled by `fill_body`, (SIZE,). The motion is read from it once, and then only written.
-        part: The body's part of the buffer, (guest.SIZE,), for wrench and motion; overwritten completely.
+        part: Body's part of the buffer, (guest.SIZE,), for wrench and motion; overwritten completely.
         client: PyBullet's index of the world.
-        collision: PyBullet's index of the body's shape; -1 for a body that meets nothing.
+        collision: PyBullet's index of the body's shape; -1 for a body without contacts.
 
     Raises:
-        InputError: Two rotations of a body with unequal moments are free.
+        InputError: If two rotations of a body with unequal moments are free.
     """
 
     def __init__(self, state: FloatArray, part: FloatArray, client: int, collision: int = -1) -> None:
@@ -97,7 +97,7 @@ class BulletMember(CarriedBody):
 
 
 def _pushes(guest_state: GuestState, client: int, body: int) -> list[Call]:
-    """List the calls that push a body in PyBullet by the wrench sent; calls without effect are left out.
+    """List the calls that apply the body's wrench in PyBullet; calls without effect are omitted.
 
     Arguments are positional where possible, which saves 0.2 us per call.
     """
@@ -132,13 +132,13 @@ def _readings(guest_state: GuestState, client: int, body: int) -> list[Call]:
 
 
 def _entries(guest_state: GuestState, name: str) -> memoryview:
-    """Return the memory of a field: three floats, or four of a quaternion."""
+    """Return the memory of a field: three floats, or four for a quaternion."""
     size, start = 4 if name == "turn" else 3, guest_state.offset + start_of(GuestState, name)
     return memoryview(guest_state.buffer)[start : start + size]
 
 
 class BulletCarrier(Carrier):
-    """Bodies in a PyBullet world that they own.
+    """Bodies in one PyBullet world, which closes with them.
 
     Args:
         buffer: Flat buffer, (bodies guest.SIZE,), with a part for each body of `carried`.
@@ -157,7 +157,7 @@ class BulletCarrier(Carrier):
         super().__init__(buffer, carried, [*pushes, Call(pybullet().stepSimulation, (client,)), *readings])
 
     def close(self) -> None:
-        """Close the PyBullet world; the blocks keep the last states."""
+        """Close the PyBullet world; the blocks still contain the last states."""
         self._disconnect()
 
     def _set_step(self, T: float) -> None:
@@ -168,19 +168,19 @@ class BulletCarrier(Carrier):
         return InputError(
             "angular_velocity", f"{speed:.4g} rad/s",
             f"at most {guest.TURN_LIMIT / self._T:.4g} rad/s, 45 degrees a step",
-            "PyBullet turns a body no further; shorten the period or use native dynamics",
+            "PyBullet cannot rotate a body further in a step; shorten the period or use native dynamics",
         )  # fmt: skip
 
 
 class BulletBody(BlockBody, BulletCarrier):
-    """A rigid body in a PyBullet world of its own, without shape or contacts.
+    """A rigid body in a separate PyBullet world, without shape or contacts.
 
     Args:
         state: Block filled by `fill_body`, (SIZE,). The motion is read from it once, and then only written.
 
     Raises:
-        MissingPackageError: PyBullet is not installed.
-        InputError: Two rotations of a body with unequal moments are free.
+        MissingPackageError: If PyBullet is not installed.
+        InputError: If two rotations of a body with unequal moments are free.
     """
 
     def __init__(self, state: FloatArray) -> None:
@@ -200,8 +200,8 @@ def new_client() -> int:
     """Open a new, empty world without gravity, and return PyBullet's index of it.
 
     Raises:
-        MissingPackageError: PyBullet is not installed.
-        GraspFXError: PyBullet allows no further world.
+        MissingPackageError: If PyBullet is not installed.
+        GraspFXError: If PyBullet allows no further world.
     """
     bullet = pybullet()
     client: int = bullet.connect(bullet.DIRECT)
@@ -212,7 +212,7 @@ def new_client() -> int:
 
 
 def pybullet() -> Any:
-    """Import the package without its banner."""
+    """Import PyBullet without printing its banner."""
     if "pybullet" in sys.modules:
         return sys.modules["pybullet"]
     with _without_banner(1), _without_banner(2):
@@ -224,7 +224,7 @@ def pybullet() -> Any:
 
 @contextmanager
 def _without_banner(descriptor: int) -> Iterator[None]:
-    """Capture the output to a descriptor, and pass on everything except the banner, which C code prints."""
+    """Capture the output to a file descriptor, and pass on everything except the banner, which C code prints."""
     try:
         saved = os.dup(descriptor)
     except OSError:  # closed: nothing to capture

@@ -1,4 +1,4 @@
-"""Rigid bodies that meet obstacles and one another in one PyBullet world."""
+"""Rigid bodies that touch obstacles and one another in one PyBullet world."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ class BulletWorld(BulletCarrier):
     """Bodies in one PyBullet world, with obstacles.
 
     Args:
-        members: Blocks filled by `fill_body`, and shapes. All freedoms of a body are free, or none.
-        obstacles: Fixed shapes; concave meshes keep their hollows.
-        meeting: Friction and restitution of all pairs, and whether members meet one another.
+        members: Blocks filled by `fill_body`, and shapes. Each body is entirely free or entirely fixed.
+        obstacles: Fixed shapes; concave meshes stay concave.
+        meeting: Friction and restitution of all pairs, and whether members collide with one another.
 
     Raises:
-        MissingPackageError: PyBullet is not installed.
-        InputError: A body is not in three dimensions, has some freedoms locked, or is endless.
+        MissingPackageError: If PyBullet is not installed.
+        InputError: If a body is not in three dimensions, has some degrees of freedom locked, or is unbounded.
     """
 
     def __init__(self, members: Sequence[Member], obstacles: Sequence[Obstacle], meeting: Meeting) -> None:
@@ -86,7 +86,7 @@ class BulletWorld(BulletCarrier):
                     bullet.setCollisionFilterPair(one.body, other.body, -1, -1, 0, physicsClientId=client)
 
     def contact_wrench(self, number: int) -> FloatArray:
-        """Sum force and moment of a member's contacts in the last step, about its centre, (6,) [N, N m]."""
+        """Sum the force and moment of a member's contacts in the last step, about its centre, (6,) [N, N m]."""
         total = np.zeros(6)
         body = self.carried[number].body
         centre = self._members[number].state[at.POSITION : at.POSITION + 3]
@@ -104,8 +104,8 @@ class BulletWorld(BulletCarrier):
     def _place_obstacle(self, obstacle: Obstacle) -> Iterator[int]:
         """Create the fixed bodies of an obstacle; for a plane, one for each side with members, and another for boxes.
 
-        All corners of a box meet a floor that is a box at once. On PyBullet's plane they meet it one by one, a step
-        each, which turns the box, and it slides up to 20 degrees askew. Other shapes rest better on the plane.
+        All corners of a box touch a floor that is a box at once. They touch PyBullet's plane one by one, one per step,
+        which rotates the box, so that it slides up to 20 degrees off course. Other shapes rest better on the plane.
         """
         kind = getattr(obstacle.shape, "kind", None)
         if kind not in (proxy.HALF_SPACE, proxy.PLANE):
@@ -147,7 +147,7 @@ class BulletWorld(BulletCarrier):
         """Create a shape and return PyBullet's index of it; -1 for None. Meshes go as points: PyBullet caches files.
 
         Raises:
-            InputError: A plane or half-space is not an obstacle, or PyBullet has no such shape.
+            InputError: If a plane or half-space is not an obstacle, or PyBullet has no such shape.
         """
         if shape is None:
             return -1
@@ -173,11 +173,13 @@ class BulletWorld(BulletCarrier):
             return self._create_shape("GEOM_CYLINDER", radius=a, height=2.0 * b)
         if shape.kind == proxy.ELLIPSOID:
             return self._create_shape("GEOM_MESH", vertices=(ellipsoid_points(ELLIPSOID_POINTS) * [a, b, c]).tolist())
-        raise InputError("shape", shape, "one that PyBullet has", "list it in `_collision`, or take other dynamics")
+        raise InputError(
+            "shape", shape, "a shape that PyBullet supports", "add it to `_collision`, or use other dynamics"
+        )
 
 
 def ellipsoid_points(count: int) -> FloatArray:
-    """Distribute points evenly on the unit sphere, on a Fibonacci spiral, (count, 3)."""
+    """Distribute points evenly on the unit sphere, along a Fibonacci spiral, (count, 3)."""
     k = np.arange(count) + 0.5
     z = 1.0 - 2.0 * k / count
     angle = math.pi * (3.0 - math.sqrt(5.0)) * k
@@ -193,7 +195,7 @@ def _require_whole(member: Member) -> None:
             "dimensions", int(member.state[at.DIMENSIONS]), "3: a PyBullet world is in space", "use native dynamics"
         )
     if member.shape is not None and free.any() and not free.all():
-        raise InputError("free", free.tolist(), "all or none for a body that meets others", "use native dynamics")
+        raise InputError("free", free.tolist(), "all or none for a body with contacts", "use native dynamics")
 
 
 def _quaternion(R: FloatArray) -> tuple[float, ...]:

@@ -37,9 +37,9 @@ class Triangle:
 
 @kernel
 def contact_modes(body: BodyState, floor: FloorState, T: float, n: int, modes: Table) -> tuple[int, float]:
-    """Compute orthogonal vectors whose squares sum to W, as unit vectors preceded by their squared length.
+    """Compute orthogonal vectors whose outer products sum to W, as unit vectors, each after its squared length.
 
-    W = T G' M^-1 G is the velocity of the contacts per force held over the sample.
+    W = T G' M^-1 G is the velocity of the contacts per contact force held over the sample.
 
     Returns:
         Number of modes, and the largest squared length.

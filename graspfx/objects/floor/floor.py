@@ -1,4 +1,4 @@
-"""A native body on fixed planes: floors and walls that it rests on, slides and rolls on, with Coulomb friction."""
+"""A native body that rests, slides and rolls on fixed planes, such as floors and walls, with Coulomb friction."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ FLAT_KINDS = (proxy.HALF_SPACE, proxy.PLANE)
 
 @kernel
 def advance(body: BodyState, floor: FloorState, T: float) -> int:
-    """Move the body on its planes by one sample; return 1 and leave it unchanged if forces do not converge."""
+    """Move the body on its planes by one sample; return 1, without moving it, if forces do not converge."""
     return 1 if rest.step_on_planes(body, floor, T) < 0 else 0
 
 
@@ -51,11 +51,11 @@ class FloorBody(NativeBody):
 
     Args:
         member: Block and shape of the body.
-        obstacles: Half-spaces and planes. A plane holds the body on the side where its centre is at the start.
+        obstacles: Half-spaces and planes. Each plane keeps the body on the side where its centre is at the start.
         meeting: Friction and stiffness of the contacts.
 
     Raises:
-        InputError: An obstacle is neither, the shape is endless, or a restitution is given.
+        InputError: If an obstacle is of another kind, the shape is unbounded, or a restitution is given.
     """
 
     stepping = staticmethod(advance)
@@ -98,18 +98,18 @@ class FloorBody(NativeBody):
 
     @property
     def associated(self) -> int:
-        """Number of samples without a solution of Coulomb's law, which use the associated law (slip lifts off)."""
+        """Number of samples without a solution of Coulomb's law, which used the associated law (slip lifts off)."""
         return self._floor.associated
 
     def adopt(self, other: FloorBody) -> None:
-        """Take the damping from another body on the same planes, whose mass it suits."""
+        """Use the damping of another body on the same planes, which is chosen for that body's mass."""
         self._floor.damping = other._floor.damping
 
     def step(self, T: float) -> None:
-        """Advance by T [s] under the wrench in the block and the planes' forces, all held.
+        """Advance by T [s] under the wrench in the block and the planes' forces, all held constant.
 
         Raises:
-            GraspFXError: The contact forces did not converge.
+            GraspFXError: If the contact forces did not converge.
         """
         code = advance(self._body, self._floor, T)
         if code:
@@ -119,10 +119,10 @@ class FloorBody(NativeBody):
         return "the contact forces between the object and its obstacles did not converge"
 
     def free_motion(self, T: float) -> None:
-        """Fill the NEXT and COMPLIANCE entries over T [s], with the last sample's contact forces held.
+        """Fill the NEXT and COMPLIANCE entries for a sample of T [s], with the last sample's contact forces held.
 
         Raises:
-            InputError: The integrator is not "implicit"; these entries would not describe its step.
+            InputError: If the integrator is not "implicit"; these entries would not describe its step.
         """
         super().free_motion(T)
         expect(self._body, self._floor, T)
@@ -132,7 +132,7 @@ def plane_of(obstacle: Obstacle, seen_from: FloatArray) -> tuple[FloatArray, flo
     """Compute the unit normal towards the body, and the plane's distance from the origin along it.
 
     Raises:
-        InputError: The obstacle is neither a half-space nor a plane.
+        InputError: If the obstacle is neither a half-space nor a plane.
     """
     kind = getattr(obstacle.shape, "kind", None)
     if kind not in FLAT_KINDS:
@@ -151,11 +151,11 @@ def plane_of(obstacle: Obstacle, seen_from: FloatArray) -> tuple[FloatArray, flo
 def features(shape: Any, d: int) -> FloatArray:
     """List the features of a shape that can touch a plane, (features, 5): kind, position and radius as in `Feature`.
 
-    A box has its corners, a sphere itself, a capsule its two ends, an ellipsoid itself, and a mesh the vertices of its
-    convex hull. A cylinder has its two rims, with eight fixed points each on which it stands.
+    These are the corners of a box, the ends of a capsule, a whole sphere or ellipsoid, and the vertices of a mesh's
+    convex hull. A cylinder has its two rims, and eight fixed points on each on which it stands.
 
     Raises:
-        InputError: The shape is endless, or its kind is not supported.
+        InputError: If the shape is unbounded, or its kind is not supported.
     """
     return np.array(list(_features(shape, d)), dtype=float).reshape(-1, size_of(Feature))
 
@@ -167,7 +167,9 @@ def _features(shape: Any, d: int) -> Iterator[tuple[float, ...]]:
         return
     a, b, c = shape.parameters
     if shape.kind in FLAT_KINDS:
-        raise InputError("shape", shape, "a bounded shape", "lock every freedom of a floor, or make it an obstacle")
+        raise InputError(
+            "shape", shape, "a bounded shape", "lock every degree of freedom of a floor, or make it an obstacle"
+        )
     if shape.kind == proxy.SPHERE:
         yield BALL, 0.0, 0.0, 0.0, a
     elif shape.kind == proxy.BOX:
@@ -187,7 +189,9 @@ def _features(shape: Any, d: int) -> Iterator[tuple[float, ...]]:
     elif shape.kind == proxy.ELLIPSOID:
         yield ELLIPSOID, a, b, c, 0.0
     else:
-        raise InputError("shape", shape, "one with features that touch a plane", "list them in `floor.features`")
+        raise InputError(
+            "shape", shape, "a shape whose contact with planes is implemented", "list them in `floor.features`"
+        )
 
 
 def reach(points: FloatArray) -> float:

@@ -1,4 +1,4 @@
-"""Record beside the block of a body on fixed planes: planes, features of the body, contacts."""
+"""Record of a body on fixed planes, in addition to its block: planes, features of the body, contacts."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class PlaneContact(Record):
 
 
 class FloorState(Record):
-    """Planes, features and contacts of a body, and the law of contact."""
+    """Planes, features and contacts of a body, and parameters of the contact law."""
 
     plane_count: int
     feature_count: int

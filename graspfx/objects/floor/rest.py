@@ -5,11 +5,12 @@ A contact is a spring and a damper with Coulomb friction, evaluated at the end o
     lambda_n = -k (g + T u_n) - b u_n,  lambda_t = -k (s + T u_t) - b u_t,  |lambda_t| <= mu lambda_n
 
 Here g is the gap, s the stretch of the contact since it stuck, u = u_free + W lambda the velocity of the body at the
-end of the sample, and W = T G' M^-1 G. With lambda = K (e + slip) this gives K^-1 = a I + W, a = 1/(k T + b): the form
-of the friction cones, whose modes are the six orthogonalised columns of M^-1/2 G. There are at most six unknowns for
-any number of contact points. The contact forces are then held over the sample like those of the fingers, and the body's
-integrator moves it under all forces together. Its properties in the air (order, momentum, exact viscosity) therefore
-hold here too. A body that no plane can reach in the sample takes the same step as without planes, to the bit.
+end of the sample, and W = T G' M^-1 G. With lambda = K (e + slip), K^-1 = a I + W, a = 1/(k T + b): the form of the
+friction cones, whose modes are the six orthogonalised columns of M^-1/2 G. There are at most six unknowns for any
+number of contact points. The contact forces are then held over the sample like those of the fingers, and the body's
+integrator moves it under all forces together. Its properties in free motion (order, momentum, exact viscosity)
+therefore hold here too. A body that cannot reach a plane in the sample takes the same step as without planes, to the
+bit.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ RESTARTS = 4  # number of restarts of the search for a solution of Coulomb's law
 
 
 def lookahead(kind: int, T: float) -> float:
-    """Return the time beyond the end of the sample at which the gap is evaluated, x + T v+ for every integrator."""
+    """Return the time after the sample's end at which the gap is evaluated: that of x + T v+ for every integrator."""
     if kind == EXPLICIT:
         return T
     return 0.5 * T if kind == EXACT else 0.0
@@ -62,7 +63,7 @@ def step_on_planes(body: BodyState, floor: FloorState, T: float) -> int:
 
 @kernel
 def part(floor: FloorState) -> None:
-    """Remove all contacts, their forces and their memory."""
+    """Remove all contacts, their forces and their stretches."""
     forget(floor)
     floor.force = floor.moment = ZERO
     for k in range(6):
@@ -209,9 +210,9 @@ def remember(body: BodyState, floor: FloorState, T: float, n: int) -> None:
 
 @kernel
 def predict_on_planes(body: BodyState, floor: FloorState, T: float) -> None:
-    """Predict the implicit integrator's motion under the last sample's contact forces alone.
+    """Predict the implicit integrator's motion under the last sample's contact forces alone. A body at rest on a floor
 
-    A body at rest on a floor is thus predicted to rest, instead of falling until its contacts are known.
+    is thus predicted to stay at rest, and not to fall until its contacts are known.
     """
     gravity, next_motion = body.gravity, body.next_motion
     body.gravity += floor.force / body.mass

@@ -1,4 +1,4 @@
-"""Shapes in MuJoCo: its own kinds, convex hulls, and a piece per triangle of a concave obstacle."""
+"""Shapes in MuJoCo: its primitives, convex hulls, and one convex piece per triangle of a concave obstacle."""
 
 from __future__ import annotations
 
@@ -43,22 +43,22 @@ class Geometry:
     quaternion: tuple[float, ...] = UPRIGHT
 
     def at(self, position: FloatArray, rotation: FloatArray) -> Geometry:
-        """Return the shape, whose own position is the origin, placed and rotated in the frame of its body."""
+        """Return the shape, which is centred at the origin, placed and rotated in the frame of its body."""
         r, i, j, k = self.quaternion
         x, y, z, w = numbers(quaternion(rotation.ravel().tolist()) @ Quaternion(i, j, k, r))
         return replace(self, position=tuple(position.tolist()), quaternion=(w, x, y, z))
 
 
 def geometries(shape: Any, d: int, *, fixed: bool = False) -> Iterator[Geometry]:
-    """List MuJoCo's shapes for a shape of the scene; none for None.
+    """List MuJoCo's shapes for a shape of the scene; an empty list for None.
 
     Args:
         shape: Shape of the scene.
         d: Dimensions of the scene; shapes in a plane or on a line are extruded.
-        fixed: True if a mesh keeps its hollows; otherwise its convex hull is used.
+        fixed: True if a concave mesh stays concave; otherwise its convex hull is used.
 
     Raises:
-        InputError: A plane or half-space is not an obstacle, or MuJoCo has no such shape.
+        InputError: If a plane or half-space is not an obstacle, or MuJoCo has no such shape.
     """
     if shape is None:
         return
@@ -83,7 +83,9 @@ def geometries(shape: Any, d: int, *, fixed: bool = False) -> Iterator[Geometry]
     elif shape.kind == proxy.ELLIPSOID:
         yield Geometry("ELLIPSOID", (a, b, c if d > 2 else THICK * max(a, b)))
     else:
-        raise InputError("shape", shape, "one that MuJoCo has", "list it in `geometries`, or take other dynamics")
+        raise InputError(
+            "shape", shape, "a shape that MuJoCo supports", "add it to `geometries`, or use other dynamics"
+        )
 
 
 def _with_volume(points: FloatArray) -> FloatArray:

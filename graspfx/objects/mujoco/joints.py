@@ -1,4 +1,4 @@
-"""Exchange between a body's block and MuJoCo's joints: wrench of a sample, and motion after it."""
+"""Exchange between a body's block and MuJoCo's joints: the wrench of a sample, and the motion after it."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ RANGE = 1e10  # largest number that MuJoCo does not treat as a failure
 
 @kernel
 def hand_to_joints(body: BodyState, guest: GuestState, T: float) -> None:
-    """Compute force and moment for MuJoCo's step in world axes: the shares that viscosity leaves (`hand_over`).
+    """Compute force and moment for MuJoCo's step in world axes, reduced by viscosity (see `hand_over`).
 
-    If the moments of inertia differ, the moment is the one that leads to the rotation of `drift`.
+    If the moments of inertia differ, the moment is that for the rotation described in `drift`.
     """
     hand_over(body, guest, T)
     if guest.turns > 1:
@@ -31,10 +31,10 @@ def hand_to_joints(body: BodyState, guest: GuestState, T: float) -> None:
 def drift(body: BodyState, guest: GuestState, T: float) -> None:
     """Compute the moment for which MuJoCo's step rotates the body as far as it rotates freely after a push.
 
-    The push changes the angular velocity by T J^-1 M, where M is the moment that viscosity leaves. Then the body
-    rotates for T by Euler's equations without a moment, to fourth order. This is semi-implicit like the translation,
-    but free of the error of the gyroscopic term. MuJoCo rotates by its new spin u+ = u + T J^-1 (N - u x J u), which
-    has to equal the mean of that rotation.
+    The push changes the angular velocity by T J^-1 M, where M is the moment reduced by viscosity. Then the body rotates
+    for T by Euler's equations without a moment, to fourth order. This is semi-implicit like the translation, but free
+    of the error of the gyroscopic term. MuJoCo rotates by its new spin u+ = u + T J^-1 (N - u x J u), which has to
+    equal the mean of that rotation.
     """
     motion = body.motion
     q, w, moment, b = motion.quaternion, motion.angular_velocity, body.moment, body.rotational_viscosity
@@ -57,7 +57,7 @@ def drift(body: BodyState, guest: GuestState, T: float) -> None:
 def take_from_joints(body: BodyState, guest: GuestState, T: float) -> int:
     """Write the motion after a step of T [s] to the block; return OUT_OF_RANGE if a number is too large for MuJoCo.
 
-    `guest.place` and `guest.velocity` are those of slides, `guest.turn` is MuJoCo's quaternion w, x, y, z, and
+    `guest.place` and `guest.velocity` are those of slide joints, `guest.turn` is MuJoCo's quaternion w, x, y, z, and
     `guest.spin` is in the body's axes. For one free rotation `guest.angle` is the angle, and `spin` is in world axes.
     """
     if not guest.waiting:

@@ -1,4 +1,4 @@
-"""A rigid body in a MuJoCo world: joints, transferred values, and a separate world without contacts."""
+"""A rigid body in a MuJoCo world: its joints, the exchange of values, and a separate world without contacts."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ UNUSED = ("SENSOR", "ACTUATION", "EULERDAMP", "GRAVITY", "SPRING", "DAMPER", "AU
 
 
 class MujocoMember(CarriedBody):
-    """A block's body in a MuJoCo world: a free joint, or a slide for each free translation and then what turns.
+    """A body in a MuJoCo world: a free joint, or a slide joint for each free translation and a joint for its rotations.
 
-    One free rotation is a hinge about the world's axis, three are a ball. Two of three are a ball too, which is no
-    more turned about the third axis than by what it meets: among contacts they are refused.
+    One free rotation is a hinge joint about the world's axis, and three are a ball joint. Two are a ball joint too,
+    which only contacts can rotate about the third axis; a body with contacts may therefore not have two free rotations.
 
     Args:
-        state: (SIZE,) the block, filled by `fill_body`. The motion is read from it once, then written only.
-        part: (guest.SIZE,) of the buffer, for the wrench and the motion; overwritten whole.
-        spec: of the world, to which the body is added.
-        number: of the body in it.
+        state: Block filled by `fill_body`, (SIZE,). The motion is read from it once, and then only written.
+        part: Body's part of the buffer, (guest.SIZE,), for wrench and motion; overwritten completely.
+        spec: MuJoCo's specification of the world, to which the body is added.
+        number: Body's index in the world.
     """
 
     handing = staticmethod(hand_to_joints)
@@ -71,7 +71,7 @@ class MujocoMember(CarriedBody):
             body.add_joint(type=kinds.mjJNT_HINGE, name=self._turn, axis=axes[self.turns[0]])
 
     def begin(self, model: Any, data: Any) -> None:
-        """Put the body of the block into the compiled world, and list the calls that push and read it."""
+        """Write the body's state to the compiled world; list the calls that apply its wrench and read its motion."""
         self.pushes: list[Call] = []
         self.readings: list[Call] = []
         if self.fixed:
@@ -117,12 +117,12 @@ class MujocoMember(CarriedBody):
 
 
 class MujocoCarrier(Carrier):
-    """Bodies in one MuJoCo world that is their own.
+    """Bodies in one MuJoCo world, which contains no others.
 
     Args:
-        buffer: (bodies guest.SIZE,), flat; each body of `carried` has its part of it.
-        carried: bodies that were added to the spec.
-        spec: of the world.
+        buffer: Flat buffer, (bodies guest.SIZE,), with a part for each body of `carried`.
+        carried: Bodies that were added to the specification.
+        spec: MuJoCo's specification of the world.
     """
 
     program = "MuJoCo"
@@ -139,7 +139,7 @@ class MujocoCarrier(Carrier):
         super().__init__(buffer, carried, [*pushes, self._stepping(), *readings])
 
     def close(self) -> None:
-        """Do nothing: the world's memory is given back with the object."""
+        """Do nothing: the world's memory is freed with the object."""
 
     def _stepping(self) -> Call:
         return Call(mujoco().mj_step, (self.model, self.data))
@@ -149,8 +149,8 @@ class MujocoCarrier(Carrier):
 
     def _fault(self, code: int) -> InputError:
         return InputError(
-            "motion", "an object that is out of range", f"places and speeds below {RANGE:g} m, m/s and rad/s",
-            "the run is not stable; lower the period or the gains",
+            "motion", "an object out of range", f"positions and velocities below {RANGE:g} m, m/s and rad/s",
+            "the run is unstable: lower the period or the gains",
         )  # fmt: skip
 
 
@@ -158,10 +158,10 @@ class MujocoBody(BlockBody, MujocoCarrier):
     """A rigid body in a separate MuJoCo world, without shape or contacts.
 
     Args:
-        state: (SIZE,) the block, filled by `fill_body`. The motion is read from it once, then written only.
+        state: Block filled by `fill_body`, (SIZE,). The motion is read from it once, and then only written.
 
     Raises:
-        MissingPackageError: MuJoCo is not installed.
+        MissingPackageError: If MuJoCo is not installed.
     """
 
     def __init__(self, state: FloatArray) -> None:
@@ -172,15 +172,15 @@ class MujocoBody(BlockBody, MujocoCarrier):
 
 
 def create(state: FloatArray) -> MujocoBody:
-    """Make the body for `dynamics = "mujoco"`."""
+    """Create the body for `dynamics = "mujoco"`."""
     return MujocoBody(state)
 
 
 def new_spec(*disabled: str) -> Any:
-    """Begin a world without gravity: MuJoCo's semi-implicit integrator, and nothing that the bodies do not need.
+    """Create a world's specification without gravity, with the semi-implicit integrator and unused features disabled.
 
     Raises:
-        MissingPackageError: MuJoCo is not installed.
+        MissingPackageError: If MuJoCo is not installed.
     """
     library = mujoco()
     spec = library.MjSpec()
@@ -192,10 +192,10 @@ def new_spec(*disabled: str) -> Any:
 
 
 def mujoco() -> Any:
-    """Import the package; its warnings go to our log, unless another handler is set, and to no file.
+    """Import MuJoCo, and send its warnings to GraspFX's log instead of a file, unless another handler is set.
 
     Raises:
-        MissingPackageError: it is not installed.
+        MissingPackageError: If MuJoCo is not installed.
     """
     try:
         library = sys.modules.get("mujoco") or import_module("mujoco")
@@ -217,7 +217,7 @@ def _places(model: Any, joint: str) -> tuple[int, int]:
 
 
 def _possible(moments: Sequence[float]) -> tuple[float, ...]:
-    """Lower a largest moment that rounding makes more than the sum of the others, which MuJoCo refuses."""
+    """Lower the largest moment if rounding has made it exceed the sum of the others, which MuJoCo rejects."""
     largest, total = max(moments), sum(moments)
     if largest <= total - largest or largest > (total - largest) * (1.0 + 1e3 * SLACK):
         return tuple(moments)

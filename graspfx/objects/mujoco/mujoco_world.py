@@ -1,4 +1,4 @@
-"""Rigid bodies that meet obstacles and one another in one MuJoCo world, in space, in a plane or on a line."""
+"""Rigid bodies that touch obstacles and one another in one MuJoCo world, in space, in a plane or on a line."""
 
 from __future__ import annotations
 
@@ -35,17 +35,17 @@ NO_FRICTION = 1e-5  # MuJoCo's smallest coefficient
 class MujocoWorld(MujocoCarrier):
     """Bodies in one MuJoCo world, with obstacles.
 
-    MuJoCo's stiffness and damping parameters are chosen so that in one step a contact separates with at least the speed
-    that removes a share of its penetration, and stands still tangentially, within Coulomb's circular cone.
+    MuJoCo's stiffness and damping parameters are chosen so that one step removes a fraction of a contact's penetration
+    and stops its tangential motion, within Coulomb's circular cone.
 
     Args:
         members: Blocks filled by `fill_body`, and shapes.
-        obstacles: Fixed shapes; concave meshes keep their hollows.
-        meeting: Friction and restitution of all pairs, and whether members meet one another.
+        obstacles: Fixed shapes; concave meshes stay concave.
+        meeting: Friction and restitution of all pairs, and whether members collide with one another.
 
     Raises:
-        MissingPackageError: MuJoCo is not installed.
-        InputError: A body is endless, or has a shape and exactly two free rotations.
+        MissingPackageError: If MuJoCo is not installed.
+        InputError: If a body is unbounded, or has a shape and exactly two free rotations.
     """
 
     def __init__(self, members: Sequence[Member], obstacles: Sequence[Obstacle], meeting: Meeting) -> None:
@@ -74,7 +74,7 @@ class MujocoWorld(MujocoCarrier):
         super().__init__(buffer, carried, spec)
 
     def contact_wrench(self, number: int) -> FloatArray:
-        """Sum force and moment of a member's contacts in the last step, about its centre, (6,) [N, N m]."""
+        """Sum the force and moment of a member's contacts in the last step, about its centre, (6,) [N, N m]."""
         total = np.zeros(6)
         body = self.model.body(str(number)).id
         centre = self.data.xpos[body]
@@ -118,7 +118,7 @@ class MujocoWorld(MujocoCarrier):
         return name
 
     def _meet(self, shapes: Sequence[str], others: Sequence[str]) -> None:
-        """Let each shape of one list meet each shape of the other."""
+        """Enable contacts between each shape of one list and each shape of the other."""
         mu = self._friction
         for one in shapes:
             for other in others:
@@ -129,7 +129,7 @@ class MujocoWorld(MujocoCarrier):
                 )  # fmt: skip
 
     def _place(self, number: int, obstacle: Obstacle) -> Iterator[tuple[int, list[str]]]:
-        """Add an obstacle's shapes to the world; yield for each member the shapes that it meets."""
+        """Add an obstacle's shapes to the world; yield for each member the shapes that it can touch."""
         world, owner = self._spec.worldbody, f"obstacle {number}"
         d = int(self._members[0].state[at.DIMENSIONS])
         kind = getattr(obstacle.shape, "kind", None)
@@ -154,7 +154,7 @@ class MujocoWorld(MujocoCarrier):
 
 
 def _geometries(member: Member, d: int) -> Iterator[Geometry]:
-    """List the shapes of a member in its body's frame, which in the plane is turned by the angle since the start."""
+    """List the shapes of a member in its body's frame, which in 2-D rotates by the angle since the start."""
     start = member.state[at.ROTATION : at.ROTATION + 9].reshape(3, 3)
     for geometry in geometries(member.shape, d):
         yield geometry.at(np.zeros(3), start) if d == 2 else geometry
@@ -176,8 +176,8 @@ def _set_solver(spec: Any) -> None:
 def _require_joints(member: Member, carried: MujocoMember) -> None:
     if member.shape is not None and len(carried.turns) == 2:
         raise InputError(
-            "free", "two of three rotations", "none, one or three for a body that meets others",
-            "native dynamics take it on half-spaces and planes",
+            "free", "two of three rotations", "none, one or three for a body with contacts",
+            "native dynamics allow two on half-spaces and planes",
         )  # fmt: skip
 
 
@@ -229,13 +229,13 @@ class ContactStep:
         library.mj_Euler(model, data)
 
     def _bounce(self) -> None:
-        """Raise the normal references to those of restitution."""
+        """Raise the normal reference accelerations to those of restitution."""
         data, T = self._data, self._model.opt.timestep
         across, speeds = data.efc_aref[:: self._rows], data.efc_vel[:: self._rows]
         np.maximum(across, -(1.0 + self._restitution) / T * speeds, out=across, where=speeds < 0.0)
 
     def _slide(self) -> None:
-        """Solve until the lifts are those of the solution; start from the last step's if their number fits."""
+        """Solve until the lifts are those of the solution; start from the last ones if their number is the same."""
         solve, model, data, rows = self._library.mj_fwdConstraint, self._model, self._data, self._rows
         aref, R, qacc = data.efc_aref, data.efc_R, data.qacc
         J = data.efc_J.reshape(len(aref), -1)

@@ -24,10 +24,10 @@ BLOCK = 1_000_000  # number of pairs that are processed together
 def parts(vertices: FloatArray, faces: IntArray, *, shell: bool = False) -> Iterator[FloatArray]:
     """List convex pieces (n, 3) of a surface: the vertices of each closed convex part, or tetrahedra.
 
-    A shell has no inside, whether it is closed or not, so that it is never filled.
+    A shell has no inside, even if it is closed, so that it is never filled.
 
     Raises:
-        InputError: The surface is not convex and has more than 5000 triangles.
+        InputError: If the surface is not convex and has more than 5000 triangles.
     """
     if not shell:
         owners = _components(faces)
@@ -41,8 +41,8 @@ def parts(vertices: FloatArray, faces: IntArray, *, shell: bool = False) -> Iter
 def is_hollow(vertices: FloatArray, faces: IntArray) -> bool:
     """True if a surface does not bound a convex body: it is open, or a vertex lies in front of a triangle's plane.
 
-    All vertices count, not only neighbours: a fine mesh of a shallow dish is flat at every edge. Of many triangles an
-    evenly spaced subset is tested against all vertices; edges reveal hollows in between.
+    All vertices are tested, not only neighbours, because a fine mesh of a shallow dish is nearly flat at every edge. If
+    there are many triangles, an evenly spaced subset is tested against all vertices, and every edge is tested.
     """
     first, second = _neighbours(faces)
     if len(first) != 3 * len(faces):
@@ -72,13 +72,13 @@ def pieces(vertices: FloatArray, faces: IntArray, *, shell: bool = False) -> Ite
     is at most halfway to the surface below. The pieces of a shell are thin, at most 1/50 of its size.
 
     Raises:
-        InputError: There are more than 5000 triangles.
+        InputError: If there are more than 5000 triangles.
     """
     if len(faces) > MOST_PIECES:
         kind = "shell" if shell else "concave mesh"
         raise InputError(
-            "obstacle", f"a {kind} of {len(faces)} triangles", f"at most {MOST_PIECES} with MuJoCo",
-            "simplify the mesh, part it into convex obstacles, or use bullet",
+            "obstacle", f"a {kind} with {len(faces)} triangles", f"at most {MOST_PIECES} with MuJoCo",
+            "simplify the mesh, split it into convex obstacles, or use bullet",
         )  # fmt: skip
     normals, _ = _planes(vertices, faces)
     first, second = _neighbours(faces)
@@ -135,7 +135,7 @@ def _sizes(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _components(faces: IntArray) -> IntArray:
-    """Number the connected parts of a surface (f,): each triangle takes the lowest index that edges connect to it."""
+    """Number the connected parts of a surface (f,): each triangle gets the lowest index connected to it."""
     first, second = _neighbours(faces)
     owners = np.arange(len(faces))
     while True:

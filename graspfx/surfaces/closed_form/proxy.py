@@ -20,8 +20,8 @@ KINDS = range(MESH + 1)
 def closest(kind: int, d: int, size: Vector, p: Vector, face: int, last: Vector) -> Nearest:
     """Find the contact of a finger at p in the object's frame; only the first d coordinates are used.
 
-    c is on the surface, n is the unit normal into the object, and gap is > 0 outside and < 0 inside, with
-    p - c = -gap n. Outside, c is the nearest point of the shape. An unknown kind gives a contact of NaN.
+    c is on the surface, n is the unit normal into the object, and gap is > 0 outside and < 0 inside, with p - c = -gap
+    n. Outside, c is the nearest point of the shape. For an unknown kind the contact is NaN.
 
     Args:
         kind: Kind of the shape, with the meaning of `size` [m] and the faces between which a contact does not jump:
@@ -34,8 +34,8 @@ def closest(kind: int, d: int, size: Vector, p: Vector, face: int, last: Vector)
             CYLINDER, radius and half length, along z; 0 mantle, 1 cap at +z, 2 cap at -z.
             ELLIPSOID, semi-axes; 0 and 1 are the two sides of the shortest.
         face: Finger's face at the last sample; -1 for none, which selects the face with the largest signed distance.
-        last: Contact point at the last sample. If several points are nearest, as all are at a sphere's centre, the
-            finger keeps its direction.
+        last: Contact point at the last sample. If several points are nearest, as all points are to a sphere's centre,
+            the finger keeps its direction.
     """
     p, last = in_dimensions(p, d), in_dimensions(last, d)
     if kind == BOX or (kind == SPHERE and d == 1):
@@ -62,9 +62,9 @@ def closest(kind: int, d: int, size: Vector, p: Vector, face: int, last: Vector)
 def closest_to_ball(kind: int, d: int, size: Vector, radius: float, p: Vector, face: int, last: Vector) -> Nearest:
     """Find the contact of a ball fingertip centred at p: the gap is the ball's, the contact point is on the shape.
 
-    The ball's centre has a proxy of its own on the shape offset by the ball's radius: q = c - radius n, p - q = -gap n.
-    Displacements are measured from there, e = p + radius n - c, and vanish where the ball just touches. The offset
-    shape has the same faces, edges, normals and centres of curvature, so that the same face holds the finger.
+    The ball's centre has a proxy q on the shape offset by the ball's radius: q = c - radius n, p - q = -gap n.
+    Displacements are measured from q, e = p + radius n - c, and vanish where the ball just touches. The offset shape
+    has the same faces, edges, normals and centres of curvature, so that the same face holds the finger.
     """
     centre = closest(kind, d, size, p, face, last)
     return Nearest(centre.face, centre.point, centre.normal, centre.gap - radius)

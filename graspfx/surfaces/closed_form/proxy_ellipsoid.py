@@ -1,4 +1,4 @@
-"""Contact of a finger with an ellipsoid: the nearest point, or the side of a flat ellipsoid that it presses into."""
+"""Contact of a finger with an ellipsoid: the nearest point, or on a flat ellipsoid the nearest point of its side."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ROUNDS = 40
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """Semi-axis with the finger's coordinate along it, that of the last contact, and the axis number."""
+    """Semi-axis, with the coordinates of the finger and of the last contact along it, and the axis number."""
 
     length: float
     now: float
@@ -53,8 +53,8 @@ def on_ellipsoid(d: int, size: Vector, p: Vector, face: int, last: Vector) -> Ne
 
     Besides the nearest point, the squared distance has at most one local minimum on the surface, beyond the plane of
     the two longer semi-axes (Martinez 1994). A finger therefore has a side, 0 or 1, of the shortest semi-axis. It keeps
-    the side while the minimum there exists, that is until the contact rolls off over the rim, so that a lens resists
-    like a plate. If several points are nearest, the contact is the one next to the last contact point.
+    the side while the minimum on that side exists, until the contact rolls over the rim. A lens therefore resists like
+    a plate. If several points are nearest, the contact is the one next to the last contact point.
     """
     if d < 3:  # an ellipse is a section of this ellipsoid
         size = Vector(size.x, size.y, max(size.x, size.y))
@@ -105,7 +105,7 @@ def entry(v: Vector, one: Axis, two: Axis, axis: int) -> float:
 
 
 def power_above(length: float) -> float:
-    """Return the power of two above a length."""
+    """Return the next power of two above a length."""
     return math.ldexp(1.0, math.frexp(length)[1])
 
 

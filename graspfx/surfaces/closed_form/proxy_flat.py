@@ -1,4 +1,4 @@
-"""Contact of a finger with a box, a half-space or a plane: it stays on its face at any penetration depth."""
+"""Contact of a finger with a box, a half-space or a plane; the contact stays on its face at any penetration depth."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ def on_box(d: int, half: Vector, p: Vector, face: int) -> Nearest:
     """Find the contact with a box: a face holds a finger that is behind it and within its edges.
 
     Any other finger is outside, and its contact is its projection. Sliding over an edge to a nearer face ends at that
-    projection too, since beyond an edge the finger is outside the neighbour. Outside, the finger takes the face that it
-    is farthest beyond, so that it enters through that face.
+    projection too, since beyond an edge the finger is outside the neighbour. Outside, the finger's face is the one that
+    it is farthest in front of, so that it enters through that face.
     """
     ex, ey, ez = abs(p.x) - half.x, abs(p.y) - half.y, abs(p.z) - half.z
     if d < 3:
@@ -65,7 +65,7 @@ def on_box(d: int, half: Vector, p: Vector, face: int) -> Nearest:
 
 @kernel
 def facing(face: int, sign: float, half: Vector, p: Vector, gap: float) -> Nearest:
-    """Return the contact straight across a face: the finger's foot on it, and the face's normal."""
+    """Return the contact on a face: the finger's orthogonal projection on it, and the face's normal."""
     if face < 2:
         return Nearest(face, Vector(sign * half.x, p.y, p.z), Vector(-sign, 0.0, 0.0), gap)
     if face < 4:
@@ -75,7 +75,7 @@ def facing(face: int, sign: float, half: Vector, p: Vector, gap: float) -> Neare
 
 @kernel
 def on_half_space(outward: Vector, p: Vector) -> Nearest:
-    """Return the finger's foot on the surface through the centre; everything behind it is inside."""
+    """Return the finger's projection on the plane through the centre; everything behind the plane is inside."""
     height = dot(outward, p)
     return Nearest(0, p - height * outward, -outward, height)
 

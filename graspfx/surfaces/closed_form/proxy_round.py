@@ -66,7 +66,8 @@ def on_cylinder(radius: float, half: float, p: Vector, face: int, last: Vector) 
     """Find the contact with a solid cylinder along z: its mantle is face 0, its caps are 1 = +z and 2 = -z.
 
     As on a box, a face holds a finger that is behind it and within its edges, so that a finger never passes through a
-    flat disc. Any other finger takes the face that it is farthest beyond; outside, its contact is its projection.
+    flat disc. Any other finger is assigned the face that it is farthest in front of; outside, its contact is its
+    projection.
     """
     u, rho = direction(Vector(p.x, p.y, 0.0), Vector(last.x, last.y, 0.0))
     across, along = rho - radius, abs(p.z) - half

@@ -1,4 +1,4 @@
-"""Shapes in closed form: parameters of the contact kernel, and moments of inertia of the solid."""
+"""Closed-form shapes: their parameters for the contact kernel, and the moments of inertia of the solid."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Contacts:
     """Contact points of n fingers in the object's frame.
 
     Attributes:
-        face: Faces to pass to the next sample, (n,); 0 on a sphere.
+        face: Faces of the fingers, to be passed to the next sample, (n,); 0 on a sphere.
         point: Contact points on the surface, (n, d) [m].
         normal: Unit normals into the object, (n, d).
         gap: Gap, > 0 outside and < 0 inside, (n,) [m]; finger - point = -gap normal for a point, and -(gap + radius)
@@ -69,7 +69,7 @@ class Shape(ABC):
 
     @abstractmethod
     def _moments(self, d: int) -> tuple[float, float, float]:
-        """Return the principal moments over the mass [m^2]."""
+        """Return the principal moments of inertia divided by the mass [m^2]."""
 
     @abstractmethod
     def _volume(self) -> float:
@@ -79,16 +79,16 @@ class Shape(ABC):
         """Compute the volume of the solid in space [m^3].
 
         Raises:
-            InputError: The shape is endless or does not exist in space.
+            InputError: If the shape is unbounded or does not exist in space.
         """
         self._check(3)
         return self._volume()
 
     def inertia(self, mass: float, d: int) -> FloatArray:
-        """Compute principal moments of the solid about its centre, (3,) [kg m^2]; in 2-D only the third, in 1-D none.
+        """Compute the solid's principal moments about its centre, (3,) [kg m^2]; in 2-D only the third, in 1-D none.
 
         Raises:
-            InputError: The shape is endless or does not exist in these dimensions.
+            InputError: If the shape is unbounded or does not exist in these dimensions.
         """
         self._check(d)
         turns = (d == 3, d == 3, d > 1)
@@ -132,7 +132,7 @@ class Shape(ABC):
 
     def _check(self, d: int) -> None:
         if not self.dimensions_ok(int(number("dimensions", d, "1, 2 or 3"))):
-            raise InputError("dimensions", d, f"those of {self}", "vectors have one entry per dimension")
+            raise InputError("dimensions", d, f"those of {self}", "give vectors one entry per dimension")
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ class Box(Shape):
     """A box with full edge lengths `size` (d,) [m]: an interval, a rectangle, a cuboid.
 
     Raises:
-        InputError: `size` is not one to three finite lengths above zero.
+        InputError: If `size` is not one to three finite lengths above zero.
     """
 
     size: tuple[float, ...]
@@ -173,7 +173,7 @@ class Sphere(Shape):
     """A sphere of `radius` [m]: an interval on the line, a disc in the plane.
 
     Raises:
-        InputError: The radius is not finite and above zero.
+        InputError: If the radius is not finite and above zero.
     """
 
     radius: float
@@ -205,7 +205,7 @@ class HalfSpace(Shape):
     """The region below a plane through the centre; `normal` (d,), of any length, points out of it.
 
     Raises:
-        InputError: The normal is not one to three finite numbers, or is zero.
+        InputError: If the normal is not one to three finite numbers, or is zero.
     """
 
     normal: tuple[float, ...]
@@ -227,10 +227,10 @@ class HalfSpace(Shape):
         return 1
 
     def _volume(self) -> float:
-        raise InputError("shape", self, "a bounded shape", "give the object's mass itself")
+        raise InputError("shape", self, "a bounded shape", "give the object's mass")
 
     def _moments(self, d: int) -> tuple[float, float, float]:
-        raise InputError("shape", self, "a bounded shape", "give the object's moments of inertia themselves")
+        raise InputError("shape", self, "a bounded shape", "give the object's moments of inertia")
 
 
 @dataclass(frozen=True)
@@ -240,7 +240,7 @@ class Plane(HalfSpace):
     It is touched from both sides, and a finger stays on the side where it started.
 
     Raises:
-        InputError: The normal is not one to three finite numbers, or is zero.
+        InputError: If the normal is not one to three finite numbers, or is zero.
     """
 
     kind = proxy.PLANE
@@ -272,7 +272,7 @@ class Capsule(Round):
     Its total length is length + 2 radius.
 
     Raises:
-        InputError: A length is not finite and above zero.
+        InputError: If a length is not finite and above zero.
     """
 
     kind = proxy.CAPSULE
@@ -302,7 +302,7 @@ class Cylinder(Round):
     """A solid cylinder of `radius` and `length` [m] along z; in space only (in the plane use a box).
 
     Raises:
-        InputError: A length is not finite and above zero.
+        InputError: If a length is not finite and above zero.
     """
 
     kind = proxy.CYLINDER
@@ -327,7 +327,7 @@ class Ellipsoid(Shape):
     """An ellipsoid of `semi_axes` (d,) [m] along x, y and z; in the plane an ellipse.
 
     Raises:
-        InputError: `semi_axes` are not two or three finite lengths above zero, or their ratio exceeds 1e6.
+        InputError: If `semi_axes` are not two or three finite lengths above zero, or their ratio exceeds 1e6.
     """
 
     semi_axes: tuple[float, ...]

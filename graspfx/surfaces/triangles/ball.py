@@ -2,9 +2,9 @@
 
 The proxy q is the position that the centre would have if the ball could not penetrate: the point nearest to the centre
 g that q reaches without crossing the surface (a god-object, Zilles and Salisbury, 1995, with a size: Ruspini, Kolarov
-and Khatib, 1997). Every step is a convex problem (`constraints`), whose planes keep the whole segment of the step off
-all triangles, so that nothing is passed through, however thin. Where two walls meet, at most three constraints hold the
-proxy, and g - q is continuous, unlike the path to the nearest wall.
+and Khatib, 1997). Every step is a convex problem (`constraints`). Its planes keep the whole segment of the step off all
+triangles, so that the ball does not pass through even a thin wall. At most three constraints hold the proxy where walls
+meet, and g - q is continuous, unlike the vector to the nearest wall.
 
 A ball's state is that of a finger in `walk`; its `last` is the proxy.
 """
@@ -52,7 +52,7 @@ def ball_contact(mesh: MeshTree, ball: MeshFinger, radius: float, g: Vector) -> 
 
 @kernel
 def begin(mesh: MeshTree, ball: MeshFinger, radius: float, g: Vector) -> Nearest:
-    """Find the contact of a new ball: the side that its centre is nearest to holds it."""
+    """Find the contact of a new ball, which is held on the side of the surface nearest to its centre."""
     centre = mesh_contact(mesh, ball, g)
     if centre.gap >= radius:
         ball.last = g
@@ -65,7 +65,7 @@ def begin(mesh: MeshTree, ball: MeshFinger, radius: float, g: Vector) -> Nearest
 
 @kernel
 def free_contact(mesh: MeshTree, ball: MeshFinger, radius: float, g: Vector) -> Nearest:
-    """Find the nearest point of a ball that is off the surface."""
+    """Find the surface point nearest to a ball that does not touch the surface."""
     spot = walk(mesh, ball.face, g)
     nearer = nearest(mesh, g, spot.square)
     if nearer >= 0:
@@ -127,7 +127,7 @@ def settle(mesh: MeshTree, ball: MeshFinger, radius: float, step: float, scale: 
 def roll(mesh: MeshTree, ball: MeshFinger, radius: float, scale: float, g: Vector) -> None:
     """Roll a proxy that only an edge or a vertex holds around it towards g: all the way, or by STEP, if that is free.
 
-    Tangent planes alone converge too, but more slowly the deeper g is. Both ends of so short a path are a radius away
+    Tangent planes alone converge too, but more slowly the deeper g is. Both ends of this short path are a radius away
     from every triangle, so that nothing lies between them.
     """
     plane = ball.planes[0]

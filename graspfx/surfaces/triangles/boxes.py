@@ -1,4 +1,4 @@
-"""Queries of the box tree of a mesh: a start face, the nearest face, the first face on a segment."""
+"""Queries of a mesh's bounding-box tree: a start face, the nearest face, the first face on a segment."""
 
 from __future__ import annotations
 
@@ -75,8 +75,8 @@ def cast(mesh: MeshTree, start: Vector, g: Vector, face: int, feature: int) -> i
     """Find the first face that the segment from `start` to g enters from its front, or -1.
 
     A segment that starts on a feature of a face (`face` -1: none) does not enter the triangles around that feature.
-    Edges are slightly widened, so that nothing passes between two triangles; the walk releases a finger that is stopped
-    there by mistake.
+    Edges are slightly widened, so that nothing passes between two triangles. If this stops a finger by mistake, the
+    walk releases it.
     """
     nodes, triangles = mesh.nodes, mesh.triangles
     count = mesh.node_count

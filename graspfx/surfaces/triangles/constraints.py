@@ -28,10 +28,11 @@ PARALLEL = 1e-18  # squared volume of the normals below which they are linearly 
 def project(
     mesh: MeshTree, ball: MeshFinger, radius: float, reach: float, scale: float, g: Vector
 ) -> tuple[int, Vector]:
-    """Find the point nearest to g in front of all planes within reach, and the size of its active set (first planes).
+    """Find the point nearest to g in front of all planes within reach, and the size of its active set, stored first.
 
-    The most violated plane joins the active set, and those of the four that hold the point stay. The distance from g
-    grows with every change, so that the method terminates. The size is -1 if no point is in front of all planes.
+    The most violated plane is added to the active set; of these at most four planes, those that hold the point remain.
+    The distance from g grows with every change, so that the method terminates. The size is -1 if no point is in front
+    of all planes.
     """
     x = g
     count = 0
@@ -51,7 +52,7 @@ def project(
 def most_violated(
     mesh: MeshTree, ball: MeshFinger, radius: float, reach: float, count: int, slack: float, x: Vector
 ) -> float:
-    """Write the plane that x violates most behind the `count` active ones; return the violation, or zero."""
+    """Write the plane that x violates most after the `count` active ones; return the violation, or zero."""
     q = ball.last
     nodes, triangles = mesh.nodes, mesh.triangles
     end = mesh.node_count
@@ -118,7 +119,7 @@ def is_covered(triangle: Triangle, plane: Plane, radius: float, slack: float) ->
 
 @kernel
 def drop_covered(mesh: MeshTree, planes: Many[Plane], count: int, radius: float, slack: float) -> int:
-    """Drop active planes whose triangle the next plane covers; return the number of those left."""
+    """Drop active planes whose triangle the next plane covers; return the number of the remaining ones."""
     i = 0
     left = count
     while i < left:
@@ -135,7 +136,8 @@ def drop_covered(mesh: MeshTree, planes: Many[Plane], count: int, radius: float,
 def hold(planes: Many[Plane], count: int, g: Vector, slack: float) -> tuple[int, Vector]:
     """Project g onto the region in front of `count` + 1 planes, the last one active; active planes move to the front.
 
-    Tries the last plane alone, with one other, with two others, until a point is in front of all; -1 if none is.
+    Try the last plane alone, then with one other, then with two others, until a point is in front of all; return -1 if
+    none is.
     """
     for size in range(3):
         for i in range(count if size > 0 else 1):

@@ -44,7 +44,7 @@ class MassProperties:
         centre: Centre of mass, (3,) [m].
         inertia: Inertia matrix about the centre, (3, 3) [kg m^2].
         moments: Principal moments, (3,) [kg m^2].
-        axes: Principal axes as columns, right-handed, (3, 3); the file's axes if its products of inertia vanish.
+        axes: Principal axes as columns, right-handed, (3, 3); the mesh's axes if its products of inertia vanish.
     """
 
     mass: float
@@ -56,13 +56,13 @@ class MassProperties:
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A surface of triangles that is valid for contact, as made by `make_mesh` and `load_mesh`.
+    """A triangle surface that is valid for contact; create it with `make_mesh` or `load_mesh`.
 
     Attributes:
         vertices: Vertices, (v, 3) [m].
         faces: Vertex indices of the triangles, (f, 3), counter-clockwise seen from outside.
         shell: True if the surface may be open; it is then touched from its front only.
-        notes: Repairs and suspicious findings, a sentence each.
+        notes: Repairs and warnings, one sentence each.
     """
 
     vertices: FloatArray
@@ -89,8 +89,8 @@ class Mesh:
     def contact(self, points: ArrayLike, state: FloatArray | None = None, *, radius: float = 0.0) -> Contacts:
         """Find contact points of fingers at `points` (n, 3) in the mesh's frame; `state` (n, STATE) is the last state.
 
-        `state` is updated in place. Without it every finger is new, and its contact point is the nearest one. With a
-        `radius` [m] the points are the centres of ball fingertips.
+        `state` is updated in place. Without `state` every finger is new, and its contact point is the nearest point.
+        With a `radius` [m] the points are the centres of ball fingertips.
         """
         p = finite("points", points, "finite positions of shape (n, 3)", largest=np.inf)
         if p.ndim != 2 or p.shape[1] != 3:
@@ -111,9 +111,9 @@ class Mesh:
         """Compute mass properties of the solid from its mass [kg] or density [kg/m^3]; of a shell, over its surface.
 
         Raises:
-            InputError: Neither or both are given, or a density for a shell; the surface has no inside, or crosses
-                itself so that its moments are not those of a body.
-            MissingPackageError: trimesh is not installed.
+            InputError: If neither or both are given, a density is given for a shell, the surface has no inside, or it
+                crosses itself so that its moments are not those of a body.
+            MissingPackageError: If trimesh is not installed.
         """
         amount = mass if mass is not None else density
         name = "mass" if mass is not None else "density"
@@ -134,7 +134,7 @@ class Mesh:
         moments, axes = _principal(0.5 * (inertia + inertia.T))
         if not 2.0 * moments.max() <= (1.0 + SHARP) * moments.sum() or not moments.min() > 0.0:
             solid = f"principal moments of {moments[0]:.3g}, {moments[1]:.3g} and {moments[2]:.3g} kg m^2"
-            do = "the surface crosses itself, so that parts of it count negatively: repair the file"
+            do = "the surface crosses itself, so that parts of its volume are negative: repair the file"
             raise InputError("mesh", solid, "moments of a body: positive, none larger than the sum of the others", do)
         return MassProperties(float(weight), middle + size * centre, inertia, moments, axes)
 
@@ -160,10 +160,10 @@ def load_mesh(
 ) -> Mesh:
     """Load a mesh from an STL, OBJ, PLY, OFF or GLB file, times `scale` (0.001 for a file in millimetres).
 
-    Only positions and triangles are read, no materials, and no other file that the file refers to.
+    Only positions and triangles are read; materials and referenced files are ignored.
 
     Raises:
-        InputError: The file cannot be read, exceeds `most_bytes` or `most_triangles`, or does not contain a valid
+        InputError: If the file cannot be read, exceeds `most_bytes` or `most_triangles`, or does not contain a valid
             surface.
     """
     vertices, faces = read_mesh_file(path, most_bytes, most_triangles)
@@ -175,12 +175,12 @@ def make_mesh(
 ) -> Mesh:
     """Make a mesh from vertices (v, 3) and triangles (f, 3), times `scale`, with checks and safe repairs.
 
-    Equal vertices are merged. Triangles without area are dropped, and their neighbours are cut at the vertex in the
+    Equal vertices are merged. Triangles without area are dropped, and their neighbours are split at the vertex in the
     middle of the shared side. Triangles that face the wrong way are reversed. `notes` lists every repair.
 
     Raises:
-        InputError: Values are not finite, there are no triangles, more than two triangles share an edge, or the surface
-            is open and not a shell.
+        InputError: If values are not finite, there are no triangles, more than two triangles share an edge, or the
+            surface is open and not a shell.
     """
     scale = number("scale", scale, "finite and above zero", zero=False)
     v = real(name, vertices, "finite coordinates")
@@ -195,40 +195,40 @@ def make_mesh(
     v[f] = scale * finite(name, v[f], "finite coordinates")
     size = float(np.ptp(v[f].reshape(-1, 3), axis=0).max())
     if not size > 0.0:
-        raise InputError(name, "all vertices at one point", "a surface with an extent")
+        raise InputError(name, "all vertices at one point", "a surface larger than a point")
 
     notes = []
     apart, count = (v, f), len(f)
     v, f, dropped, cut = _joined(*apart, 0.0, size)
     if not shell and _open_edges(f):
         v, f, dropped, cut = _joined(*apart, SAME_POINT * size, size)
-        notes.append(f"vertices closer than {SAME_POINT * size:.1g} m were joined, so that the surface may close")
+        notes.append(f"vertices closer than {SAME_POINT * size:.1g} m were merged to close the surface")
     if not len(f):
         raise InputError(name, "triangles without area only", "a surface of triangles")
     if dropped:
         notes.append(f"{dropped} of {count} triangles had no area and were dropped")
     if cut:
-        notes.append(f"{cut} triangles were cut at a corner in the middle of their side")
+        notes.append(f"{cut} triangles were split at a vertex in the middle of their side")
     crowded = half_edges(f)[2]
     if not shell and (crowded or _open_edges(f)):
         fault = f"{_open_edges(f)} open edges, {crowded} with more than two triangles"
-        do = "close it, or set shell = true to touch its front only"
+        do = "close it, or set shell = true for contact with its front only"
         raise InputError(name, fault, "a watertight surface", f"unite solids that touch, {do}" if crowded else do)
     f, turned, crossing = wound(v, f, closed=not shell)
     if turned == len(f):
-        notes.append("the triangles faced inwards and were all turned over")
+        notes.append("all triangles faced inwards and were reversed")
     elif turned:
-        notes.append(f"{turned} of {len(f)} triangles faced the wrong way and were turned over")
+        notes.append(f"{turned} of {len(f)} triangles faced the wrong way and were reversed")
     if crossing:
         notes.append(
-            f"{crossing} closed surfaces may cross: common volume counts twice or not at all, and fingers meet faces "
-            "inside; unite the solids, as trimesh.boolean.union does"
+            f"{crossing} closed surfaces may cross: their common volume is counted twice or not at all, and fingers "
+            "touch faces inside it; unite the solids, for example with trimesh.boolean.union"
         )
     return Mesh(v, f, shell, tuple(notes))
 
 
 def _joined(v: FloatArray, f: IntArray, distance: float, size: float) -> tuple[FloatArray, IntArray, int, int]:
-    """Merge vertices (within `distance`) and drop triangles without area; count the dropped and the cut ones."""
+    """Merge vertices (within `distance`) and drop triangles without area; count the dropped and the split triangles."""
     used, index = np.unique(f, return_inverse=True)
     points = v[used] + 0.0  # turns minus zero into zero
     keys = np.round(points / distance) if distance else points
@@ -241,7 +241,7 @@ def _joined(v: FloatArray, f: IntArray, distance: float, size: float) -> tuple[F
 
 
 def _without_area(v: FloatArray, f: IntArray, height: float) -> tuple[IntArray, int, int]:
-    """Drop triangles whose vertices are collinear, and cut the neighbour on the long side at the middle vertex."""
+    """Drop triangles whose vertices are collinear, and split the neighbour on the long side at the middle vertex."""
     f = f.copy()
     dropped = cut = 0
     for _ in range(ROUNDS):
@@ -275,7 +275,7 @@ def _without_area(v: FloatArray, f: IntArray, height: float) -> tuple[IntArray, 
 
 
 def _open_edges(f: IntArray) -> int:
-    """Count triangle sides that are shared with no other side, or with more than one."""
+    """Count the triangle sides that coincide with no other side, or with more than one."""
     return int((half_edges(f)[0] < 0).sum()) if len(f) else 0
 
 
@@ -293,7 +293,7 @@ def _principal(inertia: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _eigen(A: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Find the eigenvalues of a symmetric (3, 3), ascending, and eigenvectors as columns, by Jacobi rotations.
 
-    LAPACK's last digits depend on the processor; a scene's body must not.
+    LAPACK's last digits depend on the processor, and a scene's body must not depend on it.
     """
     A, Q = A.copy(), np.eye(3)
     for _ in range(ROTATIONS):
@@ -320,7 +320,7 @@ def _surface_properties(corners: FloatArray) -> tuple[float, FloatArray, FloatAr
 def _solid_properties(corners: FloatArray) -> tuple[float, FloatArray, FloatArray]:
     """Compute volume, centre, and inertia about it (unit density) of the solid within triangles (f, 3, 3).
 
-    Triangles make tetrahedra with a common apex, which count negatively where they face it.
+    Each triangle forms a tetrahedron with a common apex, with negative volume if the triangle faces the apex.
     """
     volumes = tetrahedra(corners)
     volume = float(volumes.sum())

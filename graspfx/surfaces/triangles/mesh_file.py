@@ -1,4 +1,4 @@
-"""Mesh files as vertices and triangles: STL, OBJ, PLY, OFF or GLB, of limited size, without files they refer to."""
+"""Reader of STL, OBJ, PLY, OFF and GLB mesh files of limited size; it does not open files that they refer to."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def read_mesh_file(path: str | PathLike[str], most_bytes: int, most_triangles: i
     """Read vertices (v, 3) and triangles (f, 3) from a file; other elements are ignored.
 
     Raises:
-        InputError: The file is missing, too large or damaged, or its suffix is not supported.
-        MissingPackageError: trimesh is not installed.
+        InputError: If the file is missing, too large or damaged, or its suffix is not supported.
+        MissingPackageError: If trimesh is not installed.
     """
     file = to_path("mesh", path)
     require_file("mesh", str(path), file, do="paths are relative to the scene's file")
@@ -42,7 +42,7 @@ def read_mesh_file(path: str | PathLike[str], most_bytes: int, most_triangles: i
     except OSError as error:
         raise InputError("mesh", str(path), "a file that can be read", error.strerror or "") from error
     if len(data) > most_bytes:
-        raise InputError("mesh", str(path), f"a file of at most {most_bytes} bytes", "raise most_bytes if it is meant")
+        raise InputError("mesh", str(path), f"a file of at most {most_bytes} bytes", "raise most_bytes to read it")
     if kind == ".stl" and (missing := _missing_of_stl(data)):
         raise InputError("mesh", str(path), "a sound stl file", f"it is truncated: {missing}; copy or export it again")
     trimesh = load_trimesh()
@@ -54,11 +54,13 @@ def read_mesh_file(path: str | PathLike[str], most_bytes: int, most_triangles: i
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:LONGEST]
         raise InputError("mesh", str(path), f"a sound {kind[1:]} file", f"trimesh cannot read it: {reason}") from error
     if count > most_triangles:
-        fault = f"{count} triangles, more than the {most_triangles} of most_triangles"
-        raise InputError("mesh", str(path), f"at most {most_triangles} triangles", f"{fault}; raise it if it is meant")
+        fault = f"it has {count} triangles, and most_triangles is {most_triangles}"
+        raise InputError(
+            "mesh", str(path), f"at most {most_triangles} triangles", f"{fault}; raise it to read the file"
+        )
     fault = "it has no triangles" if not len(faces) else ""
     if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
-        fault = f"a triangle has vertices that are not there: there are {len(vertices)}"
+        fault = f"a triangle refers to a missing vertex: there are {len(vertices)} vertices"
     if fault:
         raise InputError("mesh", str(path), f"a sound {kind[1:]} file", fault)
     return vertices, faces
@@ -68,7 +70,7 @@ def load_trimesh() -> Any:
     """Import trimesh.
 
     Raises:
-        MissingPackageError: trimesh is not installed.
+        MissingPackageError: If trimesh is not installed.
     """
     try:
         return import_module("trimesh")
@@ -81,10 +83,10 @@ def _missing_of_stl(data: bytes) -> str:
     if _is_text_stl(data):
         return "" if b"endsolid" in data[-LAST_LINE:] else "it ends without endsolid"
     if len(data) < STL_HEAD:
-        return f"{len(data)} bytes, shorter than its head of {STL_HEAD}"
+        return f"it has {len(data)} bytes, and its header alone takes {STL_HEAD}"
     count = int.from_bytes(data[STL_HEAD - 4 : STL_HEAD], "little")
     whole = STL_HEAD + STL_TRIANGLE * count
-    return f"{len(data)} bytes, where its {count} triangles take {whole}" if len(data) < whole else ""
+    return f"it has {len(data)} bytes, and its {count} triangles take {whole}" if len(data) < whole else ""
 
 
 def _is_text_stl(data: bytes) -> bool:

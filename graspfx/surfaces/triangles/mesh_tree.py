@@ -27,7 +27,7 @@ class Triangle(Record):
 
 
 class Vertex(Record):
-    """Data of a vertex that its triangles do not hold."""
+    """Data of a vertex except its coordinates, which the triangles store."""
 
     pseudonormal: Vector  # outward unit vector: the triangles' normals weighted by their angles
     ring: int  # index of its first triangle in `rings`

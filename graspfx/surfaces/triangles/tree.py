@@ -60,7 +60,7 @@ def flatten(vertices: FloatArray, faces: IntArray, *, closed: bool) -> FloatArra
 def box_tree(corners: FloatArray) -> tuple[IntArray, FloatArray, IntArray, IntArray]:
     """Build the tree over triangles (f, 3, 3): their order, and each node's box (6,), `skip` and `first`.
 
-    The last row ends the tree: no box, `first` is f.
+    The last row ends the tree: it has no box, and its `first` is f.
     """
     count = len(corners)
     depth = max(0, int(np.ceil(np.log2(count / LEAF))))
@@ -93,10 +93,11 @@ def box_tree(corners: FloatArray) -> tuple[IntArray, FloatArray, IntArray, IntAr
 
 
 def half_edges(faces: IntArray) -> tuple[IntArray, NDArray[np.bool_], int]:
-    """Find the half edge across each half edge (side of a triangle: 3 f + 0, 1, 2 for ab, bc, ca) of faces (f, 3).
+    """Find the opposite of each half edge (side of a triangle: 3 f + 0, 1, 2 for ab, bc, ca) of faces (f, 3).
 
-    Returns the opposite half edge, (f, 3), -1 at a boundary or if more than two triangles meet; whether both run the
-    same way, which means that one of the triangles is reversed; and the number of edges with more than two triangles.
+    Return the opposite half edge, (f, 3), -1 at a boundary or if more than two triangles share the edge; whether both
+    have the same direction, which means that one of the triangles is reversed; and the number of edges with more than
+    two triangles.
     """
     sides = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     low, high = sides.min(axis=1), sides.max(axis=1)
@@ -130,7 +131,7 @@ def face_normals(corners: FloatArray) -> FloatArray:
 def vertex_normals(corners: FloatArray, faces: IntArray, normals: FloatArray, vertices: int) -> FloatArray:
     """Compute angle-weighted unit pseudonormals (v, 3).
 
-    They give the correct sign at every vertex (Baerentzen and Aanaes, 2005).
+    With them, the sign of the distance is correct at every vertex (Baerentzen and Aanaes, 2005).
     """
     total = np.zeros((vertices, 3))
     for k in range(3):

@@ -22,7 +22,7 @@ class Foot:
 
 @inline
 def scale_at(mesh: MeshTree, g: Vector) -> float:
-    """Return the length to which rounding at g is relative [m]."""
+    """Return the length to which rounding errors at g are relative [m]."""
     return mesh.extent + abs(g.x) + abs(g.y) + abs(g.z)
 
 

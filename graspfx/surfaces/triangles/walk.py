@@ -2,13 +2,13 @@
 
 A finger is free or in contact, and keeps its state until one of these events:
 
-- free: while it moves by less than its distance from the surface it cannot touch. Otherwise the segment from its last
-  position to its position is cast against the triangles that face it. Within its reach, its nearest point is found in
-  every sample.
+- free: while it moves by less than its distance from the surface, it cannot touch it. Otherwise the segment from its
+  last position to its position is cast against the triangles that face it. Within reach of the surface, the nearest
+  point is found in every sample.
 - in contact: the contact point descends over edges and vertices to the nearest point in its neighbourhood (Zilles and
   Salisbury, 1995; Ho, Basdogan and Srinivasan, 1999), so that the side on which it entered holds a finger deep in a
-  thin plate. Once the finger is outside as seen from there, by the pseudonormal (Baerentzen and Aanaes, 2005), it is
-  released; the segment from the contact point to the finger is then cast in the same sample.
+  thin plate. Once the finger is outside, by the pseudonormal at that point (Baerentzen and Aanaes, 2005), it is
+  released. The segment from the contact point to the finger is then cast in the same sample.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Orientation of a surface's triangles: consistent within each piece, outwards, and inwards around a cavity."""
+"""Orientation of a surface's triangles: consistent within each piece, outwards, or inwards around a cavity."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def wound(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tuple[IntAr
     The third result is the number of closed pieces that may cross another.
 
     Raises:
-        InputError: There are too many pieces, or too many nested pieces.
+        InputError: If there are too many pieces, or too many nested pieces.
     """
     across, same, _ = half_edges(faces)
     pieces, turned = _agree(across // 3, same & (across >= 0))
@@ -86,7 +86,7 @@ def _crossing(low: FloatArray, high: FloatArray, cavity: NDArray[np.bool_]) -> i
 
 
 def _cavities(corners: FloatArray, pieces: IntArray, low: FloatArray, high: FloatArray) -> NDArray[np.bool_]:
-    """Find the pieces inside an odd number of others, by the solid angle of each piece from a point of the other."""
+    """Find the pieces inside an odd number of others, by each piece's solid angle as seen from a point of the other."""
     count = len(low)
     first = np.unique(pieces, return_index=True)[1]
     cavity = np.zeros(count, dtype=bool)
@@ -101,7 +101,7 @@ def _cavities(corners: FloatArray, pieces: IntArray, low: FloatArray, high: Floa
         faces = np.concatenate([order[ends[k - 1] if k else 0 : ends[k]] for k in np.flatnonzero(around)])
         work += len(faces)
         if work > MOST_WORK:
-            raise InputError("mesh", f"{count} pieces", "fewer nested pieces", "leave out what is inside")
+            raise InputError("mesh", f"{count} pieces", "fewer nested pieces", "remove the pieces inside others")
         turns = np.bincount(pieces[faces], _turns(corners[faces] - point), minlength=count)
         cavity[piece] = (np.abs(turns) > 0.5).sum() % 2
     return cavity

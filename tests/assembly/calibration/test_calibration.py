@@ -98,7 +98,7 @@ def test_measures_go_into_the_scene_and_its_certificate(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("settings", "says"),
-    [({"stuck": True}, "moved by 0 um under 0.1 N"), ({"way": -1.0}, "its motors turn the wrong way")],
+    [({"stuck": True}, "moved by 0 um under 0.1 N"), ({"way": -1.0}, "its motors turn in the wrong direction")],
 )
 @pytest.mark.usefixtures("virtual")
 def test_a_finger_that_does_not_answer_is_told(settings: dict[str, Any], says: str, tmp_path: Path) -> None:
@@ -143,7 +143,7 @@ def test_a_force_does_not_stand_while_the_machine_is_away(
     if pause < 0.006:
         calibrate(square(file), pulses=20)
         return
-    with pytest.raises(DeviceError, match=r"periods of 0\.001 s in a row were skipped, expected at most 5"):
+    with pytest.raises(DeviceError, match=r"successive periods of 0\.001 s were skipped, expected at most 5"):
         calibrate(square(file), pulses=20)
     log = late_masses(file)[-1].log
     assert log[-2:] == ["stop", "close"]
@@ -208,9 +208,9 @@ def test_a_person_shows_axes_and_zero(tmp_path: Path) -> None:
     result = calibrate(square(file).replace({"safety.speed": 50.0}), pulses=20, prompt=person)
     measures = result.devices[0]
     assert measures.axes["finger0"]["x"].startswith("WRONG: it moved along -x")
-    assert measures.axes["finger0"]["y"] == "right: it moved along +y"
+    assert measures.axes["finger0"]["y"] == "correct: it moved along +y"
     assert measures.zero["finger0"] == pytest.approx([0.004, -0.003], abs=1e-4)
-    assert said[0].startswith("bring finger0")
+    assert said[0].startswith("move finger0")
     text = "\n".join(measures.lines())
     assert "WRONG" in text and "read at" in text
 

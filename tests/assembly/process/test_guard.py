@@ -100,7 +100,7 @@ def test_a_device_that_cannot_be_stopped_is_quenched(tmp_path: Path) -> None:
         run.end()
     order = [each.what for each in run.log]
     assert order.index("close") < order.index("quench") < order.index("whole")
-    assert "cannot be stopped, and may keep its force" in str(Recording.load(run.out).faults)
+    assert "cannot be stopped and may keep its force" in str(Recording.load(run.out).faults)
 
 
 def test_a_driver_that_never_returns_is_ended_and_quenched(tmp_path: Path) -> None:
@@ -235,7 +235,7 @@ def test_a_servo_that_is_stopped_for_3_20_70_and_500_ms(tmp_path: Path) -> None:
             break
     assert all(early)
     assert sum(any(torques) for at, torques in wire.frames if at > resumed) <= 2  # a tick's end, and a question
-    assert "periods of 0.02 s in a row were skipped, expected at most 5" in session.recording.faults[0].message
+    assert "successive periods of 0.02 s were skipped, expected at most 5" in session.recording.faults[0].message
     assert 22 <= session.recording.outcome.skipped < 60
     assert 0.4 < session.recording.outcome.late["max"] < 0.8
 
@@ -318,8 +318,8 @@ def test_every_device_is_quenched_whatever_another_one_does(monkeypatch: pytest.
     assert texts[1] == f"the force of one {silent}: OSError: no such port"
     assert texts[2].startswith("the force of two was removed in ")
     assert texts[3] == "the watchdog of three removes its force within 0.02 s"
-    assert texts[4] == "the force of four could not be removed (OSError: no such port); its watchdog drops it"
-    assert texts[5] == "the force of five could not be removed within 0.2 s; its watchdog drops it"
+    assert texts[4] == "the force of four could not be removed (OSError: no such port); its watchdog removes it"
+    assert texts[5] == "the force of five could not be removed within 0.2 s; its watchdog removes it"
     assert texts[6] == f"the force of six {silent}: SystemExit: 5"
     assert sorted(calls) == ["fail", "fail", "two"]
 

@@ -191,7 +191,7 @@ def test_path_from_a_file(tmp_path):
         ("t,x\n0,0\n1,1,1\n", r"path.csv:3"),
         ("t,x\n0,0\n1,nan\n", r"path.csv:3"),
         ("t,x\n0,0\n", r"path.csv: times: .*two or more"),
-        ("t,x\n0,0\n1,1\n1,2\n", r"path.csv: times: .*later"),
+        ("t,x\n0,0\n1,1\n1,2\n", r"path.csv: times: .*strictly increasing"),
     ],
 )
 def test_faults_of_a_file_name_their_line(tmp_path, text, said):
@@ -233,7 +233,7 @@ def test_direction():
         (lambda: Levels([[1.0, 0.0]]), "steps"),
         (lambda: Levels([[1.0, 0.0, np.nan]]), "steps"),
         (lambda: Levels([[1.0, 0.0, -0.1]]), "steps.*zero or more"),
-        (lambda: Levels([[1.0, 0.0, 1.0], [2.0, 0.9, 1.0]]), "steps.*before the end of the one before"),
+        (lambda: Levels([[1.0, 0.0, 1.0], [2.0, 0.9, 1.0]]), "steps.*before the end of the previous one"),
         (lambda: Sum([]), "motions.*one or more motions"),
         (lambda: Sum([Reach([1.0]), Reach([1.0, 2.0])]), "motions.*same number"),
         (lambda: Path([0.0], [[1.0]]), "times"),

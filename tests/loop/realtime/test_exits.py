@@ -185,7 +185,7 @@ def test_a_recorder_that_is_stopped_holds_up_no_tick_until_it_gives_no_sign_of_l
         run.signal(signal.SIGCONT)
         run.end()
     rec = Recording.load(run.out)
-    assert rec.outcome.cause == "the recording process gives no sign of life"
+    assert rec.outcome.cause == "the recording process sends no heartbeat"
     assert rec.outcome.lost == 0
     assert len(rec) == forces(run)
     assert np.isfinite(rec.finger_position).all()

@@ -170,7 +170,7 @@ def test_devices_are_stopped_before_they_are_read_where_a_tick_is_late(
     session.run(HANG + 1)
     last = len(events) - events[::-1].index("write")
     assert events[last : last + 4] == ["stop", "stop", "read", "read"]
-    assert "99 periods of" in session.finish().outcome.faults[0].message
+    assert "99 successive periods of" in session.finish().outcome.faults[0].message
 
 
 @pytest.mark.parametrize("scale", [0.5, 3.0])

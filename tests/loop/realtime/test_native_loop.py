@@ -44,9 +44,9 @@ KINDS: dict[str, tuple[dict[str, Any], str]] = {
     "a write that fails": ({"refusals": [0] * 60 + [-3]}, "code -3"),
     "NaN": ({"spoil": (100, np.nan)}, "which are not finite"),
     "infinity": ({"spoil": (100, [[[np.inf]], [[0.0]]])}, "which are not finite"),
-    "a jump": ({"spoil": (100, [[[0.5]], [[0.0]]])}, "gave a position 0.5"),
-    "too quick": ({"spoil": (100, [[[-0.0255]], [[40.0]]])}, "gave a velocity of 40 m/s"),
-    "zeros": ({"spoil": (100, 0.0)}, "gave zeros for everything"),
+    "a jump": ({"spoil": (100, [[[0.5]], [[0.0]]])}, "returned a position 0.5"),
+    "too quick": ({"spoil": (100, [[[-0.0255]], [[40.0]]])}, "returned a velocity of 40 m/s"),
+    "zeros": ({"spoil": (100, 0.0)}, "returned only zeros"),
     "a limit": ({"safety.force": 0.05}, ""),
     "every third tick": ({"record.every": 3}, ""),
 }
@@ -162,7 +162,7 @@ def test_a_device_that_cannot_be_stopped_is_a_fault(tmp_path: Path, monkeypatch:
     session.run(TICKS)
     faults = session.finish().outcome.faults
     assert [fault.tick for fault in faults] == [60, 60]
-    assert "finger1 (Scripted) cannot be stopped, and may keep its force: switch it off: code -4" in faults[1].message
+    assert "finger1 (Scripted) cannot be stopped and may keep its force; switch it off: code -4" in faults[1].message
 
 
 def test_a_device_without_its_functions_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -52,7 +52,7 @@ def test_nothing_of_a_faulty_reading_is_taken_over() -> None:
     assert readings.take(reading(0.01, 0.2, 1.0)) == ""
     bad = reading(0.011, 0.1, 1.001)
     bad[1][1, 2] = np.nan
-    assert readings.take(bad).startswith("gave [[0.1, 0.1, 0.1], [0.1, 0.1, nan]] for velocities, which are not")
+    assert readings.take(bad).startswith("returned [[0.1, 0.1, 0.1], [0.1, 0.1, nan]] for velocities, which are not")
     assert (readings.position == 0.01).all()
     assert (readings.velocity == 0.2).all()
     assert readings.time == 1.0
@@ -67,7 +67,7 @@ def test_samples_that_are_held() -> None:
         assert not readings.is_fresh
         assert (readings.position == 0.01).all()
         assert (readings.velocity == 0.2).all()
-    assert "no new sample in 4 readings in a row: each has the time 1 s" in readings.take(reading(0.01, 0.0, 1.0))
+    assert "no new sample in 4 successive readings: all have the time 1 s" in readings.take(reading(0.01, 0.0, 1.0))
     fresh = make()
     fresh.take(reading(0.01, 0.0, 1.0))
     for k in range(20):  # every fourth is new
@@ -94,7 +94,7 @@ def test_a_step_may_be_as_long_as_the_time_since_the_last_sample() -> None:
 def test_a_clock_that_runs_back(time: float) -> None:
     readings = make()
     readings.take(reading(0.01, 0.0, 1.0))
-    assert "its clock ran back" in readings.take(reading(0.01, 0.0, time))
+    assert "its clock ran backwards" in readings.take(reading(0.01, 0.0, time))
 
 
 def test_a_simulation_is_held_to_shape_type_and_finiteness_only() -> None:

@@ -148,10 +148,10 @@ def test_a_flat_shell_bears_what_falls_on_it_and_rests_on_a_floor() -> None:
 @pytest.mark.parametrize(
     ("key", "light"),
     [
-        ("object.0.mass: the least moment", {"mass": 1e-9, "shape": {"kind": "sphere", "radius": 1e-4}}),
-        ("object.0.density: the least moment", {"mass": None, "density": 1e3, "shape": SPECK}),
+        ("object.0.mass: the smallest moment", {"mass": 1e-9, "shape": {"kind": "sphere", "radius": 1e-4}}),
+        ("object.0.density: the smallest moment", {"mass": None, "density": 1e3, "shape": SPECK}),
         ("object.0.mass: the mass is 1e-16 kg", {"mass": 1e-16, "inertia": [1e-9] * 3}),
-        ("object.0.inertia: the least moment", {"inertia": [1e-16] * 3}),
+        ("object.0.inertia: the smallest moment", {"inertia": [1e-16] * 3}),
     ],
 )  # fmt: skip
 def test_a_body_too_light_for_mujoco_is_a_fault_that_names_the_key_and_a_way_out(key: str, light: Any) -> None:

@@ -142,7 +142,7 @@ def test_locked_freedoms_bear_what_a_contact_gives_them(free: tuple[int, ...]) -
 
 def test_two_of_three_rotations_are_refused_among_contacts_only() -> None:
     free = (1, 1, 1, 1, 1, 0)
-    with pytest.raises(InputError, match="none, one or three for a body that meets others"):
+    with pytest.raises(InputError, match="none, one or three for a body with contacts"):
         world(member(3, Box((0.05, 0.04, 0.03)), free=free), obstacles=(FLOOR,))
     state = member(3, Box((0.05, 0.04, 0.03)), free=free).state
     body = MujocoBody(state)

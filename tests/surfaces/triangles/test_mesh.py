@@ -93,7 +93,7 @@ def test_inverted_winding_is_fixed_and_said() -> None:
     mesh = make_mesh(v, f[:, ::-1])
     assert volume(mesh) == pytest.approx(volume(make_mesh(v, f)))
     assert volume(mesh) > 0
-    assert mesh.notes == ("the triangles faced inwards and were all turned over",)
+    assert mesh.notes == ("all triangles faced inwards and were reversed",)
 
 
 def test_mixed_winding_is_fixed_and_counted() -> None:
@@ -102,7 +102,7 @@ def test_mixed_winding_is_fixed_and_counted() -> None:
     mesh = make_mesh(v, np.where(wrong[:, None], f[:, ::-1], f))
     assert not half_edges(mesh.faces)[1].any()
     assert volume(mesh) == pytest.approx(volume(make_mesh(v, f)), rel=1e-14)
-    assert mesh.notes == (f"{wrong.sum()} of 1280 triangles faced the wrong way and were turned over",)
+    assert mesh.notes == (f"{wrong.sum()} of 1280 triangles faced the wrong way and were reversed",)
 
 
 @pytest.mark.parametrize("turned", [(), (0,), (1,), (2,), (0, 1, 2)])
@@ -158,7 +158,7 @@ def test_a_shell_keeps_the_side_of_most_of_its_triangles() -> None:
     assert {tuple(np.sort(row)) for row in mesh.faces} == {tuple(np.sort(row)) for row in f}
     a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
     assert (np.cross(b - a, c - a)[:, 2] > 0).all()
-    assert mesh.notes == ("2 of 72 triangles faced the wrong way and were turned over",)
+    assert mesh.notes == ("2 of 72 triangles faced the wrong way and were reversed",)
 
 
 def test_triangles_without_area_are_dropped_and_counted() -> None:
@@ -188,7 +188,7 @@ def test_a_flat_triangle_in_a_seam_leaves_the_surface_closed() -> None:
     assert volume(mesh) == pytest.approx(0.1 * 0.08 * 0.001, rel=1e-12)
     assert mesh.notes == (
         "1 of 14 triangles had no area and were dropped",
-        "1 triangles were cut at a corner in the middle of their side",
+        "1 triangles were split at a vertex in the middle of their side",
     )
 
 
@@ -198,7 +198,7 @@ def test_corners_that_nearly_meet_are_joined() -> None:
     rng = np.random.default_rng(2)
     mesh = make_mesh(v + rng.uniform(-5e-10, 5e-10, v.shape) + 1.3e-8, f)
     assert (len(mesh.vertices), len(mesh.faces)) == (12, 20)
-    assert "joined" in mesh.notes[0]
+    assert "merged" in mesh.notes[0]
     with pytest.raises(InputError, match="open edges"):
         make_mesh(v + rng.uniform(-1e-5, 1e-5, v.shape), f)
 
@@ -213,7 +213,7 @@ def test_corners_that_nearly_meet_are_joined() -> None:
         ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0.5, 1, 2]], "whole numbers"),
         ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.zeros((0, 3), int), "surface of triangles"),
         ([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]], "surface of triangles"),
-        ([[1, 1, 1], [1, 1, 1], [1, 1, 1]], [[0, 1, 2]], "extent"),
+        ([[1, 1, 1], [1, 1, 1], [1, 1, 1]], [[0, 1, 2]], "larger than a point"),
         ([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]], "without area"),
     ],
 )
