@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from contextlib import redirect_stdout
+from contextlib import chdir, redirect_stdout
 from doctest import DocTestParser
 from io import StringIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
-HERE = Path(__file__).parent
+from tests.support import page_files
+
+HERE = Path(__file__).resolve().parent
 PAGE = HERE.parent / "tutorial" / "your-own-scene.md"
 
 
 def draw() -> None:
     names: dict[str, Any] = {}
-    with redirect_stdout(StringIO()):
+    with TemporaryDirectory() as folder, chdir(folder), redirect_stdout(StringIO()):
+        page_files.write(PAGE, Path(folder))
         for example in DocTestParser().get_examples(PAGE.read_text("utf-8")):
             exec(example.source, names)
             if "rec" in names:
