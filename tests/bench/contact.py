@@ -21,12 +21,12 @@ FloatArray = NDArray[np.float64]
 
 TITLE = "Contact with meshes: five fingers that press and slide"
 LIMITS = """
-Our time is that of a whole tick of `session.step`, with devices, coupling, object and a recorded row; the peers' is
-that of their library's queries alone, called from Python at the places where the fingers were. The error is that of the
-way from finger to contact point (zero outside), the largest over the run: what times a gain is the force. On the sphere
-every contact point counts as right that a finger may be held by, so that methods without a memory are right too; on the
-plate it is the one on the side that the finger came from. The peers take the side from the triangle of their nearest
-point. PyBullet is asked up to 2000 triangles.
+The time of GraspFX is that of a whole tick of `session.step`, with devices, coupling, object and a recorded row; that
+of the peers covers their library's queries only, called from Python at the positions of the fingers. The error is the
+largest error, over the run, of the displacement from finger to contact point (zero outside), which is multiplied by a
+gain to obtain the force. On the sphere every contact point that may hold a finger is accepted, so that methods
+without a memory are also correct; on the plate it must be on the side from which the finger came. The peers take the
+side from the triangle of their nearest point. PyBullet is used up to 2000 triangles.
 """
 
 RADIUS, THICKNESS = 0.04, 0.001  # of the sphere, of the plate [m]

@@ -21,12 +21,12 @@ Plant = tuple[float, float, float]  # m, b and k of m x'' + b x' + k x = u
 
 TITLE = "Limits of stability: maps and certificates"
 LIMITS = """
-Times are per point of a map, of the call of `external_limit_map` or `wall_limit_map`. The peers know no closed form:
-they sample the plants and look for the gain at which the largest eigenvalue of the loop meets the unit circle, or its
-Nyquist curve the point -1; python-control finds all margins of any loop, of which one is used. They are timed on a few
-of the points. Errors are of those points, all with friction, without delay, against 30 digits. Certificates are whole
-calls of `gx.certify`, every limit included; the error is that of the spectral radius of the loop, linearised anew, at
-the limit of the external gain, which is 1.
+Times are per point of a map, from a call of `external_limit_map` or `wall_limit_map`. The peers have no closed form:
+they sample the plants and search for the gain at which the largest eigenvalue of the loop meets the unit circle, or
+its Nyquist curve the point -1; python-control finds all margins of any loop, of which one is used. They are timed on
+a few of the points. Errors are at these points, all with friction, without delay, against 30 digits. Certificates are
+whole calls of `gx.certify`, with every limit. Their error is that of the spectral radius of the loop, which is
+linearised again at the limit of the external gain and should be 1.
 """
 
 T, SPRING, FRICTION, OBJECT = 0.005, 33.0, 0.2, 0.1

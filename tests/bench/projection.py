@@ -20,12 +20,12 @@ FloatArray = NDArray[np.float64]
 
 TITLE = "Forces in cones"
 LIMITS = """
-Given are K and e in contact frames; clarabel and Gauss-Seidel get the inverse of K, and the time to make it is not
-theirs. Clarabel's solver is made once and given new numbers at each call; Gauss-Seidel is compiled by numba.
-`gx.unilateral_force` is the public call, a Python program that takes any gain matrix; a tick solves such problems in
-machine code, within the times of "Ticks of built-in scenes". Coulomb's law has no convex problem, so clarabel is not
-there; problems for which no Coulomb answer was found are left out, so that failures do not show. Errors are against 50
-digits.
+The inputs are K and e in contact frames. clarabel and Gauss-Seidel receive the inverse of K, and its computation is
+not included in their time. Clarabel's solver is created once and receives new numbers at each call; Gauss-Seidel is
+compiled by numba. `gx.unilateral_force` is the public call, a Python program for any gain matrix; a tick solves such
+problems in machine code, within the times of "Ticks of built-in scenes". Coulomb's law is not a convex problem, so
+clarabel is missing there. Problems for which no solution of Coulomb's law was found are omitted, so that failures are
+not shown. Errors are against 50 digits.
 """
 
 INTERNAL, FRICTION = 70.0, 0.5  # [N/m]

@@ -22,11 +22,11 @@ LINE, FRAME = 0.3, 0.5  # of the picture [inches]
 
 HEAD = """# Benchmarks
 
-Run time beside error, of what a user calls and of other programs that solve the same problem. `make bench` measures everything, some ten minutes, and writes this page; do not edit it. `python -m tests.bench NAME` prints one benchmark with all of its rows. `graspfx bench SCENE` measures the choices of a scene of your own, and `graspfx bench` what the package alone can.
+This page lists run time and error of calls that users make, and of other programs that solve the same problem. `make bench` measures everything in about ten minutes and writes this page; do not edit it. `python -m tests.bench NAME` prints one benchmark with all of its rows. `graspfx bench SCENE` measures the choices of your own scene, and `graspfx bench` the benchmarks that need no other package.
 
-Every method is called in the same process on the same inputs, its result is checked against an oracle first, and methods are timed in turns; a time is that of one operation, the best of all rounds. Behind it stands the largest error over the inputs, and of the others in brackets their time over the quickest of ours that is timed there: **below 1 they are quicker**, and such lines stay in. Others are set up once and written as their own users would for speed, with one BLAS thread for all; their authors may know a quicker way, and they solve more general problems, or this one alone. Compare within a line: times of two machines differ by caches, vector units and libraries.
+Every method is called in the same process on the same inputs. Its result is first checked against an oracle, and methods are timed in turns; a time is that of one operation, the best of all rounds. It is followed by the largest error over the inputs and, for other programs, in brackets by their time divided by that of the fastest method of GraspFX timed there: **below 1 they are faster**, and such lines are included. The other programs are set up once and written for speed, as their own users would, with one BLAS thread for all. Their authors may know a faster way, and they solve more general problems, or only this one. Compare within a line: times of two machines differ by caches, vector units and libraries.
 
-![Which programs are quicker than GraspFX, and by how much?](pictures/benchmarks.png)
+![Ratios of run times: the programs that are faster than GraspFX, and those that are slower](pictures/benchmarks.png)
 """  # noqa: E501
 
 

@@ -33,12 +33,13 @@ FloatArray = NDArray[np.float64]
 
 TITLE = "Whole runs: devices, coupling, object, recording"
 LIMITS = """
-Times are per tick, of whole calls: the scene built and checked, its program loaded, the ticks, a row of everything for
-each, and the recording. Programs are compiled beforehand (see Start-up for what that takes). The peers keep positions
-and forces, or the state, and know that the fingers stay attached, so that K never changes in the object's frame;
-GraspFX checks contacts, limits and faults in every tick. MuJoCo has springs instead of eq. (4), so it takes part where
-kep = kip. PyBullet's bare calls are given the wrenches of a run of ours. Errors are those of the contact points after
-1 s at T = 5 ms, against the same springs without sampling: ours holds forces over a sample, as a device does.
+Times are per tick, of whole calls: building and checking the scene, loading its program, the ticks with a complete
+row for each, and the recording. Programs are compiled beforehand (Start-up shows the time for that). The peers store
+positions and forces, or the state, and assume that the fingers stay attached, so that K never changes in the object's
+frame; GraspFX checks contacts, limits and faults in every tick. MuJoCo has springs instead of eq. (4), so it takes
+part only where kep = kip. PyBullet's bare calls receive the wrenches of a run of GraspFX. Errors are those of the
+contact points after 1 s at T = 5 ms, against the same springs without sampling: GraspFX holds forces over a sample,
+as a device does.
 """
 
 T, SECONDS = 0.005, 1.0  # [s]
