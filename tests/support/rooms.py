@@ -149,22 +149,22 @@ def _listed(names: Collection[str], order: list[str]) -> str:
     return ", ".join(name for name in order if name in names)
 
 
-HEAD = """# The map of rooms
+HEAD = """# Map of packages
 
-Drawn from the import statements by `make map`; a test holds it against the code. An arrow leads from a room to one that
-it imports; those that lead over another room as well are left out. All arrows lead down, and no two files import one
-another, not even in a function or for type checkers alone.
+`make map` draws this map from the import statements, and a test compares it with the code. An arrow points from a
+package to a package that it imports; arrows that follow from others are omitted. All arrows point down, and no two
+files import one another, not even in a function or for type checkers only.
 
 ```mermaid
 flowchart TD"""
 
 MIDDLE = """```
 
-A method may import what it asks of a room above its own: these imports are listed, one by one, in pyproject.toml
-(`ignore_imports` of the contract `rooms`), and are not drawn here.
-Drivers stand on the shelf `devices/`, apart from the framework, and import `graspfx.protocols` only.
+A method may import a function of a package above its own. pyproject.toml lists each of these imports
+(`ignore_imports` of the contract `rooms`), and they are not drawn here.
+Drivers are in `devices/`, outside of the framework, and import `graspfx.protocols` only.
 
-| room | subject | imports |
+| package | subject | imports |
 |---|---|---|"""
 
 
