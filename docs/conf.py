@@ -40,7 +40,7 @@ myst_dmath_double_inline = True
 
 
 def _program() -> str:
-    """Compute a hash of all that cells can call: pages are executed again when it is another."""
+    """Compute a hash of all code that cells can call: pages are executed again when it changes."""
     files = sorted(path for shelf in ("graspfx", "devices", "scenes") for path in (ROOT / shelf).rglob("*"))
     sources = (path for path in files if path.is_file() and path.suffix != ".pyc")
     return sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:16]

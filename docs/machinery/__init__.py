@@ -1,1 +1,1 @@
-"""Parts of the documentation site that Sphinx does not have; docs/conf.py names them."""
+"""Extensions of Sphinx for the documentation site; docs/conf.py lists them."""

@@ -1,4 +1,4 @@
-"""Docstrings as reST: they are plain text that `help()` shows, with backticks and Google's sections."""
+"""Docstrings converted to reST from plain text as `help()` shows it, with backticks and Google's sections."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ HAZARDS = re.compile(r"`(?P<code>[^`]+)`|[\\*|]|_(?!\w)")  # what reST would rea
 
 
 def as_rest(lines: Sequence[str], places: Mapping[str, str]) -> list[str]:
-    """Write a docstring for reST and napoleon, which reads its sections."""
+    """Convert a docstring to reST; napoleon converts its sections."""
     return list(_escaped(_one_each(lines), places))
 
 
 def plain(text: str, places: Mapping[str, str]) -> str:
-    """Write plain text, in which only backticks mean something, as reST.
+    """Convert plain text to reST; only backticks have a meaning in it.
 
     Args:
-        text: of one line.
-        places: where each public name stands in the index; the names become links.
+        text: Text of one line.
+        places: Place of each public name in the index; the names become links.
     """
 
     def one(match: re.Match[str]) -> str:
@@ -36,7 +36,7 @@ def plain(text: str, places: Mapping[str, str]) -> str:
 
 
 def _one_each(lines: Sequence[str]) -> list[str]:
-    """Give each name of an entry such as `width, height: of the window` an entry of its own."""
+    """Divide an entry with several names, such as `width, height: Size of the window`, into one entry per name."""
     written: list[str] = []
     section, entry = "", []
     for line in [*lines, "end"]:
@@ -57,7 +57,7 @@ def _one_each(lines: Sequence[str]) -> list[str]:
 
 
 def _escaped(lines: Sequence[str], places: Mapping[str, str]) -> Iterator[str]:
-    """Write plain lines as reST; what stands indented after an empty line, formulas and code, stays as it is."""
+    """Convert plain lines to reST; formulas and code, indented after an empty line, are not changed."""
     as_it_is = False
     for i, (before, line) in enumerate(zip(["", *lines], lines, strict=False)):
         if line and not line.startswith("    "):

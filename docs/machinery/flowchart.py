@@ -1,4 +1,4 @@
-"""Flow charts, which are written as lists of arrows, drawn in layers: every arrow leads down."""
+"""Flow charts, written as lists of arrows and drawn in layers: every arrow points down."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def drawing(text: str) -> str:
 
 
 def _layers(arrows: Sequence[tuple[str, str]]) -> list[list[str]]:
-    """Put each node below all that lead to it."""
+    """Place each node below all nodes with an arrow to it."""
     names = list(dict.fromkeys(name for arrow in arrows for name in arrow))
     depth = dict.fromkeys(names, 0)
     for _ in names:
@@ -42,7 +42,7 @@ def _layers(arrows: Sequence[tuple[str, str]]) -> list[list[str]]:
 
 
 def _ordered(layers: list[list[str]], arrows: Sequence[tuple[str, str]]) -> list[list[str]]:
-    """Order each layer by the middle of the nodes that its own are joined to."""
+    """Order the nodes of each layer by the mean position of their neighbours."""
     beside: dict[str, list[str]] = {name: [] for layer in layers for name in layer}
     for a, b in arrows:
         beside[a].append(b)
@@ -58,7 +58,7 @@ def _mean(names: Sequence[str], places: Mapping[str, tuple[float, float]]) -> fl
 
 
 def _places(layers: Sequence[Sequence[str]]) -> Iterator[tuple[str, tuple[float, float]]]:
-    """List where the middle of each node stands, its layer about one axis."""
+    """Return the centre of each node, with all layers centred on one axis."""
     widths = [sum(_width(name) + GAP for name in layer) for layer in layers]
     for depth, layer in enumerate(layers):
         x = (max(widths) - widths[depth]) / 2 + GAP / 2
@@ -93,6 +93,6 @@ def _draw(app: Sphinx, tree: nodes.document) -> None:
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Draw charts where pages are read."""
+    """Replace charts when pages are read."""
     app.connect("doctree-read", _draw)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,4 +1,4 @@
-"""The shelf of scenes as a gallery: a card for each scene with its picture, and its file below its section."""
+"""Gallery of the built-in scenes: a card for each scene with its picture, and its file below its section."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SECTION = re.compile(rf"^### (?P<name>[\w-]+)\n\n{PICTURE}\n\n(?P<text>.*?)(?=^#
 
 
 def scene_files() -> dict[str, Path]:
-    """List the files of the shelf by the scenes' names."""
+    """Return the files of the built-in scenes by name."""
     files = (path for path in sorted(SCENES.glob("[!_]*.*")) if path.suffix in (".toml", ".py"))
     return {path.stem.replace("_", "-"): path for path in files}
 
@@ -48,7 +48,7 @@ def as_gallery(text: str) -> str:
 
 
 def _section(name: str, sections: dict[str, re.Match[str]]) -> str:
-    """Say which section a scene belongs to: its own, or the first that names it."""
+    """Find the section of a scene: its own, or the first one that names it."""
     if name in sections:
         return name
     return next(each for each, match in sections.items() if f"`{name}`" in match["text"])
@@ -77,7 +77,7 @@ def _title(path: Path) -> str:
 
 
 def _file(path: Path) -> Iterator[str]:
-    """Show a scene's file, folded."""
+    """Show a scene's file in a folded block."""
     where = f"scenes/{path.name}"
     yield f"\n<details><summary>{where}</summary>\n\n```{{literalinclude}} ../{where}\n"
     yield f":language: {'toml' if path.suffix == '.toml' else 'python'}\n```\n\n</details>\n\n"
@@ -89,7 +89,7 @@ def _read(app: Sphinx, name: str, content: list[str]) -> None:
 
 
 def _write(app: Sphinx, error: Exception | None) -> None:
-    """Write the pages that run scenes beside the site's own."""
+    """Write the pages that run scenes into the site."""
     if error is not None or app.builder.format != "html":
         return
     folder = Path(app.outdir, RUN)
@@ -101,7 +101,7 @@ def _write(app: Sphinx, error: Exception | None) -> None:
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Rewrite the page where it is read, and write those that run scenes when the others are there."""
+    """Rewrite the page when it is read, and write the pages that run scenes after all others."""
     app.connect("source-read", _read)
     app.connect("build-finished", _write)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,4 +1,4 @@
-"""The glossary: in the repository a table, on the site terms that links and the search lead to."""
+"""Glossary: a table in the repository, and terms with links and search on the site."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CELLS = re.compile(r"(?<!\\)\|")
 
 
 def as_terms(text: str) -> str:
-    """Write the table of a page, of words, meanings and what they do not mean, as terms and their definitions."""
+    """Convert a page's table of words, meanings and excluded meanings to terms with definitions."""
     match = HEAD.search(text)
     if match is None:
         raise ValueError("the glossary has no table")
@@ -39,6 +39,6 @@ def _read(app: Sphinx, name: str, content: list[str]) -> None:
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Rewrite the page where it is read."""
+    """Rewrite the page when it is read."""
     app.connect("source-read", _read)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

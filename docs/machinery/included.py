@@ -1,4 +1,4 @@
-"""Markdown that stands beside docs/, as a page of the site: its links go out from where it stands."""
+"""Markdown from outside of docs/ as a page of the site, with links relative to its own folder."""
 
 from __future__ import annotations
 

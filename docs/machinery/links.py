@@ -1,4 +1,4 @@
-"""Links of the pages, which are of files in the repository: on the site each leads to a page of it."""
+"""Links of the pages to files in the repository, converted to links between pages of the site."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ def resolve(text: str, file: Path, page: Path) -> str:
     """Rewrite the links of a Markdown text.
 
     Args:
-        text: of the file.
-        file: in which the text stands, and from which its links go out.
-        page: of the site that shows it; another one than `file` for what stands beside docs/.
+        text: Text of the file.
+        file: File that contains the text; its links are relative to its folder.
+        page: Page of the site that shows the text; differs from `file` for files outside of docs/.
     """
     code = [match.span() for match in CODE.finditer(text)]
 
@@ -46,7 +46,7 @@ def resolve(text: str, file: Path, page: Path) -> str:
 
 
 def _place(link: str, file: Path, page: Path) -> str:
-    """Say where a link of a file leads on the site, from a page."""
+    """Return the target of a link of a file on the site, relative to a page."""
     target = Path(os.path.normpath(file.parent / link))
     if target.is_dir() and (target / "README.md").is_file():
         target /= "README.md"
@@ -65,7 +65,7 @@ def _read(app: Sphinx, name: str, content: list[str]) -> None:
 
 
 def _sources(tree: nodes.document) -> list[tuple[nodes.reference, str]]:
-    """List the links of a page that lead to files which are shown as they are."""
+    """List the links of a page to files that are shown as source text."""
     from docutils import nodes
 
     links = ((link, str(link.get("refuri", ""))) for link in tree.findall(nodes.reference))
@@ -73,7 +73,7 @@ def _sources(tree: nodes.document) -> list[tuple[nodes.reference, str]]:
 
 
 def _note(app: Sphinx, tree: nodes.document) -> None:
-    """Note which files a page leads to."""
+    """Record the files to which a page links."""
     app.env.metadata[app.env.docname]["sources"] = " ".join(sorted({file for _, file in _sources(tree)}))
 
 
@@ -83,7 +83,7 @@ def _link(app: Sphinx, tree: nodes.document, name: str) -> None:
 
 
 def _pages(app: Sphinx):  # type: ignore[no-untyped-def]
-    """Show each file that a page leads to."""
+    """Show each file to which a page links."""
     files = {file for data in app.env.metadata.values() for file in str(data.get("sources", "")).split()}
     for file in sorted(files):
         text = (ROOT / file).read_text("utf-8")
@@ -93,7 +93,7 @@ def _pages(app: Sphinx):  # type: ignore[no-untyped-def]
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Rewrite links where pages are read, and show the files to which they lead."""
+    """Rewrite links when pages are read, and show their target files."""
     app.connect("source-read", _read)
     app.connect("doctree-read", _note)
     app.connect("doctree-resolved", _link)

@@ -1,4 +1,4 @@
-"""Equations as MathML, which browsers typeset by themselves: no script, no font, and no server of others."""
+"""Equations as MathML, which browsers typeset without scripts, fonts or other servers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def inline(translator: HTML5Translator, node: nodes.math) -> None:
 
 
 def displayed(translator: HTML5Translator, node: nodes.math_block) -> None:
-    """Write an equation on a line of its own, with its number if it has one."""
+    """Write a displayed equation, with its number if it has one."""
     number = ""
     if node["number"]:
         number = f'<span class="eqno">({escape(str(get_node_equation_number(translator, node)))})</span>'
@@ -42,6 +42,6 @@ def _mathml(node: nodes.math | nodes.math_block, *, as_block: bool) -> str:
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Offer MathML as a way to write equations in HTML: `html_math_renderer = "mathml"`."""
+    """Register MathML as a renderer of equations in HTML: `html_math_renderer = "mathml"`."""
     app.add_html_math_renderer("mathml", (inline, None), (displayed, None))
     return {"parallel_read_safe": True, "parallel_write_safe": True}

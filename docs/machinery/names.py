@@ -1,6 +1,6 @@
-"""Pages of the public names: a directive that documents those of a module, from the table of docs/reference/python.md.
+"""Directive that documents the public names of a module, from the table of docs/reference/python.md.
 
-`.. public-names:: graspfx.stability` documents the names of a module, `.. public-names:: graspfx runs` a part of them.
+`.. public-names:: graspfx.stability` documents all names of a module, `.. public-names:: graspfx runs` a group of them.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class PublicNames(SphinxDirective):
     required_arguments, optional_arguments = 1, 1
 
     def run(self) -> list[nodes.Node]:
-        """Write what autodoc is asked for, and parse it here."""
+        """Write the directives of autodoc, and parse them."""
         module = self.arguments[0]
         lines = [line for name in names(*self.arguments) for line in _wish(module, MODULES[module], name)]
         box = nodes.container()
@@ -58,19 +58,19 @@ def _wish(path: str, module: ModuleType, name: str) -> Iterator[str]:
 
 @cache
 def _places() -> dict[str, str]:
-    """List where each public name stands in the index; of one that stands for several things, the first."""
+    """Return the place of each public name in the index, the first one for an ambiguous name."""
     return {
         name: f"{home(getattr(MODULES[path], name), name)}.{name}" for path in reversed(MODULES) for name in names(path)
     }
 
 
 def _docstring(app: Sphinx, kind: str, name: str, value: Any, options: Any, lines: list[str]) -> None:
-    """Take docstrings for the plain text that `help()` shows, before napoleon reads their sections."""
+    """Convert docstrings from plain text before napoleon converts their sections."""
     lines[:] = docstrings.as_rest(lines, _places())
 
 
 def _all_there(app: Sphinx, env: BuildEnvironment) -> None:
-    """Warn of public names that no page documents."""
+    """Warn about public names that no page documents."""
     here = env.domains.python_domain.objects
     for module in MODULES:
         for name in names(module):
@@ -79,7 +79,7 @@ def _all_there(app: Sphinx, env: BuildEnvironment) -> None:
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Add the directive, and what prepares docstrings for it."""
+    """Add the directive, and the conversion of docstrings."""
     app.add_directive("public-names", PublicNames)
     app.connect("autodoc-process-docstring", _docstring, priority=400)
     app.connect("env-check-consistency", _all_there)

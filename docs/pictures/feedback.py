@@ -20,7 +20,7 @@ DURATION = 3.0
 
 
 def measured() -> FloatArray:
-    """Run the page's gripper; give rows of time, grip, push, the hand's height and aperture."""
+    """Run the page's gripper; return rows of time, grip, push, the hand's height and aperture."""
     rows: list[tuple[float, ...]] = []
 
     def watch(shown: Any, hand: Any, space: dict[str, Any]) -> None:

@@ -13,14 +13,14 @@ DEVICE = {"mass": 0.15, "damping": 0.2, "period": 0.005, "spring": 33.0}
 
 
 def waving() -> None:
-    """Figs. 12 and 13, as every run is drawn."""
+    """Draw Figs. 12 and 13 in the figure of a run."""
     kp, both = (gx.run("paper-waving", {"coupling.internal.stiffness": kip}) for kip in (30.0, 70.0))
     titles = ["Fig. 12: $k_p$ = 30 N/m", "Fig. 13: $k_{ep}$ = 30, $k_{ip}$ = 70 N/m"]
     kp.plot(both, titles=titles).save(HERE / "paper-figs-12-13.png")
 
 
 def largest() -> None:
-    """Fig. 15, with runs 3 % beside the curve of kep."""
+    """Draw Fig. 15, with runs 3 % above and below the curve of kep."""
     b_v = np.linspace(0.8, 1.5, 71)
     kip = gx.stability.wall_limit(**DEVICE)
     kep = gx.stability.external_limit_map(**DEVICE, object_mass=0.1, object_damping=b_v, integrator="explicit")
@@ -46,14 +46,14 @@ def largest() -> None:
 
 
 def grows(kep: float, b_v: float) -> bool:
-    """Tell whether the grasp of `paper-spring` shakes itself up along the external mode."""
+    """Return whether the external mode of `paper-spring` grows."""
     changes = {"coupling.contact": "attached", "coupling.external.stiffness": kep, "object.viscosity": b_v}
     x = gx.run("paper-spring", changes, duration=20.0).finger_position[:, :, 0].mean(axis=1)
     return bool(np.std(x[-1000:]) > np.std(x[1000:2000]))
 
 
 def operators() -> None:
-    """Limits of kep and kip over the stiffness of the operator's finger, and the passive limits for any operator."""
+    """Draw limits of kep and kip over the stiffness of the operator's finger, and the passive limits for any operator."""
     spring = np.geomspace(10.0, 1e4, 200)
     device = {"mass": 0.15, "damping": 0.2, "period": 0.005, "spring": spring}
     with gx.style.look():

@@ -1,6 +1,6 @@
-"""Looks for the tremor of Fig. 12: `python docs/pictures/the_tremor.py [RUNS]` prints the table of its page.
+"""Search for the tremor of Fig. 12: `python docs/pictures/the_tremor.py [RUNS]` prints the table of its page.
 
-`python docs/pictures/the_tremor.py search` looks for unequal fingers by optimisation, 73 344 evaluations.
+`python docs/pictures/the_tremor.py search` searches for unequal fingers by optimisation, in 73 344 evaluations.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ SLIPPING: dict[str, Range] = {"coupling.friction": (0.2, 1.2)}
 
 
 class Family(NamedTuple):
-    """Grasps that differ in the values of some keys only; `fixed` holds what they have in common."""
+    """Grasps that differ only in the values of some keys; `fixed` has the common values."""
 
     name: str
     ranges: Mapping[str, Range]
@@ -57,7 +57,7 @@ def points(delay: int) -> dict[str, Any]:
 
 
 def families() -> list[Family]:
-    """List what is tried, the cube's turn locked as in eq. (27) and free."""
+    """List the families, with the cube's rotation locked as in eq. (27) and free."""
     every: list[Family] = []
     for turns in (False, True):
         own = TURNING if turns else {}
@@ -92,7 +92,7 @@ def drawn(ranges: Mapping[str, Range], count: int) -> dict[str, list[float]]:
 
 
 class Shake(NamedTuple):
-    """How a run shakes from `LATE` on."""
+    """Vibration of a run from `LATE` on."""
 
     size: float  # RMS of the worst finger along its worst axis, above SLOWEST [m]
     frequency: float  # [Hz]
@@ -136,7 +136,7 @@ def shakes(family: Family, values: Mapping[str, Sequence[float]], kep: float, ki
 
 
 def row(family: Family, runs: int) -> str:
-    """Run a family; write how many tremble with which gains, and how."""
+    """Run a family; write the number of trembling grasps for each pair of gains, and their motion."""
     count = max(1, round(family.runs * runs))
     values = drawn(family.ranges, count)
     before, after = (shakes(family, values, *gains) for gains in GAINS.values())
@@ -162,12 +162,12 @@ DELAYS = [0, 0], [1, 0], [1, 1], [2, 0], [2, 1], [2, 2]  # of the fingers [sampl
 
 
 def growths(pair: FloatArray, delay: Sequence[int], integrator: str) -> list[float]:
-    """Compute the growth of the least stable motion with each pair of gains, the turn locked [1/s].
+    """Compute the growth rate of the least stable motion with each pair of gains, with locked rotation [1/s].
 
     Args:
-        pair: the quantities of PAIR, of both fingers, (8,).
-        delay: of both fingers [samples].
-        integrator: of the cube.
+        pair: Values of the quantities in PAIR for both fingers, (8,).
+        delay: Delays of both fingers [samples].
+        integrator: Integrator of the cube.
     """
     mass, friction, stiffness, damping = pair.reshape(4, 2)
     split = gx.Grasp([[-0.025], [0.025]]).split()

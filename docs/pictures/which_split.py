@@ -34,14 +34,14 @@ REACH = 0.012  # [m/N]
 
 
 def divided() -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Give external and internal forces of the same grasp and load under each kind."""
+    """Compute external and internal forces of the same grasp and load under each kind."""
     grasp = gx.Grasp(POINTS)
     kinds: dict[Any, dict[str, Any]] = dict(KINDS)
     return {kind: gx.divide(grasp, FORCE, kind=kind, **more) for kind, more in kinds.items()}
 
 
 def scene(split: dict[str, Any]) -> gx.Scene:
-    """The same grasp as a scene: four attached fingers, the first one's device three times as heavy as the others."""
+    """Build the same grasp as a scene: four attached fingers, with the first device three times as heavy as the others."""
     return gx.Scene(
         dimensions=2, period=0.005, duration=1.0,
         object={"mass": 0.1, "inertia": 4e-5, "viscosity": 0.8, "rotational_viscosity": 3e-4,
@@ -56,7 +56,7 @@ def scene(split: dict[str, Any]) -> gx.Scene:
 
 
 def limits(kind: str) -> dict[str, float]:
-    """Give the stability limits of the gains, internal and external [N/m]."""
+    """Compute the stability limits of the internal and external gains [N/m]."""
     found = {row.mode: row.margin * row.gain for row in gx.certify(scene(SPLITS[kind]))[0].limits}
     return {mode: found[mode] for mode in ("internal", "external")}
 
