@@ -53,7 +53,7 @@ def grows(kep: float, b_v: float) -> bool:
 
 
 def operators() -> None:
-    """Draw limits of kep and kip over the stiffness of the operator's finger, and the passive limits for any operator."""
+    """Draw limits of kep and kip over the stiffness of the operator's finger, and the passive limits."""
     spring = np.geomspace(10.0, 1e4, 200)
     device = {"mass": 0.15, "damping": 0.2, "period": 0.005, "spring": spring}
     with gx.style.look():

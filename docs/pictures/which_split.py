@@ -41,7 +41,7 @@ def divided() -> dict[str, tuple[FloatArray, FloatArray]]:
 
 
 def scene(split: dict[str, Any]) -> gx.Scene:
-    """Build the same grasp as a scene: four attached fingers, with the first device three times as heavy as the others."""
+    """Build the same grasp as a scene: four attached fingers, the first device three times as heavy as the others."""
     return gx.Scene(
         dimensions=2, period=0.005, duration=1.0,
         object={"mass": 0.1, "inertia": 4e-5, "viscosity": 0.8, "rotational_viscosity": 3e-4,
