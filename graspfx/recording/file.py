@@ -46,6 +46,7 @@ MOST_PACKED = 1032  # largest expansion of one byte by deflate, https://zlib.net
 ROWS, PIECES, PLACE = "rows/rows", "rows/pieces", ("first", "count", "offset", "lead")
 SUPERBLOCK, VERSION, FLAGS, END = 48, 8, 11, slice(28, 36)  # HDF5 File Format Specification 3.0, II.A
 SPAN, ACROSS = 16, 512  # 16-bit words summed together: their sums are exact in 24 bits
+SUMS = np.stack([np.ones(SPAN), np.arange(SPAN)]).astype(np.float32)
 # errors of HDF5, JSON and the layout's constructor for a corrupt or foreign file
 UNREADABLE = (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, OverflowError, MemoryError)
 
@@ -118,14 +119,16 @@ def _write(
             forces = layout.forces if header.split else ()
             splits = splits_of(header, outcome.changes) if forces else []
             variables = _make_variables(file, layout, forces, (len(rows), size), storage, plain=plain)
-            for first in range(0, len(rows), size):
-                block = rows.read(first, min(first + size, len(rows)), slice(0, layout.width))
+            for first in range(0, len(rows), rows.step):
+                block = rows.read(first, min(first + rows.step, len(rows)), slice(0, layout.width))
                 times = header.every * np.arange(first, first + len(block), dtype=np.float64) * header.period
                 parts = {"time": times, **RowSplit(block, layout, splits, first).derived([f.name for f in forces])}
                 for name, variable in variables.items():
-                    variable.write(first, parts[name] if name in parts else block[:, variable.where])
+                    variable.add(parts[name] if name in parts else block[:, variable.where])
                 stream.require()
                 done(first + len(block))
+            for variable in variables.values():
+                variable.flush()
             file.flush()
             stream.require()
             apart = _chunks([variable.data for variable in variables.values()])
@@ -136,7 +139,7 @@ def _write(
 
 
 class Variable:
-    """A data set written chunk by chunk, with HDF5's checksum computed here because HDF5's own code is slow.
+    """A data set written chunk by chunk, with HDF5's checksum computed here because HDF5's own path copies more.
 
     Args:
         data: Data set to write.
@@ -148,27 +151,35 @@ class Variable:
         self.data, self.where, self._direct = data, where, direct
         shape = data.chunks or (0, *data.shape[1:])
         self._content = np.zeros(math.prod(shape) * data.dtype.itemsize + 4, np.uint8)
-        self._values = self._content[:-4].view(data.dtype).reshape(shape)
+        self._values = self._content[:-4].view(data.dtype).reshape(shape)  # of the present chunk
+        self._first = self._used = 0  # first row of the chunk, and number of its rows so far
 
-    def write(self, first: int, values: NDArray[Any]) -> None:
-        """Write the rows of a chunk (r, ...); the rest of the last chunk is filled with zeros.
+    def add(self, values: NDArray[Any]) -> None:
+        """Append rows (r, ...).
 
         Raises:
             NotWhole: Numbers would not be restored to the same bits.
         """
-        part = self._values[: len(values)]
-        with np.errstate(invalid="ignore"):
-            np.copyto(part, values.reshape(part.shape), casting="unsafe")
-        if part.dtype != NUMBER:
-            back, whole = part.astype(NUMBER).view(np.int64), np.ascontiguousarray(values).view(np.int64)
-            if not np.array_equal(back.ravel(), whole.ravel()):
+        while len(values):
+            part = self._values[self._used : self._used + len(values)]
+            some, values = values[: len(part)].reshape(part.shape), values[len(part) :]
+            with np.errstate(invalid="ignore"):
+                np.copyto(part, some, casting="unsafe")
+            if part.dtype != NUMBER and part.astype(NUMBER).tobytes() != some.tobytes():
                 raise NotWhole
-        if not self._direct:
-            self.data[first : first + len(part)] = part
-            return
-        self._values[len(part) :] = 0
-        self._content[-4:] = np.frombuffer(fletcher32(self._content[:-4]).to_bytes(4, "little"), np.uint8)
-        self.data.id.write_direct_chunk((first, *(0 for _ in self.data.shape[1:])), self._content)
+            self._used += len(part)
+            if self._used == len(self._values):
+                self.flush()
+
+    def flush(self) -> None:
+        """Write the chunk; the rest of the last one is filled with zeros."""
+        if self._used and self._direct:
+            self._values[self._used :] = 0
+            self._content[-4:] = np.frombuffer(fletcher32(self._content[:-4]).to_bytes(4, "little"), np.uint8)
+            self.data.id.write_direct_chunk((self._first, *[0] * (self._values.ndim - 1)), self._content)
+        elif self._used:
+            self.data[self._first : self._first + self._used] = self._values[: self._used]
+        self._first, self._used = self._first + self._used, 0
 
 
 def fletcher32(content: NDArray[np.uint8]) -> int:
@@ -183,7 +194,7 @@ def fletcher32(content: NDArray[np.uint8]) -> int:
     flat[m - 1 :] = 0.0
     flat[m - 1 : m] = content[-1]  # pad an odd number of bytes with zero
     flat[: len(content) // 2] = content[: len(content) // 2 * 2].view("<u2")
-    sums = (np.stack([np.ones(SPAN), np.arange(SPAN)]).astype(np.float32) @ words).astype(np.float64)
+    sums = (SUMS @ words).astype(np.float64)
     groups, across = sums.sum(axis=2).astype(np.int64), sums.sum(axis=0).astype(np.int64)
     total = int(groups[:, 0].sum())
     weighted = ACROSS * (SPAN * int(np.arange(len(groups)) @ groups[:, 0]) + int(groups[:, 1].sum()))

@@ -185,6 +185,8 @@ class BlockRows(RowStore):
             piece = self._pieces[number]
             low, high = max(first, piece.first), min(stop, piece.first + piece.count)
             own = self._rows(number, low - piece.first, high - piece.first)
+            if high - low == len(rows):
+                return own[:, where]
             rows[low - first : high - first] = own[:, where]
         return rows
 
