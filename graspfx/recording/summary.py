@@ -18,7 +18,6 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 MICROSECONDS = 1e6
-TOGETHER = 8192  # rows processed together, so that they fit the processor's cache
 
 
 def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -78,11 +77,9 @@ def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[s
         growth: Growths, as in the result.
     """
     tally = Tally(recording)
-    for first in range(0, len(recording), recording.store.step):
-        stop = min(first + recording.store.step, len(recording))
-        rows = recording.store.read(first, stop, slice(0, recording.layout.width))
-        for k in range(0, len(rows), TOGETHER):
-            tally.add(rows[k : k + TOGETHER], recording.start + first + k)
+    for part in recording.parts():
+        rows = part.store if part.store.by_column else part.rows
+        tally.add(RowSplit(rows, part.layout, tally.splits or [(0, {})], part.start, tally.friction), part.start)
     return tally.result(growth)
 
 
@@ -186,10 +183,9 @@ class Tally:
     def _halves(self) -> tuple[str, ...]:
         return ("internal_force", "external_force") if self.divided else ()
 
-    def add(self, rows: FloatArray, start: int) -> None:
-        """Add rows (r, width), the first of which is `start`."""
-        block = RowSplit(rows, self.layout, self.splits or [(0, {})], start, self.friction)
-        self.rows += len(rows)
+    def add(self, block: RowSplit, start: int) -> None:
+        """Add rows, the first of which is `start`."""
+        self.rows += len(block)
         on = np.not_equal(block.column("touching"), 0.0) if self.has("touching") else None
         if on is not None:
             self.on += on.sum(axis=1)
