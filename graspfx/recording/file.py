@@ -35,8 +35,6 @@ from graspfx.recording.part import Content, is_part_file, read_part
 from graspfx.recording.recorded_split import RowSplit, splits_of
 from graspfx.recording.rows import NUMBER, BlockRows, DataSetRows, Piece, RowStore, opened, step_of
 
-FloatArray = NDArray[np.float64]
-
 CHUNK, MOST_ROWS = 1 << 22, 1 << 15  # bytes of rows, and number of rows, per set of chunks of all variables
 LIBRARIES = ("v110", "v110")  # HDF5 versions that can read the file: 1.10 and later
 SEALS = 2  # first format whose files end in a digest

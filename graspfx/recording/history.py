@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Self, TypeVar, overload
+from typing import Any, Generic, NamedTuple, Self, TypeVar, overload
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -18,9 +18,6 @@ from graspfx.recording.header import MARK, OF_THE_RUN, Header, KeyChange, Outcom
 from graspfx.recording.recorded_split import RowSplit, splits_of, work
 from graspfx.recording.rows import MemoryRows, RowStore, Window
 from graspfx.spatial import Quaternion, Vector, rotate
-
-if TYPE_CHECKING:
-    pass
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
