@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from graspfx.errors import RecordingError
 from graspfx.loop.columns import Column, Layout, RunFault
-from graspfx.progress import waiting
+from graspfx.progress import Wait, waiting
 from graspfx.recording.files import PIECE, has_digest, recording_file, seal, sync_folder
 from graspfx.recording.header import (
     Header,
@@ -83,15 +83,11 @@ def write_recording(
     size = max(1, -(-len(rows) // max(1, -(-len(rows) // most))))
     try:
         with waiting(f"writing {place.name}", len(rows), "rows") as wait:
-
-            def done(count: int) -> None:
-                wait.done = count
-
-            about = (layout, header, outcome)
+            about = (layout, header, outcome, compression, wait)
             try:
-                _write(draft, rows, size, *about, compression, done, sync=sync)
+                _write(draft, rows, size, *about, sync=sync)
             except NotWhole:  # for example for lost rows, which are NaN
-                _write(draft, rows, size, *about, compression, done, sync=sync, plain=True)
+                _write(draft, rows, size, *about, sync=sync, plain=True)
             _read_back(draft, 0 if compression != "none" else (len(rows) - 1) // size * size, len(rows), size)
         draft.replace(place)
         if sync:
@@ -103,7 +99,7 @@ def write_recording(
 
 def _write(
     draft: Path, rows: RowStore, size: int, layout: Layout, header: Header, outcome: Outcome, compression: str,
-    done: Callable[[int], None], *, sync: bool, plain: bool = False,
+    wait: Wait, *, sync: bool, plain: bool = False,
 ) -> None:  # fmt: skip
     stream = Stream(draft)
     try:
@@ -124,7 +120,7 @@ def _write(
                 for name, variable in variables.items():
                     variable.add(parts[name] if name in parts else block[:, variable.where])
                 stream.require()
-                done(first + len(block))
+                wait.done = first + len(block)
             for variable in variables.values():
                 variable.flush()
             file.flush()
@@ -161,10 +157,13 @@ class Variable:
         while len(values):
             part = self._values[self._used : self._used + len(values)]
             some, values = values[: len(part)].reshape(part.shape), values[len(part) :]
-            with np.errstate(invalid="ignore"):
-                np.copyto(part, some, casting="unsafe")
-            if part.dtype != NUMBER and part.astype(NUMBER).tobytes() != some.tobytes():
-                raise NotWhole
+            if part.dtype == NUMBER:
+                part[:] = some
+            else:
+                with np.errstate(invalid="ignore"):
+                    part[:] = some.astype(part.dtype)
+                if part.astype(NUMBER).tobytes() != some.tobytes():
+                    raise NotWhole
             self._used += len(part)
             if self._used == len(self._values):
                 self.flush()
@@ -268,9 +267,10 @@ def _read_back(draft: Path, first: int, count: int, size: int) -> None:
     with h5py.File(draft, "r", rdcc_nbytes=0) as file:
         names: list[str] = []
         file.visit(names.append)
-        for data in (file[name] for name in names if isinstance(file[name], h5py.Dataset) and file[name].chunks):
-            for k in range(max(first, 0), count, size):
-                data[k : k + size]
+        for name in names:
+            if isinstance(data := file[name], h5py.Dataset) and data.chunks:
+                for k in range(max(first, 0), count, size):
+                    data[k : k + size]
 
 
 class Stream:
@@ -419,7 +419,6 @@ def _read_hdf5(place: Path) -> Content:
             raise ValueError("it was changed since it was written: its digest is missing")
         layout = _drop_columns(layout_of(file.attrs), file, number)
         header, outcome = header_of(file.attrs), _outcome(file)
-        _require_variables(file, layout, number)
         rows = _rows(place, file, layout, number)
         if isinstance(rows, DataSetRows):
             finalize(rows, _close, file, stream)
@@ -473,49 +472,39 @@ def require_contained(file: Any, place: Path) -> None:
             raise ValueError(f"{source} is a virtual data set of virtual data sets, which is not read")
 
 
-def _require_variables(file: Any, layout: Layout, number: int) -> None:
-    """Require the time and a numeric variable for each column of the layout, all with the same number of ticks.
+def _rows(place: Path, file: Any, layout: Layout, number: int) -> RowStore:
+    """Open the rows: stored in blocks, packed together (format 4), or as one data set per variable.
 
     Raises:
-        ValueError: A variable has the wrong shape or type.
+        ValueError: A variable or the rows have the wrong shape or type.
         KeyError: A variable is missing.
     """
     (count,) = file["time"].shape
-    for column in (*layout.columns.values(), *_forces(file, layout, number)):
-        variable = file[column.name]
+    forces = [each for each in layout.forces if each.name in file] if number > BLOCKS else []  # with checksums
+    variables = {column.name: file[column.name] for column in (*layout.columns.values(), *forces)}
+    for column in (*layout.columns.values(), *forces):
+        variable = variables[column.name]
         if variable.shape != (count, *column.shape) or variable.dtype.kind not in "biuf":
             kind = f"{variable.shape} of {variable.dtype}"
             raise ValueError(f"{column.name} is {kind}, expected numbers {(count, *column.shape)}")
+    table = file[PIECES] if number == BLOCKS and PIECES in file else None
+    data = [(column.where, variables[column.name]) for column in layout.columns.values()]
     shape: tuple[int, ...] = count, layout.width
-    if number == BLOCKS and PIECES in file:
-        shape = int(file[PIECES]["count"].sum()), int(file[PIECES].attrs["wide"])
+    if table is not None:
+        shape = int(table["count"].sum()), int(table.attrs["wide"])
     elif number == BLOCKS and ROWS in file:
         shape = file[ROWS].shape
+        data = [(slice(0, shape[-1]), file[ROWS])]
     if len(shape) != 2 or shape[0] != count or shape[1] < layout.width:
         raise ValueError(f"its rows are {shape}, expected {count} of {layout.width} numbers or more")
-
-
-def _rows(place: Path, file: Any, layout: Layout, number: int) -> RowStore:
-    """Open the rows: stored in blocks, packed together (format 4), or as one data set per variable."""
-    (count,) = file["time"].shape
-    if number == BLOCKS and PIECES in file:
-        table = file[PIECES]
+    if table is not None:
         pieces = [
             Piece(*(int(each[name]) for name in PLACE), each["check"].tobytes())  # type: ignore[call-arg, arg-type]
             for each in table[:]
         ]
-        return BlockRows(place, opened(place), int(table.attrs["wide"]), pieces)
-    data = [(column.where, file[column.name]) for column in layout.columns.values()]
-    others = {each.name: file[each.name] for each in _forces(file, layout, number)}
-    if number == BLOCKS and ROWS in file:
-        data = [(slice(0, file[ROWS].shape[1]), file[ROWS])]
+        return BlockRows(place, opened(place), shape[1], pieces)
     step = next((each.chunks[0] for _, each in data if each.chunks), step_of(layout.width))
-    return DataSetRows(place, data, count, max(1, step), others)
-
-
-def _forces(file: Any, layout: Layout, number: int) -> list[Column]:
-    """List the variables stored in addition to the columns; in format 4 they have no checksums."""
-    return [each for each in layout.forces if each.name in file] if number > BLOCKS else []
+    return DataSetRows(place, data, count, max(1, step), {each.name: variables[each.name] for each in forces})
 
 
 def _open(place: Path, stream: FileIO) -> Any:

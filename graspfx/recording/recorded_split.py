@@ -47,7 +47,7 @@ class RowSplit:
         self, rows: FloatArray | RowStore, layout: Layout, splits: Sequence[tuple[int, Split]], start: int = 0,
         friction: Sequence[tuple[int, FloatArray]] = (),
     ) -> None:  # fmt: skip
-        self.layout, self._splits, self._start, self._friction = layout, splits, start, friction
+        self.layout, self._splits, self.start, self._friction = layout, splits, start, friction
         self._store = rows if isinstance(rows, RowStore) else MemoryRows(rows)
         self._count, self._columns = len(rows), dict[str, FloatArray]()
 
@@ -122,7 +122,7 @@ class RowSplit:
 
     def grip(self, fingers: Sequence[int] | None = None) -> tuple[FloatArray, FloatArray]:
         """Compute fingers' friction margin (r,) [N] and the coefficients that they need (n, r), by `grip.grip`."""
-        mu, own = rows_of(self._friction, self._start, self._count), slice(None) if fingers is None else list(fingers)
+        mu, own = rows_of(self._friction, self.start, self._count), slice(None) if fingers is None else list(fingers)
         force = self.column("finger_force")
         normal = self.column("contact_normal")[:, : force.shape[1]]
         touching = np.not_equal(self.column("touching"), 0.0)
@@ -130,7 +130,7 @@ class RowSplit:
 
     def grasps(self) -> Iterator[GraspRows]:
         """List the grasps, each with the rows in which its rule is the same."""
-        ends = [*(row - self._start for row, _ in self._splits[1:]), self._count]
+        ends = [*(row - self.start for row, _ in self._splits[1:]), self._count]
         first = 0
         for (_, split), end in zip(self._splits, ends, strict=True):
             last = min(max(first, end), self._count)
