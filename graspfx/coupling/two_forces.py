@@ -201,13 +201,14 @@ def _orthogonal(modes: FloatArray, enough: FloatArray) -> FloatArray:
     other singular values.
     """
     plain = modes.copy()
-    for k in range(1, len(plain)):
+    square = np.empty((len(plain), plain.shape[2]))
+    for k, row in enumerate(plain):
         for j in [*range(k)] * 2:  # two passes make the rows orthogonal to rounding
-            size = (plain[j] * plain[j]).sum(axis=0)
-            along = (plain[j] * plain[k]).sum(axis=0)
-            plain[k] -= np.divide(along, size, out=np.zeros_like(along), where=size > 0.0) * plain[j]
+            along = (plain[j] * row).sum(axis=0)
+            row -= np.divide(along, square[j], out=np.zeros_like(along), where=square[j] > 0.0) * plain[j]
+        square[k] = (row * row).sum(axis=0)
     trace = (modes * modes).sum(axis=(0, 1))
-    volume = np.sqrt((plain * plain).sum(axis=1).prod(axis=0))
+    volume = np.sqrt(square.prod(axis=0))
     least = volume / np.maximum(np.sqrt(trace) if len(plain) == 2 else 0.5 * trace, SLIGHT)
     rest = np.flatnonzero(~((least >= enough) & (least >= LEAST_ARM * np.sqrt(trace))))
     if len(rest):

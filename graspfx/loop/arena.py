@@ -15,9 +15,10 @@ from graspfx.compile.records import Record, layout, size_for, start_of
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.errors import InputError
 from graspfx.loop import plant as plants
+from graspfx.loop.columns import OF_FINGERS, OF_OBJECTS
 from graspfx.loop.device import Device, FusedDevice, LimitedDevice, fused, limit_port
 from graspfx.loop.device_exchange import Port
-from graspfx.loop.energy.observer import BY_MODE, MET, OF_OBJECT
+from graspfx.loop.energy.observer import MET
 from graspfx.loop.kernels import number_of
 from graspfx.loop.plant import FusedHand, FusedPlant
 from graspfx.loop.realtime.loop_log import LoopState, loop_memory
@@ -44,10 +45,6 @@ MANY = {
     "finger": "fingers", "channel": "channels", "device": "devices", "grasp": "grasps", "body": "bodies",
     "exchange": "exchanges", "plant": "plants", "wire": "wires",
 }  # fmt: skip
-COMPUTED = ("finger_position", "finger_velocity", "contact_position", "finger_force", "finger_moment",
-            "contact_normal", "torsion_displacement", "torsion_axis", "law_force", "touching", "saturated", "status",
-            "gap")  # fmt: skip
-OF_BLOCK = ("position", "centre", "velocity", "orientation", "angular_velocity", "law", "residual", "wrench")
 
 
 @dataclass(frozen=True, eq=False)
@@ -511,20 +508,21 @@ class Arena:
 
         for part in self.parts.objects:
             place, where = self.place(part.grasped.block), part.grasped.where
-            for quantity in COMPUTED:
-                if quantity in columns:
-                    own = numbers[columns[quantity].where].reshape(columns[quantity].shape)[part.fingers]
-                    places.update(zip(own.ravel().tolist(), (place + where[quantity].ravel()).tolist(), strict=True))
-            for quantity in OF_BLOCK:
-                add(f"objects/{part.name}/{quantity}", place, where[quantity].ravel())
+            for each in OF_FINGERS:
+                if each.filled != "sample" or each.name not in columns:
+                    continue
+                column = columns[each.name]
+                own = numbers[column.where].reshape(column.shape)[part.fingers]
+                places.update(zip(own.ravel().tolist(), (place + where[column.name].ravel()).tolist(), strict=True))
+            for each in OF_OBJECTS:
+                if each.filled == "sample":
+                    add(f"objects/{part.name}/{each.name}", place, where[each.name].ravel())
         for part, observer in zip(self.parts.objects, self.parts.observers, strict=False):
-            for quantity in (*BY_MODE, *OF_OBJECT):
-                name = f"objects/{part.name}/energy/{quantity}"
-                add(name, self.place(observer.buffer), observer.where[quantity].ravel())
+            for quantity, entries in observer.where.items():
+                add(f"objects/{part.name}/energy/{quantity}", self.place(observer.buffer), entries.ravel())
         if self.parts.safety is not None:
             for part, buffer in zip(self.parts.objects, self.parts.safety.buffers, strict=True):
-                for quantity in ("scale", "tank"):
-                    entries = self.parts.safety.where[quantity]
+                for quantity, entries in self.parts.safety.where.items():
                     add(f"objects/{part.name}/{quantity}", self.place(buffer), entries.ravel())
         size, servo = self.n * self.d, self.place(self.own)
         add("displayed_force", servo + self.servo.displayed.offset, range(size))

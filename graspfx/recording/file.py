@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from graspfx.errors import RecordingError
 from graspfx.loop.columns import Column, Layout, RunFault
-from graspfx.progress import waiting
+from graspfx.progress import Wait, waiting
 from graspfx.recording.files import PIECE, has_digest, recording_file, seal, sync_folder
 from graspfx.recording.header import (
     Header,
@@ -35,8 +35,6 @@ from graspfx.recording.part import Content, is_part_file, read_part
 from graspfx.recording.recorded_split import RowSplit, splits_of
 from graspfx.recording.rows import NUMBER, BlockRows, DataSetRows, Piece, RowStore, opened, step_of
 
-FloatArray = NDArray[np.float64]
-
 CHUNK, MOST_ROWS = 1 << 22, 1 << 15  # bytes of rows, and number of rows, per set of chunks of all variables
 LIBRARIES = ("v110", "v110")  # HDF5 versions that can read the file: 1.10 and later
 SEALS = 2  # first format whose files end in a digest
@@ -46,6 +44,7 @@ MOST_PACKED = 1032  # largest expansion of one byte by deflate, https://zlib.net
 ROWS, PIECES, PLACE = "rows/rows", "rows/pieces", ("first", "count", "offset", "lead")
 SUPERBLOCK, VERSION, FLAGS, END = 48, 8, 11, slice(28, 36)  # HDF5 File Format Specification 3.0, II.A
 SPAN, ACROSS = 16, 512  # 16-bit words summed together: their sums are exact in 24 bits
+SUMS = np.stack([np.ones(SPAN), np.arange(SPAN)]).astype(np.float32)
 # errors of HDF5, JSON and the layout's constructor for a corrupt or foreign file
 UNREADABLE = (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, OverflowError, MemoryError)
 
@@ -84,15 +83,11 @@ def write_recording(
     size = max(1, -(-len(rows) // max(1, -(-len(rows) // most))))
     try:
         with waiting(f"writing {place.name}", len(rows), "rows") as wait:
-
-            def done(count: int) -> None:
-                wait.done = count
-
-            about = (layout, header, outcome)
+            about = (layout, header, outcome, compression, wait)
             try:
-                _write(draft, rows, size, *about, compression, done, sync=sync)
+                _write(draft, rows, size, *about, sync=sync)
             except NotWhole:  # for example for lost rows, which are NaN
-                _write(draft, rows, size, *about, compression, done, sync=sync, plain=True)
+                _write(draft, rows, size, *about, sync=sync, plain=True)
             _read_back(draft, 0 if compression != "none" else (len(rows) - 1) // size * size, len(rows), size)
         draft.replace(place)
         if sync:
@@ -104,7 +99,7 @@ def write_recording(
 
 def _write(
     draft: Path, rows: RowStore, size: int, layout: Layout, header: Header, outcome: Outcome, compression: str,
-    done: Callable[[int], None], *, sync: bool, plain: bool = False,
+    wait: Wait, *, sync: bool, plain: bool = False,
 ) -> None:  # fmt: skip
     stream = Stream(draft)
     try:
@@ -118,14 +113,16 @@ def _write(
             forces = layout.forces if header.split else ()
             splits = splits_of(header, outcome.changes) if forces else []
             variables = _make_variables(file, layout, forces, (len(rows), size), storage, plain=plain)
-            for first in range(0, len(rows), size):
-                block = rows.read(first, min(first + size, len(rows)), slice(0, layout.width))
+            for first in range(0, len(rows), rows.step):
+                block = rows.read(first, min(first + rows.step, len(rows)), slice(0, layout.width))
                 times = header.every * np.arange(first, first + len(block), dtype=np.float64) * header.period
                 parts = {"time": times, **RowSplit(block, layout, splits, first).derived([f.name for f in forces])}
                 for name, variable in variables.items():
-                    variable.write(first, parts[name] if name in parts else block[:, variable.where])
+                    variable.add(parts[name] if name in parts else block[:, variable.where])
                 stream.require()
-                done(first + len(block))
+                wait.done = first + len(block)
+            for variable in variables.values():
+                variable.flush()
             file.flush()
             stream.require()
             apart = _chunks([variable.data for variable in variables.values()])
@@ -136,7 +133,7 @@ def _write(
 
 
 class Variable:
-    """A data set written chunk by chunk, with HDF5's checksum computed here because HDF5's own code is slow.
+    """A data set written chunk by chunk, with HDF5's checksum computed here because HDF5's own path copies more.
 
     Args:
         data: Data set to write.
@@ -148,27 +145,38 @@ class Variable:
         self.data, self.where, self._direct = data, where, direct
         shape = data.chunks or (0, *data.shape[1:])
         self._content = np.zeros(math.prod(shape) * data.dtype.itemsize + 4, np.uint8)
-        self._values = self._content[:-4].view(data.dtype).reshape(shape)
+        self._values = self._content[:-4].view(data.dtype).reshape(shape)  # of the present chunk
+        self._first = self._used = 0  # first row of the chunk, and number of its rows so far
 
-    def write(self, first: int, values: NDArray[Any]) -> None:
-        """Write the rows of a chunk (r, ...); the rest of the last chunk is filled with zeros.
+    def add(self, values: NDArray[Any]) -> None:
+        """Append rows (r, ...).
 
         Raises:
             NotWhole: Numbers would not be restored to the same bits.
         """
-        part = self._values[: len(values)]
-        with np.errstate(invalid="ignore"):
-            np.copyto(part, values.reshape(part.shape), casting="unsafe")
-        if part.dtype != NUMBER:
-            back, whole = part.astype(NUMBER).view(np.int64), np.ascontiguousarray(values).view(np.int64)
-            if not np.array_equal(back.ravel(), whole.ravel()):
-                raise NotWhole
-        if not self._direct:
-            self.data[first : first + len(part)] = part
-            return
-        self._values[len(part) :] = 0
-        self._content[-4:] = np.frombuffer(fletcher32(self._content[:-4]).to_bytes(4, "little"), np.uint8)
-        self.data.id.write_direct_chunk((first, *(0 for _ in self.data.shape[1:])), self._content)
+        while len(values):
+            part = self._values[self._used : self._used + len(values)]
+            some, values = values[: len(part)].reshape(part.shape), values[len(part) :]
+            if part.dtype == NUMBER:
+                part[:] = some
+            else:
+                with np.errstate(invalid="ignore"):
+                    part[:] = some.astype(part.dtype)
+                if part.astype(NUMBER).tobytes() != some.tobytes():
+                    raise NotWhole
+            self._used += len(part)
+            if self._used == len(self._values):
+                self.flush()
+
+    def flush(self) -> None:
+        """Write the chunk; the rest of the last one is filled with zeros."""
+        if self._used and self._direct:
+            self._values[self._used :] = 0
+            self._content[-4:] = np.frombuffer(fletcher32(self._content[:-4]).to_bytes(4, "little"), np.uint8)
+            self.data.id.write_direct_chunk((self._first, *[0] * (self._values.ndim - 1)), self._content)
+        elif self._used:
+            self.data[self._first : self._first + self._used] = self._values[: self._used]
+        self._first, self._used = self._first + self._used, 0
 
 
 def fletcher32(content: NDArray[np.uint8]) -> int:
@@ -183,7 +191,7 @@ def fletcher32(content: NDArray[np.uint8]) -> int:
     flat[m - 1 :] = 0.0
     flat[m - 1 : m] = content[-1]  # pad an odd number of bytes with zero
     flat[: len(content) // 2] = content[: len(content) // 2 * 2].view("<u2")
-    sums = (np.stack([np.ones(SPAN), np.arange(SPAN)]).astype(np.float32) @ words).astype(np.float64)
+    sums = (SUMS @ words).astype(np.float64)
     groups, across = sums.sum(axis=2).astype(np.int64), sums.sum(axis=0).astype(np.int64)
     total = int(groups[:, 0].sum())
     weighted = ACROSS * (SPAN * int(np.arange(len(groups)) @ groups[:, 0]) + int(groups[:, 1].sum()))
@@ -259,9 +267,10 @@ def _read_back(draft: Path, first: int, count: int, size: int) -> None:
     with h5py.File(draft, "r", rdcc_nbytes=0) as file:
         names: list[str] = []
         file.visit(names.append)
-        for data in (file[name] for name in names if isinstance(file[name], h5py.Dataset) and file[name].chunks):
-            for k in range(max(first, 0), count, size):
-                data[k : k + size]
+        for name in names:
+            if isinstance(data := file[name], h5py.Dataset) and data.chunks:
+                for k in range(max(first, 0), count, size):
+                    data[k : k + size]
 
 
 class Stream:
@@ -410,7 +419,6 @@ def _read_hdf5(place: Path) -> Content:
             raise ValueError("it was changed since it was written: its digest is missing")
         layout = _drop_columns(layout_of(file.attrs), file, number)
         header, outcome = header_of(file.attrs), _outcome(file)
-        _require_variables(file, layout, number)
         rows = _rows(place, file, layout, number)
         if isinstance(rows, DataSetRows):
             finalize(rows, _close, file, stream)
@@ -464,49 +472,39 @@ def require_contained(file: Any, place: Path) -> None:
             raise ValueError(f"{source} is a virtual data set of virtual data sets, which is not read")
 
 
-def _require_variables(file: Any, layout: Layout, number: int) -> None:
-    """Require the time and a numeric variable for each column of the layout, all with the same number of ticks.
+def _rows(place: Path, file: Any, layout: Layout, number: int) -> RowStore:
+    """Open the rows: stored in blocks, packed together (format 4), or as one data set per variable.
 
     Raises:
-        ValueError: A variable has the wrong shape or type.
+        ValueError: A variable or the rows have the wrong shape or type.
         KeyError: A variable is missing.
     """
     (count,) = file["time"].shape
-    for column in (*layout.columns.values(), *_forces(file, layout, number)):
-        variable = file[column.name]
+    forces = [each for each in layout.forces if each.name in file] if number > BLOCKS else []  # with checksums
+    variables = {column.name: file[column.name] for column in (*layout.columns.values(), *forces)}
+    for column in (*layout.columns.values(), *forces):
+        variable = variables[column.name]
         if variable.shape != (count, *column.shape) or variable.dtype.kind not in "biuf":
             kind = f"{variable.shape} of {variable.dtype}"
             raise ValueError(f"{column.name} is {kind}, expected numbers {(count, *column.shape)}")
+    table = file[PIECES] if number == BLOCKS and PIECES in file else None
+    data = [(column.where, variables[column.name]) for column in layout.columns.values()]
     shape: tuple[int, ...] = count, layout.width
-    if number == BLOCKS and PIECES in file:
-        shape = int(file[PIECES]["count"].sum()), int(file[PIECES].attrs["wide"])
+    if table is not None:
+        shape = int(table["count"].sum()), int(table.attrs["wide"])
     elif number == BLOCKS and ROWS in file:
         shape = file[ROWS].shape
+        data = [(slice(0, shape[-1]), file[ROWS])]
     if len(shape) != 2 or shape[0] != count or shape[1] < layout.width:
         raise ValueError(f"its rows are {shape}, expected {count} of {layout.width} numbers or more")
-
-
-def _rows(place: Path, file: Any, layout: Layout, number: int) -> RowStore:
-    """Open the rows: stored in blocks, packed together (format 4), or as one data set per variable."""
-    (count,) = file["time"].shape
-    if number == BLOCKS and PIECES in file:
-        table = file[PIECES]
+    if table is not None:
         pieces = [
             Piece(*(int(each[name]) for name in PLACE), each["check"].tobytes())  # type: ignore[call-arg, arg-type]
             for each in table[:]
         ]
-        return BlockRows(place, opened(place), int(table.attrs["wide"]), pieces)
-    data = [(column.where, file[column.name]) for column in layout.columns.values()]
-    others = {each.name: file[each.name] for each in _forces(file, layout, number)}
-    if number == BLOCKS and ROWS in file:
-        data = [(slice(0, file[ROWS].shape[1]), file[ROWS])]
+        return BlockRows(place, opened(place), shape[1], pieces)
     step = next((each.chunks[0] for _, each in data if each.chunks), step_of(layout.width))
-    return DataSetRows(place, data, count, max(1, step), others)
-
-
-def _forces(file: Any, layout: Layout, number: int) -> list[Column]:
-    """List the variables stored in addition to the columns; in format 4 they have no checksums."""
-    return [each for each in layout.forces if each.name in file] if number > BLOCKS else []
+    return DataSetRows(place, data, count, max(1, step), {each.name: variables[each.name] for each in forces})
 
 
 def _open(place: Path, stream: FileIO) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Self, TypeVar, overload
+from typing import Any, Generic, NamedTuple, Self, TypeVar, overload
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -18,9 +18,6 @@ from graspfx.recording.header import MARK, OF_THE_RUN, Header, KeyChange, Outcom
 from graspfx.recording.recorded_split import RowSplit, splits_of, work
 from graspfx.recording.rows import MemoryRows, RowStore, Window
 from graspfx.spatial import Quaternion, Vector, rotate
-
-if TYPE_CHECKING:
-    pass
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -300,7 +297,7 @@ class History:
     def _row_split(self, splits: Any) -> RowSplit:
         return RowSplit(self.store, self.layout, splits, self.start)
 
-    @cached_property
+    @property
     def external_energy(self) -> FloatArray:
         """Work done so far on each fingertip by the external part of `displayed_force` (N, n) [J].
 
@@ -308,26 +305,31 @@ class History:
         is split into the two parts. If the displayed force differs, as in recordings of early formats, the displayed
         force is split instead.
         """
-        return self._work(lambda part: part._external_display)
+        return self._works[0]
 
-    @cached_property
+    @property
     def internal_energy(self) -> FloatArray:
         """Work done so far on each fingertip by the internal part of `displayed_force`, (N, n) [J]."""
-        return self._work(lambda part: part.displayed_force - part._external_display)
+        return self._works[1]
 
-    def _work(self, force: Callable[[Self], FloatArray]) -> FloatArray:
-        """Sum the work of a part of the displayed force."""
+    @cached_property
+    def _works(self) -> tuple[FloatArray, FloatArray]:
+        """Work of the external and of the internal part of the displayed force, (N, n) each [J]."""
         if (every := self.header.every) > 1:
             text = f"the sum over all ticks, but this recording has one row per {every} ticks: set record.every = 1"
             raise RecordingError(f"the work of each force is {text}, or use device_energy")
         tips = "true_position" if self.layout.simulated else "finger_position"
         self.require(tips, "device_energy")
-        works = np.zeros((len(self), len(self.layout.fingers)))
+        n = len(self.layout.fingers)
+        works: tuple[FloatArray, FloatArray] = np.zeros((len(self), n)), np.zeros((len(self), n))
         for each in self.parts():  # includes the previous row, from which the first step starts
-            stop, first = each.start - self.start + len(each), max(each.start - self.start - 1, 0)
-            rows, start = self.part(first, stop), works[first : first + 1] if first < each.start - self.start else None
-            tip, energy, number = rows.array(tips), rows.device_energy, rows.start
-            works[first:stop] = work(force(rows), tip, energy, self.faults, number, start)
+            begin = each.start - self.start
+            first, stop = max(begin - 1, 0), begin + len(each)
+            rows = self.part(first, stop)
+            tip, energy, external = rows.array(tips), rows.device_energy, rows._external_display
+            for whole, force in zip(works, (external, rows.displayed_force - external), strict=True):
+                start = whole[first:begin] if begin else None
+                whole[first:stop] = work(force, tip, energy, self.faults, rows.start, start)
         return works
 
     @property
@@ -351,7 +353,9 @@ class History:
 
     @property
     def _external_display(self) -> FloatArray:
-        if np.array_equal(self.displayed_force, -self.finger_force, equal_nan=True):
+        if "displayed_force" not in self.layout.columns or np.array_equal(
+            self.displayed_force, -self.finger_force, equal_nan=True
+        ):
             return -self.external_force
         force = np.moveaxis(self.displayed_force, 0, -1)
         split = self._row_split(splits_of(self.header, self.outcome.changes))

@@ -14,9 +14,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from hashlib import blake2b
-from io import FileIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 from zlib import crc32
 
 import numpy as np
@@ -196,7 +195,7 @@ def read_part(path: Path) -> Content:
     ending: dict[str, Any] = {"wall_time": "nan", "complete": 0}
     faults, changes = list[RunFault](), list[KeyChange]()
     old_rows, pieces, count = list[bytes](), list[Piece](), 0
-    with FileIO(path) as file:
+    with path.open("rb") as file:
         for kind, content, start in _blocks(file):
             if kind == HEADER:
                 attributes = json.loads(content)
@@ -226,7 +225,7 @@ def read_part(path: Path) -> Content:
     return Content(store, layout, header_of(attributes), outcome)
 
 
-def _blocks(file: FileIO) -> Iterator[tuple[bytes, bytes, int]]:
+def _blocks(file: BinaryIO) -> Iterator[tuple[bytes, bytes, int]]:
     """Yield kind, content and place of each complete block; the last block may be incomplete.
 
     Raises:
@@ -235,13 +234,13 @@ def _blocks(file: FileIO) -> Iterator[tuple[bytes, bytes, int]]:
     start, digest, size, wide = 0, b"", os.fstat(file.fileno()).st_size, 0
     while start + HEADS <= size:
         file.seek(start)
-        head = _read(file, HEADS)
+        head = file.read(HEADS)
         kind, length, next_digest = HEAD.unpack(head[: HEAD.size])
         is_whole = CHECK.pack(crc32(head[: HEAD.size])) == head[HEAD.size :]
         end = start + HEADS + length
         if is_whole and end > size:
             return  # incomplete, for example after a kill during a write
-        content = _read(file, length) if is_whole else b""
+        content = file.read(length) if is_whole else b""
         if not is_whole or _digest(digest, kind, _digested(kind, content, wide)) != next_digest:
             if _ends_in_zeros(file, start):
                 return
@@ -266,16 +265,8 @@ def _digest(before: bytes, kind: bytes, content: bytes) -> bytes:
     return blake2b(before + kind + content, digest_size=16).digest()
 
 
-def _read(file: FileIO, count: int) -> bytes:
-    parts = []
-    while count > 0 and (part := file.read(count)):
-        parts.append(part)
-        count -= len(part)
-    return b"".join(parts)
-
-
-def _ends_in_zeros(file: FileIO, start: int) -> bool:
+def _ends_in_zeros(file: BinaryIO, start: int) -> bool:
     """Tell whether a file has only zeros from a position on, as after a power failure."""
     file.seek(start)
-    rest = file.readall()
+    rest = file.read()
     return len(rest) - len(rest.rstrip(b"\0")) >= SECTOR

@@ -6,10 +6,9 @@ from collections.abc import Callable, Iterator, Sequence
 from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graspfx.card import Card, Carded, counted, listed
 from graspfx.errors import InputError, closest
@@ -19,14 +18,6 @@ from graspfx.recording.history import History
 if TYPE_CHECKING:
     import pandas
     import xarray
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
-T = TypeVar("T")
-Typed = TypeVar("Typed", bound=NDArray[Any] | None)
-
-Beside = Callable[[str, str], dict[str, Any]]  # arguments: name of an object and of a mode
 
 MEANT = {  # similar names, and the attributes that they mean
     **dict.fromkeys(("force", "forces", "f", "contact_force", "contact_forces"), "finger_force"),
@@ -49,7 +40,6 @@ MEANT = {  # similar names, and the attributes that they mean
     "show": "plot()",
     "draw": "plot()",
 }
-
 
 MOST = 3  # largest number of faults or changes on a card
 CALLS = (

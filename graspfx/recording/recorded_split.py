@@ -47,24 +47,34 @@ class RowSplit:
         self, rows: FloatArray | RowStore, layout: Layout, splits: Sequence[tuple[int, Split]], start: int = 0,
         friction: Sequence[tuple[int, FloatArray]] = (),
     ) -> None:  # fmt: skip
-        self.layout, self._splits, self._start, self._friction = layout, splits, start, friction
+        self.layout, self._splits, self.start, self._friction = layout, splits, start, friction
         self._store = rows if isinstance(rows, RowStore) else MemoryRows(rows)
         self._count, self._columns = len(rows), dict[str, FloatArray]()
+
+    def __len__(self) -> int:
+        return self._count
 
     def column(self, name: str) -> FloatArray:
         """Return a column with the rows last, (..., r), which is faster to compute with."""
         if name not in self._columns:
             column = self.layout.columns[name]
             values = self._store.read(0, self._count, column.where)
-            self._columns[name] = np.ascontiguousarray(values.T).reshape(*column.shape, self._count)
+            self._columns[name] = _rows_last(values).reshape(*column.shape, self._count)
         return self._columns[name]
 
     def external_forces(self, force: FloatArray | None = None) -> tuple[FloatArray, FloatArray | None]:
         """Compute P f [N], (n, d, r), and the moments with it [N m], (n, 3, r); None for fingers that exert none.
 
+        If a file has these forces, they are read.
+
         Args:
             force: Forces to use instead of the fingers' forces on the object, (n, d, r) [N].
         """
+        if force is None:
+            stored = [self._store.beside(name, 0, self._count) for name in ("external_force", "external_moment")]
+            if stored[0] is not None:
+                first, second = (None if each is None else _rows_last(each) for each in stored)
+                return np.asarray(first), second
         whole = self.column("finger_force") if force is None else force
         external = np.zeros(whole.shape)
         moment = np.zeros((len(whole), 3, self._count)) if self.layout.moments else None
@@ -112,7 +122,7 @@ class RowSplit:
 
     def grip(self, fingers: Sequence[int] | None = None) -> tuple[FloatArray, FloatArray]:
         """Compute fingers' friction margin (r,) [N] and the coefficients that they need (n, r), by `grip.grip`."""
-        mu, own = rows_of(self._friction, self._start, self._count), slice(None) if fingers is None else list(fingers)
+        mu, own = rows_of(self._friction, self.start, self._count), slice(None) if fingers is None else list(fingers)
         force = self.column("finger_force")
         normal = self.column("contact_normal")[:, : force.shape[1]]
         touching = np.not_equal(self.column("touching"), 0.0)
@@ -120,7 +130,7 @@ class RowSplit:
 
     def grasps(self) -> Iterator[GraspRows]:
         """List the grasps, each with the rows in which its rule is the same."""
-        ends = [*(row - self._start for row, _ in self._splits[1:]), self._count]
+        ends = [*(row - self.start for row, _ in self._splits[1:]), self._count]
         first = 0
         for (_, split), end in zip(self._splits, ends, strict=True):
             last = min(max(first, end), self._count)
@@ -140,6 +150,10 @@ class RowSplit:
         gap = None if rule.fade is None else self.column("gap")[fingers, rows]
         normal = self.column("contact_normal")[fingers, :, rows] if rule.soft else None
         return Samples(contact, gap, normal)
+
+
+def _rows_last(values: FloatArray) -> FloatArray:
+    return np.ascontiguousarray(np.moveaxis(values, 0, -1))
 
 
 def _rule_of(split: Split, name: str) -> SplitRule:

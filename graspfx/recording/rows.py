@@ -29,9 +29,10 @@ class RowStore:
 
     Attributes:
         step: number of rows that are best read together.
+        by_column: whether columns are stored apart, so that one is read without the others.
     """
 
-    step = 1
+    step, by_column = 1, False
 
     def __len__(self) -> int:
         raise NotImplementedError
@@ -68,7 +69,8 @@ class Window(RowStore):
     """Rows `first` to `stop` - 1 of another store."""
 
     def __init__(self, store: RowStore, first: int, stop: int) -> None:
-        self._store, self._first, self._count, self.step = store, first, max(stop - first, 0), store.step
+        self._store, self._first, self._count = store, first, max(stop - first, 0)
+        self.step, self.by_column = store.step, store.by_column
 
     def __len__(self) -> int:
         return self._count
@@ -95,6 +97,7 @@ class DataSetRows(RowStore):
         self, path: Path, data: Sequence[tuple[slice, Any]], count: int, step: int, others: dict[str, Any]
     ) -> None:  # fmt: skip
         self._path, self._data, self._count, self.step, self._others = path, data, count, step, others
+        self.by_column = len(data) > 1
 
     def __len__(self) -> int:
         return self._count
@@ -185,6 +188,8 @@ class BlockRows(RowStore):
             piece = self._pieces[number]
             low, high = max(first, piece.first), min(stop, piece.first + piece.count)
             own = self._rows(number, low - piece.first, high - piece.first)
+            if high - low == len(rows):
+                return own[:, where]
             rows[low - first : high - first] = own[:, where]
         return rows
 

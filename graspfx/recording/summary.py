@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 MICROSECONDS = 1e6
-TOGETHER = 8192  # rows processed together, so that they fit the processor's cache
+HALVES = ("internal_force", "external_force")
 
 
 def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -78,11 +78,9 @@ def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[s
         growth: Growths, as in the result.
     """
     tally = Tally(recording)
-    for first in range(0, len(recording), recording.store.step):
-        stop = min(first + recording.store.step, len(recording))
-        rows = recording.store.read(first, stop, slice(0, recording.layout.width))
-        for k in range(0, len(rows), TOGETHER):
-            tally.add(rows[k : k + TOGETHER], recording.start + first + k)
+    for part in recording.parts():
+        rows = part.store if part.store.by_column else part.rows
+        tally.add(RowSplit(rows, part.layout, tally.splits or [(0, {})], part.start, tally.friction))
     return tally.result(growth)
 
 
@@ -100,15 +98,11 @@ class Sizes:
         """Add the sizes (things, r) selected by `where`."""
         if not sizes.size:
             return
-        if where is None or where.all():
-            self.count += sizes.size
-        else:
-            self.count += int(where.sum())
-            self.largest = np.maximum(self.largest, np.where(where, sizes, -math.inf).max(axis=1))
-            self._sums.append(float(np.where(where, sizes, 0.0).sum()))
-            return
-        self.largest = np.maximum(self.largest, sizes.max(axis=1))
-        self._sums.append(float(sizes.sum()))
+        some = None if where is None or where.all() else where  # a selection of all would only be copied
+        self.count += sizes.size if some is None else int(some.sum())
+        peaks, terms = (sizes if some is None else np.where(some, sizes, nothing) for nothing in (-math.inf, 0.0))
+        self.largest = np.maximum(self.largest, peaks.max(axis=1))
+        self._sums.append(float(terms.sum()))
 
     @property
     def mean(self) -> float | None:
@@ -170,7 +164,7 @@ class Tally:
         self.grip_margin, self.friction_needed = math.inf, 0.0
         self.squeeze, self.depth, self.apart, self.residual = Sizes(), Sizes(n), Sizes(), Sizes(len(layout.objects))
         self.least_apart = math.inf
-        self.forces = {name: Sizes(n) for name in ("finger_force", "displayed_force", *self._halves())}
+        self.forces = {name: Sizes(n) for name in ("finger_force", "displayed_force", *HALVES)}
         self.off, self.off_count = list[float](), 0  # squared distances of objects from their fingers' centre
         self.moments: dict[tuple[int, int], tuple[Sizes, Sizes]] = {}
         self.ledgers = {name: Ledger() for name in layout.objects}
@@ -183,13 +177,9 @@ class Tally:
         """Tell whether the recording has all of these columns."""
         return all(column in self.layout.columns for column in columns)
 
-    def _halves(self) -> tuple[str, ...]:
-        return ("internal_force", "external_force") if self.divided else ()
-
-    def add(self, rows: FloatArray, start: int) -> None:
-        """Add rows (r, width), the first of which is `start`."""
-        block = RowSplit(rows, self.layout, self.splits or [(0, {})], start, self.friction)
-        self.rows += len(rows)
+    def add(self, block: RowSplit) -> None:
+        """Add some rows."""
+        self.rows += len(block)
         on = np.not_equal(block.column("touching"), 0.0) if self.has("touching") else None
         if on is not None:
             self.on += on.sum(axis=1)
@@ -212,7 +202,7 @@ class Tally:
             self.forces[name].add(_length(values), on)
         if parts and self.has("finger_position"):
             for grasp in block.grasps():
-                self._add_moments(block, grasp, parts["internal_force"], start)
+                self._add_moments(block, grasp, parts["internal_force"])
         self._add_signals(block, parts)
 
     def _add_places(self, block: RowSplit, on: BoolArray | None) -> None:
@@ -257,7 +247,7 @@ class Tally:
         if self.has("device_energy"):
             self.energy = block.column("device_energy")[:, -1].copy()
 
-    def _add_moments(self, block: RowSplit, grasp: GraspRows, force: FloatArray, start: int) -> None:
+    def _add_moments(self, block: RowSplit, grasp: GraspRows, force: FloatArray) -> None:
         """Add the moment of internal forces on one object, and its reference |f| r.
 
         If fingers act on the object at their tips, internal forces, which have no moment about the contact points, turn
@@ -276,7 +266,7 @@ class Tally:
                 square += (e[:, a] * f[:, b] - e[:, b] * f[:, a]).sum(axis=0) ** 2
         away = c - c.sum(axis=0) / len(c)
         whole = np.sqrt((f * f).sum(axis=(0, 1)) * (away * away).sum(axis=(0, 1)) / len(c))
-        number = sum(first <= start + rows.start for first, _ in self.splits)
+        number = sum(first <= block.start + rows.start for first, _ in self.splits)
         moment, push = self.moments.setdefault((thing, number), (Sizes(), Sizes()))
         moment.add(np.sqrt(square)[None])
         push.add(whole[None])
@@ -355,7 +345,7 @@ class Tally:
         return (counts / self.rows).tolist() if self.rows else [None] * len(counts)
 
     def _two_forces(self, name: str) -> dict[str, Any]:
-        sizes = self.forces.get(name)
+        sizes = self.forces[name] if self.divided else None
         return {
             f"{name}_peak": None if sizes is None else sizes.peaks,
             f"{name}_mean": None if sizes is None else sizes.mean,

@@ -114,26 +114,21 @@ def quantities(recording: Recording, works: Mapping[str, NDArray[Any]] | None = 
         if values is not None:
             yield Quantity(name, values, ("finger",), "J", meaning)
     for part, column in parts_of_objects(layout).items():
-        values = np.stack([_of_object(recording, name, part, column) for name in layout.objects], axis=1)
+        values = _of_objects(recording, part, column)
         yield Quantity(object_name(part), values, ("object", *column.dimensions), column.unit, column.meaning)
 
 
 def rows_of(recording: Recording, name: str, first: int, stop: int) -> NDArray[Any]:
     """Return one of the `quantities` in some rows; only the required columns are read."""
-    columns = {column.name.replace("/", "_"): column for column in recording.layout.columns.values()}
     if name in ENERGIES:  # accumulated from the beginning
         return np.asarray(_derived(recording, name))[first:stop]
+    source = recording if (first, stop) == (0, len(recording)) else recording.part(first, stop)
+    columns = {column.name.replace("/", "_"): column for column in recording.layout.columns.values()}
     if name in columns:
-        return columns[name].typed(recording.read(columns[name].name, first, stop))
+        return _stored(source, columns[name])
     for part, like in parts_of_objects(recording.layout).items():
         if object_name(part) == name:
-            own = (recording.layout.columns.get(f"objects/{thing}/{part}") for thing in recording.layout.objects)
-            nothing = np.full((stop - first, *like.shape), np.nan)
-            return np.stack(
-                [nothing if each is None else each.typed(recording.read(each.name, first, stop)) for each in own],
-                axis=1,
-            )
-    source = recording if (first, stop) == (0, len(recording)) else recording.part(first, stop)
+            return _of_objects(source, part, like)
     return np.asarray(getattr(source, name))
 
 
@@ -177,9 +172,14 @@ def _derived(recording: Recording, name: str) -> NDArray[Any] | None:
     return values
 
 
-def _of_object(recording: Recording, name: str, part: str, like: Column) -> NDArray[Any]:
-    own = recording.layout.columns.get(f"objects/{name}/{part}")
-    return np.full((len(recording), *like.shape), np.nan) if own is None else _stored(recording, own)
+def _of_objects(recording: Recording, part: str, like: Column) -> NDArray[Any]:
+    """Combine a column of all objects, (N, objects, ...), with NaN for an object that lacks it."""
+    own = [recording.layout.columns.get(f"objects/{name}/{part}") for name in recording.layout.objects]
+    nothing = np.full((1, *like.shape), np.nan)
+    values = [nothing if each is None else _stored(recording, each) for each in own]
+    if len(values) == 1:
+        return values[0][:, None]  # a view
+    return np.stack([np.broadcast_to(each, (len(recording), *like.shape)) for each in values], axis=1)
 
 
 def recording_dataset(recording: Recording) -> xarray.Dataset:

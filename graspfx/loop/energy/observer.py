@@ -20,9 +20,6 @@ from graspfx.objects.energy import SampleStart
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-BY_MODE = ("work", "stored", "damped", "slipped", "reshaped", "leaked", "balance", "braked", "damping")
-OF_OBJECT = ("fingers", "wrench", "kinetic", "gravity", "contact", "viscous", "defect", "gap")
-
 MET = start_of(LedgerState, "start") + start_of(SampleStart, "contact_force")
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solveh_banded
 
+from graspfx.recording.vibration import fast_size
 from graspfx.recording.vibration import roughness as smooth_rest
 
 
@@ -36,10 +37,29 @@ def by_lapack(x, q):
 
 @pytest.mark.parametrize("N", [*range(5, 23), 36, 40])
 def test_any_number_of_rows_is_right(N):
-    """Few rows, where the last block is full or not, and odd and even numbers of blocks at every level."""
+    """Few rows are solved directly."""
     x = np.random.default_rng(N).normal(size=N)
     expected = exactly(x, 7.0)
     assert np.abs(roughness(x[:, None], 7.0)[:, 0] - expected).max() < 1e-14 * np.abs(x).max()
+
+
+@pytest.mark.parametrize("N", [67, 68, 69, 76, 77, 92])
+def test_any_number_of_rows_is_transformed(N):
+    """Numbers of equations about the least that the Fourier transform takes, 64, and transforms that are full or not.
+
+    Rounding is that of the equations' condition, 256 q, as for the transform of a long signal.
+    """
+    x = np.random.default_rng(N).normal(size=N)
+    expected = exactly(x, 7.0)
+    assert np.abs(roughness(x[:, None], 7.0)[:, 0] - expected).max() < 1e-16 * 256 * 7.0 * np.abs(x).max()
+
+
+def test_sizes_of_transforms_are_fast_and_close():
+    """Each is 2^a times 1, 3, 5, 9 or 15, and at most a fourth larger than required."""
+    for least in range(9, 3000):
+        size = fast_size(least)
+        assert least <= size <= 1.25 * least
+        assert size // (size & -size) in (1, 3, 5, 9, 15)
 
 
 @pytest.mark.parametrize(("period", "tolerance"), [(0.02, 1e-12), (0.005, 1e-8), (0.002, 1e-5)])
