@@ -20,7 +20,7 @@ FIRST = 1.0  # time for the first sample [s]
 
 
 def lock_of(service: Service, name: str) -> ProgramLock:
-    """Return the lock of a device, which one program on this machine can hold."""
+    """Return the lock of a device, which only one program on this machine can hold at a time."""
     return ProgramLock(f"the device {name} of {service.url}")
 
 

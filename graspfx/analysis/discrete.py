@@ -18,11 +18,11 @@ INTEGRATORS = ("explicit", "semi-implicit", "exact", "implicit", "bullet")
 TERMS = 20  # number of terms of the series of `force_response`, which fall below 1e-18 where it is used
 WIDE = 0.5  # distance of poles per sample above which their difference does not cancel
 STIFF = 0.5  # k T^2/m above which 1 - cos does not cancel
-WHOLE = 1e-9  # fraction of a sample within which a delay counts as whole samples
+WHOLE = 1e-9  # fraction of a sample within which a delay is treated as whole samples
 
 
 def force_response(p: Numbers, kappa: Numbers, T: Numbers) -> tuple[FloatArray, FloatArray]:
-    """Compute R and Q of x'' + p x' + kappa x = u: x after T for x' = 1, and from rest for u = 1 held.
+    """Compute R and Q of x'' + p x' + kappa x = u: R is x after T from x' = 1, and Q is x after T from rest with u = 1.
 
         x+ = (1 - kappa Q) x + R x' + Q u,   x'+ = -kappa R x + (1 - kappa Q - p R) x' + R u
 
@@ -73,7 +73,7 @@ def _series(p: FloatArray, kappa: FloatArray, T: FloatArray, where: NDArray[np.b
 
 
 def device(mass: Numbers, friction: Numbers, spring: Numbers, period: Numbers) -> tuple[FloatArray, FloatArray]:
-    """Return position per force held over the sample: numerator (2, ...), denominator (3, ...), in powers of s."""
+    """Return the transfer function from held force to position: numerator (2, ...), denominator (3, ...), in s."""
     m = np.asarray(mass, float)
     p, kappa = friction / m, spring / m
     R, Q = force_response(p, kappa, period)
@@ -106,13 +106,16 @@ def late_device(
             samples, both polynomials are bit-identical to those of `discrete.device`.
 
     Raises:
-        InputError: If the delay is not the same number of whole samples for all periods.
+        InputError: If the number of whole samples, or the presence of a remainder, differs between periods.
     """
     periods = np.unique(np.asarray(period, dtype=float))
     counts = [samples_and_part(latency, each) for each in periods.tolist()]
     if len({(n, part > 0.0) for n, part in counts}) > 1:
         raise InputError(
-            "latency", latency, "equally many whole samples for every period", "compute one period at a time"
+            "latency",
+            latency,
+            "a latency with the same number of whole samples for every period, and a remainder for all or none",
+            "compute one period at a time",
         )
     numerator, denominator = device(mass, friction, spring, period)
     n, part = counts[0]
@@ -174,7 +177,7 @@ S = np.array([0.0, 1.0])
 
 
 def times(*factors: FloatArray) -> FloatArray:
-    """Multiply polynomials, coefficients on the first axis, the other axes broadcast."""
+    """Multiply polynomials with their coefficients on the first axis; the other axes broadcast."""
     product = factors[0]
     for factor in factors[1:]:
         shape = np.broadcast_shapes(product.shape[1:], factor.shape[1:])

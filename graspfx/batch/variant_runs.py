@@ -41,8 +41,8 @@ class Job:
         columns: Indices of the measured numbers of a row.
         ticks: Ticks of a run.
         look: Function that is called with the arena of every variant after its run.
-        more: Function of variants' arenas (v, arena) that returns a function of their rows (r, width, v). The latter
-            computes further numbers, which follow those of a row.
+        more: Function of the variants' arenas (v, arena) that returns another function. From the variants' rows (r,
+            width, v), this function computes further numbers, which are appended to the rows.
     """
 
     arena: Arena

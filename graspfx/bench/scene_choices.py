@@ -196,7 +196,7 @@ def trade_off(scene: Scene, *, duration: float | None = None, quick: bool = Fals
         quick: Whether to measure fewer periods, with fewer runs of each.
 
     Raises:
-        InputError: If the duration is less than two of the longest periods.
+        InputError: If the duration is less than twice the longest period.
         GraspFXError: If the scene rejects a smaller period, so that there is no reference.
     """
     periods = [share * scene.period for share in (QUICK_PERIODS if quick else PERIODS)]
@@ -204,7 +204,7 @@ def trade_off(scene: Scene, *, duration: float | None = None, quick: bool = Fals
     seconds = min(scene.duration, LONGEST) if duration is None else duration
     instants = math.floor(seconds / instant + 1e-9)
     if instants < 2:
-        raise InputError("--duration", seconds, f"at least two of the longest periods, {2.0 * instant:g} s")
+        raise InputError("--duration", seconds, f"at least twice the longest period, {2.0 * instant:g} s")
     seconds = instants * instant
     reference = converge(scene, seconds, instant)
     name = source_name(scene.source)

@@ -1,4 +1,4 @@
-"""Certificates of a scene: squeezed, provisional, or at the end of a recording."""
+"""Certificates of a scene: of the squeezed grasp at rest, of a provisional squeeze, or of a recording's end."""
 
 from __future__ import annotations
 

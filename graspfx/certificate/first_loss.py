@@ -3,7 +3,7 @@
 The loop is divided into independent parts. If its matrix is linear in the gain's factor, A_0 + s A_1, the largest
 eigenvalues on a grid of factors bracket the loss of stability, and Newton's method on the eigenvalue that leaves the
 unit circle finds it. For other loops, the search brackets the factor at which the spectral radius exceeds 1. For loops
-with a late reaction, it counts the eigenvalues outside the circle instead.
+with a delayed reaction, the search uses the number of eigenvalues outside the circle instead of the spectral radius.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ FARTHEST = 0.05  # largest displacement of the followed eigenvalue
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A matrix K_0 + s K_1 over the factor s of a gain."""
+    """Matrix K_0 + s K_1 as a function of the factor s of a gain."""
 
     still: FloatArray
     slope: FloatArray
@@ -57,7 +57,7 @@ class Line:
 
 
 class PartLoop:
-    """A(K) of a part, without motions that change no force; A(0) + W K C for all integrators but the implicit one."""
+    """Matrix A(K) of a part, without motions that change no force; A(0) + W K C unless implicit or delayed."""
 
     def __init__(self, part: Part) -> None:
         linear, self._part = part.linear, part
@@ -113,7 +113,7 @@ class WholeLoop:
 
 
 class Family:
-    """Loops for all factors s of a gain, with K(s)."""
+    """Loops with the stiffness K(s), for all factors s of a gain."""
 
     def __init__(self, loop: WholeLoop | Linearisation, stiffness: Stiffness) -> None:
         self.loop = loop if isinstance(loop, WholeLoop) else WholeLoop(loop)
@@ -171,7 +171,11 @@ class Family:
         return any(self.unstable_of(part, factor) for part in self.loop.parts)
 
     def unstable_of(self, part: PartLoop, factor: float) -> bool:
-        """True if an eigenvalue of a part lies outside the circle; eigenvalues of a late part are counted."""
+        """True if an eigenvalue of a part lies outside the unit circle.
+
+        For a part with a delayed reaction, the number of roots outside the circle is determined instead of the
+        eigenvalues.
+        """
         if part.late:
             return roots_beyond(part.late_loop(self.stiffness(factor)), 1.0 + ROUNDING) > 0
         return abs(self.farthest_of(part, factor)) > 1.0 + ROUNDING
@@ -190,8 +194,9 @@ class Reach:
 
 @dataclass
 class _Search:
-    """Search for one family: remaining factors, last stable factor, first unstable factor, the edge between.
+    """Search for the limit of one family, the factor `edge` between the last stable and the first unstable factor.
 
+    `factors` are the factors that remain, `before` is the last stable factor, and `lost` is the first unstable factor.
     `roots` are the largest eigenvalues by factor; `beyond` is the largest eigenvalue at a factor just above the edge.
     """
 
@@ -236,7 +241,7 @@ class _Search:
 
 
 def reach(linear: Linearisation | WholeLoop, stiffness: Stiffness) -> Reach:
-    """Find the first loss of stability above the present gain; if that is unstable, above the first stable gain.
+    """Find the first loss of stability above the present gain; if this gain is unstable, above the first stable gain.
 
     Args:
         linear: Loop for s = 1.
@@ -282,7 +287,7 @@ def _drop_larger(group: Sequence[_Search]) -> None:
 def farthest(families: Sequence[tuple[Family, Sequence[float]]]) -> list[list[complex]]:
     """Find the largest eigenvalue of each family for each of its factors, solving matrices of equal size together.
 
-    Late families get 0 or 2 instead, which tells on which side of the unit circle the eigenvalue lies.
+    For a family with a delayed reaction the result is 0 if the family is stable, and 2 if it is unstable.
     """
     stacks: defaultdict[int, list[FloatArray]] = defaultdict(list)
     places: defaultdict[int, list[tuple[int, int]]] = defaultdict(list)
@@ -428,11 +433,11 @@ def bracketed(function: Callable[[float], float], low: float, high: float) -> fl
 
 
 def _late_edge(family: Family, before: float, lost: float) -> tuple[float, complex]:
-    """Find where a late family loses stability, and the eigenvalue there.
+    """Find where a family with a delayed reaction loses stability, and the eigenvalue there.
 
-    The bracket is bisected by counting eigenvalues. Once it is narrow, the eigenvalue next to the circle is followed
-    onto the circle, and counts of eigenvalues just below and just above this factor tell whether it crosses first. If
-    not, bisection continues.
+    The bracket is bisected by the number of eigenvalues outside the circle. When the bracket is narrow, the eigenvalue
+    next to the circle is followed onto the circle. If the loop is stable just below this factor and unstable just above
+    it, this eigenvalue crosses first; otherwise bisection continues.
     """
     low, high = _halved(family, before, lost, NARROW)
     crossing = _followed(family, low, high)
@@ -452,7 +457,7 @@ def _halved(family: Family, low: float, high: float, width: float) -> tuple[floa
 
 
 def _followed(family: Family, low: float, high: float) -> tuple[float, complex] | None:
-    """Find the factor at which an eigenvalue outside the circle at `high` crosses it; None if it gets lost."""
+    """Find the factor at which an eigenvalue outside the circle at `high` crosses the circle; None if not found."""
     part = next(part for part in family.loop.parts if family.unstable_of(part, high))
     if not part.late:
         edge = bracketed(lambda s: abs(family.farthest_of(part, s)) - 1.0, low, high)

@@ -1,4 +1,4 @@
-"""State about which a grasp is linearised: the rest of still hands, one step from the start, or the start."""
+"""State about which a grasp is linearised: its rest with closed hands, one linear step from the start, or the start."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ FloatArray = NDArray[np.float64]
 
 STEPS = 24  # steps in which the hands close; then gravity is applied
 EARLY = 2  # number of those steps in which contacts may begin on the quick path
-QUICK = np.array([1.0 / STEPS, 2.0 / STEPS, 0.25, 0.5, 0.75, 1.0])  # shares of the way on the quick path
-COMPARED_AT = np.array([0.2, 0.45, 0.7, 1.0])  # shares of the way at which the path is compared with a straight line
+QUICK = np.array([1.0 / STEPS, 2.0 / STEPS, 0.25, 0.5, 0.75, 1.0])  # fractions of the way on the quick path
+COMPARED_AT = np.array([0.2, 0.45, 0.7, 1.0])  # fractions of the way at which the path is compared with a line
 SETTLING = 40  # further steps, of increasing length
 SLIDING = 1500  # further steps if contacts slid
 SETTLED = 1e-9  # relative to the largest force: remaining imbalance at rest
 REFRESH = 16  # number of successive further steps that share one stiffness
 MEETING = 8  # steps with strong resistance after a finger begins or ceases to touch
-DISTRUST = 8  # steps with frozen contacts after a step with sliding contacts that did not help
-STRAIGHT = 1e-6  # largest deviation of a straight path, relative to its length
+DISTRUST = 8  # steps with frozen contacts after the imbalance has increased
+STRAIGHT = 1e-6  # relative to the length: largest deviation of a path that is treated as straight
 PRESSED = 5.0 * SHIFT  # depth at which all difference quotients find a finger touching [m]
 ON_SURFACE = 1e-9  # rounding of a finger that starts on the surface [m]
 MOST_GRIPS = 60  # largest number of iterations for the grip force and the stiffness that depends on it
 SAME_GRIP = 1e-8  # relative difference of the forces of two iterations at convergence
-UNFORCED = "contacts as at the start and no force on them: "
-SLID = "contacts slid while the hands closed slowly; a run rests a few per cent away: certify its recording"
+UNFORCED = "contacts are those of the start, without forces: "
+SLID = "contacts slid while the hands closed slowly; a run's rest may differ by a few per cent: certify its recording"
 
 
 class NotGraspingError(InputError):
@@ -55,7 +55,7 @@ class NotGraspingError(InputError):
     def __init__(self, object: str, gap: float, where: str) -> None:
         self.object, self.gap, self.where = object, gap, where
         given = f"nearest finger {1e3 * gap:.3g} mm away, {where}"
-        remedy = "bring them nearer or squeeze more; if motions bring them, certify a recording that ends in a grasp"
+        remedy = "place them nearer or squeeze more; if motions close the gap, certify a recording that ends in a grasp"
         super().__init__(f"fingers of {object}", given, "at least one that touches the object", remedy)
 
 
@@ -66,7 +66,7 @@ class OperatingPoint:
     Attributes:
         where: "squeezed", "provisional", "recorded" or "start".
         stiffness: J (m + r, m + r) in this state, with sticking contacts; None at the start, without forces.
-        margins: Friction in use f_t/(mu f_n) of each finger, (n,); nan if there is none.
+        margins: Friction in use f_t/(mu f_n) of each finger, (n,); nan without a coefficient or a normal force.
         assumed: Assumptions, as sentences.
     """
 
@@ -78,12 +78,12 @@ class OperatingPoint:
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """Loads on a grasp other than the coupling.
+    """Loads on a grasp apart from the coupling's forces.
 
     Attributes:
         hands: Stiffness K_h of the hands, (m, m) [N/m].
-        weight: Weight on the free freedoms, (r,) [N, N m].
-        closing: Function that returns the intended positions (k, m) [m] at shares (k,) of the hands' way.
+        weight: Weight along the free degrees of freedom, (r,) [N, N m].
+        closing: Function that returns the intended positions (k, m) [m] at fractions (k,) of the hands' way.
     """
 
     hands: FloatArray
@@ -104,10 +104,10 @@ def load_of(
     point: OperatingPoint,
     force: FloatArray | None = None,
 ) -> Load:
-    """Return the hands without motions, closed to their largest squeeze, and the weight if fingers carry it.
+    """Return the load of hands that close to their largest squeeze without motions, and the weight if fingers carry it.
 
     Args:
-        parts, index, grip, fingers: Parts of the scene, and the object with its fingers.
+        parts, index, grip, fingers: Parts of the scene, index of the object, its grip and its fingers.
         point: State whose list of assumptions gets an entry for each omitted effect.
         force: Forces of the fingers, (n, d) [N], for hands that stiffen with the grip; zero if None.
     """
@@ -147,12 +147,12 @@ def load_of(
 
 
 def squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> OperatingPoint:
-    """Bring the grip to rest; the result has no stiffness, and says so, if a finger on hardware does not touch.
+    """Bring the grip to rest. If a finger on hardware does not touch, the result is the start, without a stiffness.
 
     For hands that stiffen with the grip, iteration finds the stiffness that matches the forces at rest.
 
     Raises:
-        NoRestError: If no rest is found, or a finger does not touch at rest.
+        NoRestError: If no rest is found, or a finger that is not on hardware does not touch at rest.
     """
     first, force = grip.changing.copy(), np.zeros((grip.n, grip.d))
     point = _squeezed(parts, index, grip, fingers, force)
@@ -176,7 +176,7 @@ def _stiffens(parts: Parts, finger: int) -> bool:
 
 
 def _squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], force: FloatArray) -> OperatingPoint:
-    """Bring the grip to rest with hands as stiff as these forces make them."""
+    """Bring the grip to rest with the stiffness that the hands have at these forces."""
     scene, start, name = parts.scene, parts.start[fingers], parts.objects[index].table.name
     point = OperatingPoint("squeezed", None, np.full(grip.n, np.nan))
     load = load_of(parts, index, grip, fingers, point, force)
@@ -185,7 +185,7 @@ def _squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], f
     some = load.closing(COMPARED_AT)
     is_bent, way = bent(some, start.ravel()), some[-1] - start.ravel()
     result = None
-    if not is_bent:  # the path is irrelevant if every contact begins at once or never, and no contact slides
+    if not is_bent:  # the path is irrelevant if every contact begins early or never, and no contact slides
         result = settle(grip, start.ravel() + QUICK[:, None] * way, load.hands, load.weight, early=EARLY)
         if result is None or not result.rest:
             grip.changing[:] = initial
@@ -208,9 +208,9 @@ def _squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], f
         slipping = [scene.finger_names[i] for i in fingers[result.sliding]]
         raise no_rest_error(
             name,
-            f"with still hands {', '.join(slipping)} still slide after {result.steps} steps"
+            f"contacts of {', '.join(slipping)} still slide after {result.steps} steps, although the hands do not move"
             if slipping
-            else f"with hands at rest the forces do not balance after {result.steps} steps",
+            else f"the forces do not balance after {result.steps} steps, although the hands do not move",
         )
     if result.slid.any():
         point.assumed.append(SLID)
@@ -220,7 +220,7 @@ def _squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], f
 
 
 def bent(course: FloatArray, start: FloatArray) -> bool:
-    """True if hands close to their final targets on a path that is not straight from the fingers' start."""
+    """True if the hands' path from the fingers' start to the final targets is not straight."""
     way = course[-1] - start
     length = float(np.linalg.norm(way))
     along = np.outer((course - start) @ way, way) / max(length**2, 1e-300)
@@ -238,13 +238,13 @@ def provisional(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp])
         now = grip.forces()
         J = None if now is None else grip.stiffness(grip.lengths(), both=False)
         if now is None or J is None:
-            raise no_rest_error(name, "the forces of a sample do not settle")
+            raise no_rest_error(name, "the forces of a sample do not converge")
         A = np.vstack([J[: grip.m], -J[grip.m :]])
         A[: grip.m, : grip.m] += load.hands
         pull = load.hands @ (load.closing(np.ones(1))[0] - g.finger_position.ravel()) - now[: grip.m]
         grip.move(np.linalg.lstsq(A, np.concatenate([pull, now[grip.m :] + load.weight]), rcond=None)[0])
         if grip.forces() is None:
-            raise no_rest_error(name, "the forces of a sample do not settle")
+            raise no_rest_error(name, "the forces of a sample do not converge")
     point.assumed.append(
         "provisional: the squeeze of one step from the start with sticking contacts, without a search for the rest"
     )
@@ -254,9 +254,9 @@ def provisional(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp])
 
 
 def require_contact(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> None:
-    """Require that still hands bring at least one finger to the object while they close.
+    """Require that at least one finger touches the object when the hands close without other motion.
 
-    Fingers on hardware are exempt, because they may be moved anywhere.
+    Fingers on hardware are exempt, because the operator can move them anywhere.
 
     Raises:
         NotGraspingError: If no finger touches on the way.
@@ -273,7 +273,7 @@ def require_contact(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.in
 
 
 def led(parts: Parts) -> set[int]:
-    """Return the fingers on hardware, which may be moved anywhere."""
+    """Return the fingers on hardware, which the operator can move anywhere."""
     return {i for wire in parts.wires if is_hardware(wire.device) for i in wire.fingers}
 
 
@@ -296,23 +296,23 @@ def no_rest_error(
 
 
 def incomplete(scene: Scene, index: int, apart: NDArray[np.intp], when: str) -> NoRestError:
-    """Return the error of a grasp at rest that some of its fingers do not touch."""
+    """Return the error of a rest at which some of the fingers do not touch the object."""
     names = ", ".join(scene.finger_names[i] for i in apart)
     does = "does" if len(apart) == 1 else "do"
     why = f"{when} {names} {does} not touch the object"
-    return no_rest_error(scene.object[index].name, why, "bring such fingers nearer, or omit them to judge the others")
+    return no_rest_error(scene.object[index].name, why, "place these fingers nearer, or omit them to judge the others")
 
 
 def at_start(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], point: OperatingPoint) -> OperatingPoint:
     """Return the start as the state if the fingers that do not touch are on hardware.
 
     Raises:
-        NoRestError: If simulated hands leave a finger away from the object.
+        NoRestError: If a finger that does not touch is not on hardware.
     """
     apart = fingers[grip.grasped.touching == 0.0]
     if not led(parts).issuperset(apart.tolist()):
         raise incomplete(parts.scene, index, apart, "with the hands closed")
-    why = f"{UNFORCED}{', '.join(parts.scene.finger_names[i] for i in apart)} may be led to the object"
+    why = f"{UNFORCED}{', '.join(parts.scene.finger_names[i] for i in apart)} can be moved to the object"
     return OperatingPoint("start", None, np.full_like(point.margins, np.nan), [*point.assumed, why])
 
 
@@ -339,23 +339,24 @@ class Settlement:
 def settle(
     grip: Grip, course: FloatArray, hands: FloatArray, weight: FloatArray, early: int | None = None
 ) -> Settlement | None:
-    """Bring fingers and object to rest: K_h (r - p) = f, wrench + weight = 0. None if a sample's forces fault.
+    """Bring fingers and object to rest: K_h (r - p) = f, wrench + weight = 0. Return None if a sample fails.
 
     The hands close along `course`, and then gravity is applied. The steps are implicit steps of a motion that only
     friction resists. As the time step grows, they become Newton steps. A step cannot foresee new contacts. After a
     contact begins or ends, the next steps are therefore resisted by the largest contact stiffness; otherwise the object
     would be thrown from finger to finger.
 
-    Contacts keep the state that a run would keep: faces, anchors and slip. Each step treats contacts as frozen, but the
-    remaining imbalance is computed with the true contacts. If contacts slide, the imbalance shrinks only by about k/(k
-    + k_h) per step. Later steps therefore treat sliding contacts as sliding, as long as this reduces the imbalance.
+    The faces, anchors and slip of contacts are stored between steps, as in a run. Each step treats contacts as frozen,
+    but the remaining imbalance is computed with the true contacts. If contacts slide, the imbalance shrinks only by
+    about k/(k + k_h) per step. Later steps therefore treat sliding contacts as sliding, as long as this reduces the
+    imbalance.
 
     Args:
         course: Intended positions r (steps, m) [m]; the last ones are held.
         hands: Stiffness K_h of the hands, (m, m) [N/m].
-        weight: Weight on the free freedoms, (r,) [N, N m].
-        early: Last step at which a contact may begin. A contact that begins, ends or slides later ends the search
-            without a rest. None for no such limit.
+        weight: Weight along the free degrees of freedom, (r,) [N, N m].
+        early: Last step at which a contact may begin or end. A contact that begins or ends later, or slides, ends the
+            search without a rest. None for no such limit.
     """
     m, size = grip.m, grip.m + grip.r
     lengths = grip.lengths()
@@ -413,7 +414,7 @@ def settle(
 
 
 def softened(grip: Grip, J: FloatArray, sliding: NDArray[np.bool_]) -> FloatArray:
-    """Return J for contacts that slide as they do now; J itself if friction has no solution."""
+    """Return J with sliding contacts that continue to slide; J itself if friction has no solution."""
     wide = np.zeros((2, len(J), int(sliding.sum())))
     wide[:, : grip.m] = edge_directions(grip.grasped, np.flatnonzero(sliding).tolist())
     softer = released(J, *wide)

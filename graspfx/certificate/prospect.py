@@ -20,7 +20,7 @@ INSTALL = "llvmlite is not installed: run `pip install llvmlite`"
 
 
 def engine_plan(scene: Scene) -> list[PlanRow]:
-    """Return the rows below `plan` about calls and engine.
+    """Return the rows about calls and engine, which follow those of `plan`.
 
     The scene is assembled, but nothing moves, and the program of all scenes is not compiled.
 
@@ -38,12 +38,13 @@ def engine_plan(scene: Scene) -> list[PlanRow]:
 
 def _calls(servo: Servo) -> str:
     world, ahead = servo.arena.world, looked_ahead(servo)
-    beforehand = f"; {_listed(ahead)} not a kernel: evaluated in advance for many ticks" if ahead else ""
+    why_ahead = "it is not a kernel" if len(ahead) == 1 else "they are not kernels"
+    beforehand = f"; the targets of {', '.join(ahead)} are computed in advance, because {why_ahead}" if ahead else ""
     if not world.pauses:
-        return f"all parts are kernels: one call for many ticks{beforehand}"
+        return f"one call for many ticks{beforehand}" if ahead else "all parts are kernels: one call for many ticks"
     called, moved = foreign(servo), guests(servo)
     calls = "two calls for each tick" if world.ports else "one call for each tick"
-    why = [f"{_listed(called)} no kernel{'' if len(called) == 1 else 's'}"] if called else []
+    why = [f"{_listed(called)} not {'a kernel' if len(called) == 1 else 'kernels'}"] if called else []
     why += [f"{_listed(moved)} moved by other software between ticks"] if moved else []
     return f"{calls}, because {' and '.join(why)}{beforehand}"
 
@@ -53,13 +54,13 @@ def _listed(parts: Collection[str]) -> str:
 
 
 def _engine(scene: Scene, servo: Servo) -> PlanRow:
-    says = "" if scene.engine == "auto" else ", as the scene says"
+    says = "" if scene.engine == "auto" else ", as the scene requires"
     if scene.engine == "interpreted":
         return PlanRow("engine", True, f"interpreted{says}")
     if why := _obstacle(servo):
         if scene.engine == "auto":
             return PlanRow("engine", True, f"interpreted: {why}")
-        return PlanRow("engine", False, f"cannot be compiled{says}: {why}")
+        return PlanRow("engine", False, f"cannot be compiled, although the scene requires it: {why}")
     program = kept_program()
     if program is None:
         where = f"compiled before the first tick, once per version and machine (`graspfx warmup`), into {folder_text()}"

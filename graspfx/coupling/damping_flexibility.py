@@ -318,7 +318,7 @@ def write_force(
 
 @kernel
 def invert(grasp: GraspState, count: int) -> None:
-    """Compute Y = E (I - S E)^-1 of E in `whole` and S in `gram`, into `work`."""
+    """Compute Y = E (I - S E)^-1 from E in `whole` and S in `gram`, and store it in `work`."""
     state = grasp.recoil
     A, Y = state.near, state.work
     for j in range(count):

@@ -63,7 +63,7 @@ def trial_order(
         participant: Participant's number, which selects the row: 1 has the first row, and rows are reused cyclically.
 
     Raises:
-        InputError: If the order is "latin-square" and the participant is not a number.
+        InputError: If the order is "latin-square" and the participant is not a whole number of at least 1.
     """
     if order == "fixed":
         return [(condition, k) for k in range(repetitions) for condition in range(count)]
@@ -75,7 +75,7 @@ def trial_order(
     else:
         if not participant.isdecimal() or int(participant) < 1:
             do = "it selects a row of the Latin square"
-            raise InputError("--participant", participant, "a positive number", do)
+            raise InputError("--participant", participant, "a whole number of at least 1", do)
         square = williams_square(count)
         row = square[(int(participant) - 1) % len(square)].tolist()
     return [(condition, k) for condition in row for k in range(repetitions)]

@@ -113,8 +113,9 @@ def unilateral_force(
     if values[0] < -1e-9 * np.abs(K).max(initial=0.0):
         raise InputError(
             "stiffness",
-            "a symmetric part with a negative eigenvalue",
+            K,
             "a matrix whose symmetric part is positive semidefinite",
+            f"its smallest eigenvalue is {values[0]:g} N/m",
         )
     stick = isinstance(friction, str) and friction == "stick"
     mu = np.zeros(n) if friction is None or stick else coefficients(friction, n)

@@ -254,7 +254,7 @@ class FusedDevice(SimulatedDevice, Protocol):
 
     @property
     def structure(self) -> Index:
-        """Entries of the block, whole numbers, that are fixed after `open` and select what the kernels compute."""
+        """Integer entries of the block that are fixed after `open` and select what the kernels compute."""
         ...
 
     @property

@@ -61,7 +61,7 @@ class Follower:
         self.position[...], self.velocity[...] = position, 0.0
 
     def follow(self, target: ArrayLike, duration: float) -> None:
-        """Follow a target that was constant for a duration [s]."""
+        """Advance by a duration [s] during which the target was constant."""
         w, goal = 1.0 / self.lag, np.asarray(target, dtype=float)
         share = elementary.exp(-w * duration)
         self.position[...], self.velocity[...] = follow(w, duration, share, goal, self.position, self.velocity)

@@ -26,7 +26,7 @@ class GuidedHand:
         r_i(t) = c + R(t) (rest_i + (s(t) + g(t)) share_i u_i - c) + x(t) + o_i(t)
 
     g follows the goal of the squeeze, and o_i follows the goal of finger i's offset. Both are critically damped
-    (`Follower`), so targets neither jump nor overshoot when goals change.
+    (`Follower`): targets never jump when goals change, and do not overshoot if the followers were at rest.
 
     Args:
         hand: Hand with motions of this package only.

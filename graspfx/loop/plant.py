@@ -126,7 +126,7 @@ class FusedPlant(Plant, Protocol):
 
     @property
     def structure(self) -> Index:
-        """Entries of the block, whole numbers, that are fixed after `hold` and select what the kernel computes."""
+        """Integer entries of the block that are fixed after `hold` and select what the kernel computes."""
         ...
 
     @property

@@ -73,9 +73,12 @@ def throttling_finding(root: Path) -> Finding:
     if runtime is None or not period:
         return Finding("throttling", "unknown")
     share = 1.0 if runtime < 0 else runtime / period
-    text = "none" if share >= 1.0 else f"real-time threads get at most {share:.0%} of each {1e-6 * period:g} s"
-    remedy = "sysctl -w kernel.sched_rt_runtime_us=950000" if share < SHARE else ""
-    return Finding("throttling", f"{text}; the loop sleeps most of the time", remedy)
+    if share >= 1.0:
+        return Finding("throttling", "none")
+    text = f"real-time threads get at most {share:.0%} of each {1e-6 * period:g} s"
+    if share < SHARE:
+        return Finding("throttling", text, "sysctl -w kernel.sched_rt_runtime_us=950000")
+    return Finding("throttling", f"{text}, which is enough because the loop sleeps most of the time")
 
 
 def governor_finding(root: Path) -> Finding:

@@ -197,7 +197,9 @@ def without_object(table: Mapping[str, Any]) -> dict[str, Any]:
 def make_scene(
     table: Mapping[str, Any], overrides: Mapping[str, Any], source: Source, *, lines_from: str | None = None
 ) -> Scene:
-    """Create a scene from nested tables with overrides; faults get the lines of the TOML text `lines_from`.
+    """Create a scene from nested tables with overrides.
+
+    If `lines_from` is the scene's TOML text, faults state the lines of their keys in it.
 
     Raises:
         SceneError: If the scene has faults; the error lists all of them.

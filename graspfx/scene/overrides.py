@@ -123,7 +123,7 @@ def _replace_item(items: list[Any], at: Key, part: str, rest: list[str], value: 
         return
     for i in numbers:
         if i >= len(items):
-            yield f"{dotted(at)} has {len(items)} entries, the last is {dotted((*at, len(items) - 1))}"
+            yield f"{dotted(at)} has {len(items)} entries; the last is {dotted((*at, len(items) - 1))}"
         elif rest:
             yield from _replace(items[i], (*at, i), rest, value)
         else:

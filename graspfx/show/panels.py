@@ -125,7 +125,7 @@ class Curve:
 
     @property
     def band(self) -> tuple[FloatArray, FloatArray] | None:
-        """Smallest and largest of many at each tick, NaN without values; None for a single curve."""
+        """Minimum and maximum of `many` at each tick, NaN where it has no finite value; None for a single curve."""
         if not self.many.size:
             return None
         finite = np.isfinite(self.many)

@@ -219,12 +219,12 @@ def _folder(path: Path, parts: Mapping[str, Any], size: int, *, resume: bool, ov
     if there["identity"] != identity:
         lines = _differences(there.get("parts", {}), parts)
         more = f"; and {len(lines) - 5} more differences" if len(lines) > 5 else ""
-        text = f"{path}: is the folder of another sweep: {'; '.join(lines[:5])}{more}"
+        text = f"{path} is the folder of another sweep: {'; '.join(lines[:5])}{more}"
         raise SweepError(f"{text}. Choose another --out, or replace it with --overwrite (overwrite=True)")
     if not resume:
         done = len(_chunks(path))
         how = "continue with --resume (resume=True), or start again with --overwrite (overwrite=True)"
-        raise SweepError(f"{path}: has {counted(done, 'chunk')} of this sweep; {how}")
+        raise SweepError(f"{path} already contains {counted(done, 'chunk')} of this sweep; {how}")
     make_folder(path / CHUNKS)
     for draft in (path / CHUNKS).glob(f".*{DRAFT}"):
         with suppress(OSError):

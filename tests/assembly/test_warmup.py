@@ -78,11 +78,18 @@ def test_parts_that_are_no_kernels_are_named_with_what_they_cost(tmp_path: Path)
     files = foreign_parts.write(tmp_path)
     called = foreign_parts.device(files, "device", mass=0.15)
     one = said(gx.Scene(**LINE).replace({"finger.0.device": called}))["calls"]
-    assert "two calls for each tick" in one and "the device of finger0 (Called) is no kernel" in one
+    assert "two calls for each tick" in one and "the device of finger0 (Called) is not a kernel" in one
     more = said(gx.Scene(**LINE).replace({"finger.0.device": called, "object.dynamics": files["bodies"]}))["calls"]
-    assert "the device of finger0 (Called), the body of object (Called) are no kernels" in more
+    assert "the device of finger0 (Called), the body of object (Called) are not kernels" in more
     body = said(gx.Scene(**LINE).replace({"object.dynamics": files["bodies"]}))["calls"]
     assert body.startswith("one call for each tick")
+    hand = {"name": "own", "kind": files["hands"], "called": True}
+    fingers = [each | {"hand": "own"} for each in LINE["finger"]]
+    ahead = said(gx.Scene(**{**LINE, "finger": fingers, "hand": [hand]}))["calls"]
+    assert ahead.startswith(
+        "one call for many ticks; the targets of the hand of finger0, finger1 (Called) are computed"
+    )
+    assert ahead.endswith("computed in advance, because it is not a kernel")
 
 
 REAL = """
@@ -107,7 +114,7 @@ def test_a_real_device_is_neither_opened_nor_timed(tmp_path: Path) -> None:
     (tmp_path / "real.py").write_text(REAL)
     finger = {"start": [-0.025], "device": {"name": str(tmp_path / "real.py")}}
     found = said(gx.Scene(**{**LINE, "finger": [finger, LINE["finger"][1]]}))
-    assert "the device of finger0 (Real) is no kernel" in found["calls"]
+    assert "the device of finger0 (Real) is not a kernel" in found["calls"]
     assert "by the program of all scenes" in found["engine"]
 
 
@@ -115,9 +122,9 @@ def test_a_real_device_is_neither_opened_nor_timed(tmp_path: Path) -> None:
     ("engine", "says"),
     [
         ("auto", "compiled, by the program of all scenes: "),
-        ("generic", "compiled, as the scene says, by the program of all scenes: "),
-        ("compiled", "compiled, as the scene says, by the program of all scenes: "),
-        ("interpreted", "interpreted, as the scene says"),
+        ("generic", "compiled, as the scene requires, by the program of all scenes: "),
+        ("compiled", "compiled, as the scene requires, by the program of all scenes: "),
+        ("interpreted", "interpreted, as the scene requires"),
     ],
 )
 def test_what_the_key_engine_makes_of_a_scene(engine: str, says: str) -> None:
@@ -129,7 +136,7 @@ def test_without_llvm(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFix
     [_, row] = engine_plan(gx.Scene(**LINE))
     assert row.runs and row.why == "interpreted: llvmlite is not installed: run `pip install llvmlite`"
     [_, row] = engine_plan(gx.Scene(**LINE).replace({"engine": "compiled"}))
-    assert not row.runs and "cannot be compiled, as the scene says: llvmlite is not installed" in row.why
+    assert not row.runs and "cannot be compiled, although the scene requires it: llvmlite is not installed" in row.why
     assert main(["warmup", "reference-1dof"]) == 2
     assert "pip install llvmlite" in capsys.readouterr().err
 
@@ -187,7 +194,7 @@ def test_a_kernel_that_cannot_be_compiled_is_interpreted_with_the_reason(tmp_pat
     assert row.runs and row.why.startswith("interpreted: ") and "own.py" in row.why
     assert gx.run(scene).outcome.engine == "interpreted"
     [_, row] = engine_plan(scene.replace({"engine": "compiled"}))
-    assert not row.runs and row.why.startswith("cannot be compiled, as the scene says: ")
+    assert not row.runs and row.why.startswith("cannot be compiled, although the scene requires it: ")
 
 
 def test_a_scene_that_cannot_be_built_is_told_and_the_others_are(

@@ -98,7 +98,7 @@ def test_the_command_prints_json_and_draws(tmp_path: Path, capsys: pytest.Captur
         (["missing.toml"], "missing.toml"),
         (["contact"], "python -m tests.bench contact"),
         (["conatct"], "did you mean 'contact'?"),
-        (["reference-1dof", "--duration", "0.01"], "two of the longest periods"),
+        (["reference-1dof", "--duration", "0.01"], "twice the longest period"),
     ],
 )
 def test_names_that_lead_nowhere(

@@ -215,7 +215,7 @@ def test_in_while(grasp: Grasp) -> None:
 
 @kernel
 def own_vector(grasp: Grasp) -> None:
-    """Index a value of its own by what variable index into a value."""
+    """Index a local value with a variable."""
     v = half(grasp.force)
     grasp.rest[0] = v[grasp.count]
 
@@ -261,7 +261,7 @@ test_in_while.__test__ = False  # type: ignore[attr-defined] # a kernel, no test
         (two_kinds, "assigns values of different kinds"),
         (unknown_field, "has no field 'forces'"),
         (test_in_while, "compute it before the loop and at the end of its body"),
-        (own_vector, "variable index into a value"),
+        (own_vector, "indexes a local value with a variable; use a constant index"),
         (name_of_a_part, "lowers 'v' to 'v_x'"),
         (name_of_a_loop, "lowers 'finger' to 'finger_at'"),
         (name_of_a_parameter, "lowers 'grasp' to 'grasp_'"),

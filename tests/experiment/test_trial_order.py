@@ -41,7 +41,7 @@ def test_rows_of_the_square_go_with_participants() -> None:
     rows = [trial_order("latin-square", 4, 2, random_of(0), str(number)) for number in range(1, 9)]
     assert rows[:4] == rows[4:]
     assert [[condition for condition, k in row if not k] for row in rows[:4]] == williams_square(4).tolist()
-    with pytest.raises(InputError, match="a positive number"):
+    with pytest.raises(InputError, match="a whole number of at least 1"):
         trial_order("latin-square", 4, 2, random_of(0), "AB")
 
 

@@ -249,7 +249,7 @@ def test_singular_stiffness_with_friction() -> None:
         ((np.eye(2), [0.0, 0.0], [[1.0], [0.0]]), r"normals\[1\]: given \[0.0\], expected a direction"),
         ((np.eye(3), [0.0, 0.0], [[1.0], [1.0]]), r"\(2, 2\)"),
         ((np.eye(2), [0.0, np.nan], [[1.0], [1.0]]), "finite"),
-        ((-np.eye(2), [0.0, 0.0], [[1.0], [1.0]]), "negative eigenvalue"),
+        ((-np.eye(2), [0.0, 0.0], [[1.0], [1.0]]), "semidefinite; its smallest eigenvalue is -1 N/m"),
         ((np.eye(2), [0.0, 0.0], [[1.0], [1.0]], -0.5), "coefficient >= 0"),
         ((np.eye(2), [0.0, 0.0], [[1.0], [1.0]], np.nan), "coefficient"),
         ((np.eye(2), [0.0, 0.0], [[1.0], [1.0]], [0.5, 0.5, 0.5]), "one or 2"),

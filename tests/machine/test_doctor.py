@@ -50,9 +50,9 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ("look", "files", "text", "remedy"),
     [
         ("throttling", {}, "unknown", ""),
-        ("throttling", {"proc/sys/kernel/sched_rt_runtime_us": "950000"}, "at most 95% of each 1 s", ""),
-        ("throttling", {"proc/sys/kernel/sched_rt_runtime_us": "-1"}, "none", ""),
-        ("throttling", {"proc/sys/kernel/sched_rt_runtime_us": "100000"}, "at most 10%", "sysctl"),
+        ("throttling", {"proc/sys/kernel/sched_rt_runtime_us": "950000"}, "95% of each 1 s, which is enough", ""),
+        ("throttling", {"proc/sys/kernel/sched_rt_runtime_us": "-1"}, "^none$", ""),
+        ("throttling", {"proc/sys/kernel/sched_rt_runtime_us": "100000"}, "at most 10% of each 1 s$", "sysctl"),
         ("throttling", {"proc/sys/kernel/sched_rt_runtime_us": "much"}, "unknown", ""),
         ("governor", {}, "governor unknown", ""),
         ("governor", {GOVERNOR.format(0): "performance", GOVERNOR.format(1): "performance"}, "performance", ""),

@@ -275,7 +275,7 @@ def test_a_lone_table_needs_no_name_and_its_own_keys_come_first() -> None:
 @pytest.mark.parametrize(
     ("key", "message"),
     [
-        ("finger.7.start", "finger has 2 entries, the last is finger.1"),
+        ("finger.7.start", "finger has 2 entries; the last is finger.1"),
         ("finger.start", "finger is a list of 2: select one by its number or name, or all with '*'"),
         ("period.x", "period is a value and has no parts"),
         ("object..mass", "an override needs a key between its dots"),

@@ -185,7 +185,7 @@ def test_values_of_a_preset_have_their_lines_where_it_is_taken() -> None:
     expected = {
         '"object.mass" = -1.0': "object.mass: expected more than 0; given -1.0",
         '"object.viscosty" = 1.0': "object.viscosty: unknown key",
-        '"finger.7.start" = [0.0]': "finger.7.start: finger has 2 entries, the last is finger.1",
+        '"finger.7.start" = [0.0]': "finger.7.start: finger has 2 entries; the last is finger.1",
         '"finger.*.hand.damping" = "much"': "finger.0.hand.damping: expected a number; given 'much'",
     }
     for text, message in expected.items():

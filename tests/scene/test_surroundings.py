@@ -105,8 +105,8 @@ def test_bullet_worlds_are_in_space_and_whole() -> None:
     assert fault.startswith("object.0.free: PyBullet cannot lock single degrees of freedom of a body with contacts")
     things, changes = flat("bullet")
     [fault] = faults(things, **changes)
-    assert fault.startswith("object.0.dynamics: a PyBullet world is in space, not in 2 dimension(s)")
-    assert "or dynamics = 'mujoco', or 'native' and half-spaces or planes" in fault
+    assert fault.startswith("object.0.dynamics: a PyBullet world has three dimensions, given 2: set")
+    assert "or use dynamics = 'mujoco', or 'native' with obstacles that are half-spaces or planes" in fault
 
 
 def test_mujoco_worlds_are_flat_or_partly_locked_too() -> None:

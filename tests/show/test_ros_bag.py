@@ -1,4 +1,4 @@
-"""Bags of ROS: every number of a recording, read back by the package that reads bags."""
+"""ROS bags: every number of a recording, read back by the package that reads bags."""
 
 from __future__ import annotations
 

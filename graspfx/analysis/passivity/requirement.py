@@ -107,9 +107,10 @@ def worst_on_grid(system: Display, B: FloatArray, T: float) -> tuple[float, floa
 def at_rest(system: Display, T: float) -> tuple[float, FloatArray]:
     """Find an angle above which `required_at` is free of rounding, and its limit for th -> 0, (n, n).
 
-    Close to z = 1 the rounding of H is amplified by 2/th. Far from it the extrapolation of its even real part from th,
-    2 th and 4 th fails. The chosen angle has the smallest difference of two extrapolations, up to where they first
-    separate; beyond a slow pole they would agree again, on another limit.
+    Close to z = 1 the rounding of H is amplified by 2/th. Far from z = 1 the extrapolation of the real part of
+    `required_at`, which is even in th, from th, 2 th and 4 th to zero is inaccurate. The chosen angle has the smallest
+    difference of two extrapolations, up to where they first separate; beyond a slow pole they would agree again, on
+    another limit.
     """
     G = required_at(system, (SLOW[:, None] * [1.0, 2.0, 4.0]).ravel(), T).real
     G = G.reshape(len(SLOW), 3, *G.shape[1:])

@@ -248,7 +248,8 @@ def least_wall_friction(
 ) -> float:
     """Compute the smallest friction b of a device whose wall is stable up to `margin` times a stiffness [N s/m].
 
-    It is the first crossing on a logarithmic grid of b T/m from 1e-6 to 1e3, refined; inf if no friction suffices.
+    The first interval in which the limit reaches `margin * stiffness` is refined, on a logarithmic grid of b T/m from
+    1e-6 to 1e3 that begins with zero. The result is inf if no friction suffices.
     """
     number("stiffness", stiffness, "N/m", zero=False)
     return _least(lambda b: wall_limit_map(mass, b, period, **options), margin * stiffness, mass / period)

@@ -122,13 +122,13 @@ def _slowed(
         yield (
             (*at, key),
             f"{key} * period / {by} is {ratio:.4g}, and {thing.integrator} integration is stable only below "
-            f"{VISCOUS_LIMIT:g}; integrator = 'exact' always is",
+            f"{VISCOUS_LIMIT:g}; use integrator = 'exact', which is always stable",
         )
 
 
 FLAT = ("half-space", "plane")
 STIFFEST = 1e4  # largest k T^2/m of a native contact point; from 1e5 on, rounding throws up a box at rest
-DEEP = 1e-5  # largest initial depth in an obstacle [m]; more is due neither to rounding nor to sinking under its weight
+DEEP = 1e-5  # largest initial depth in an obstacle [m]; a larger one is due neither to rounding nor to the weight
 
 
 def meeting_faults(scene: SceneTable, stock: Stock, earlier: Sequence[Finding]) -> Iterator[Finding]:
@@ -149,7 +149,7 @@ def meeting_faults(scene: SceneTable, stock: Stock, earlier: Sequence[Finding]) 
     if native and scene.world.restitution > 0.0:
         yield (
             ("world", "restitution"),
-            f"{', '.join(native)} with native dynamics does not bounce: expected 0; dynamics = {MEETING} does",
+            f"{', '.join(native)} with native dynamics does not bounce: expected 0; use dynamics = {MEETING}",
         )
     for i, thing in enumerate(scene.object):
         if thing.shape is not None and thing.shape.kind in FLAT and bodies.moves(scene, thing):
@@ -180,7 +180,7 @@ def light_faults(scene: SceneTable, at: Location, thing: Object, stock: Stock) -
         return  # has a fault of its own
     if one.fixed:
         return
-    otherwise = "; dynamics = 'native' supports it on half-spaces and planes"
+    otherwise = "; dynamics = 'native' supports smaller values on half-spaces and planes"
     if not mass > engine.least:
         key = "mass" if thing.mass is not None else "density"
         yield (*at, key), f"the mass is {mass:.4g} kg: {engine.label} needs more than {engine.least:g} kg{otherwise}"
@@ -209,7 +209,7 @@ def _together(scene: SceneTable, stock: Stock) -> Iterator[Finding]:
         if (scene.obstacle or collide) and not hasattr(plugins.load("dynamics", name, stock.folder), "create_world"):
             yield (
                 ("object", group[0], "dynamics"),
-                f"objects cannot collide with dynamics {name!r}, which has no create_world; use {MEETING}",
+                f"dynamics {name!r} does not support collisions, because it has no create_world; use {MEETING}",
             )
             continue
         for i in group:
@@ -219,24 +219,23 @@ def _together(scene: SceneTable, stock: Stock) -> Iterator[Finding]:
                 yield (
                     ("object", i, "free"),
                     f"{engine.label} has no joint for two of three rotations of a body with contacts: expected none, "
-                    "one or three; dynamics = 'native' supports two on half-spaces and planes",
+                    "one or three free rotations; dynamics = 'native' supports two on half-spaces and planes",
                 )
             if engine.partial:
                 continue
             if scene.dimensions != 3:
-                who = "world.collide" if collide and not scene.obstacle else "obstacles"
                 yield (
                     ("object", i, "dynamics"),
-                    f"a {engine.label} world is in space, not in {scene.dimensions} dimension(s): {who} need "
-                    "dimensions = 3, or dynamics = 'mujoco'"
-                    + ("" if who == "world.collide" else ", or 'native' and half-spaces or planes"),
+                    f"a {engine.label} world has three dimensions, given {scene.dimensions}: set dimensions = 3, or "
+                    "use dynamics = 'mujoco'"
+                    + ("" if collide else ", or 'native' with obstacles that are half-spaces or planes"),
                 )
             elif thing.shape is not None and bodies.moves(scene, thing) and not all(scene.free(thing)):
                 yield (
                     ("object", i, "free"),
                     f"{engine.label} cannot lock single degrees of freedom of a body with contacts: expected all "
-                    "free or none; use dynamics = "
-                    "'mujoco', 'native' on half-spaces and planes, or world.collide = false, no obstacles",
+                    "free or none; use dynamics = 'mujoco', or 'native' on half-spaces and planes; or remove the "
+                    "obstacles and set world.collide = false",
                 )
 
 
@@ -250,8 +249,9 @@ def _too_stiff(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterat
     if k * T * T > STIFFEST * mass:
         yield (
             ("world", "stiffness"),
-            f"given {k:g} N/m, expected no more than {STIFFEST * mass / T**2:.3g} N/m, {STIFFEST:g} m/T^2 of "
-            f"{thing.name!r} with {mass:g} kg at {T:g} s: beyond that, rounding errors throw it off its support",
+            f"given {k:g} N/m, expected no more than {STIFFEST * mass / T**2:.3g} N/m ({STIFFEST:g} m/T^2 with the "
+            f"mass {mass:g} kg of {thing.name!r} and the period {T:g} s): with a larger stiffness, rounding errors "
+            "throw the object off its support",
         )
 
 
@@ -269,8 +269,8 @@ def _inside(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterator[
                 if height < -DEEP:
                     yield (
                         ("object", i, "position"),
-                        f"the object starts {-1e3 * height:.4g} mm inside the obstacle {table.name!r}: expected its "
-                        "lowest point on or above it",
+                        f"the object starts {-1e3 * height:.4g} mm inside the obstacle {table.name!r}: expected the "
+                        "object's lowest point on or above the obstacle",
                     )
     except (InputError, NotValid):
         return  # has a fault of its own

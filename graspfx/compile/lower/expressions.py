@@ -1,4 +1,4 @@
-"""Lowering of a kernel's expressions: fields become entries, and operators become the arithmetic of their class."""
+"""Lowering of a kernel's expressions: fields become entries of buffers, and operators of values become calls."""
 
 from __future__ import annotations
 
@@ -158,11 +158,15 @@ class Expressions(Scratch):
         if isinstance(owner, Bundle | Pack):
             if isinstance(index, ast.Constant) and isinstance(index.value, int):
                 if not -len(owner.parts) <= index.value < len(owner.parts):
-                    raise self.cannot(node, f"is not an entry of a value of {len(owner.parts)}", KernelError)
+                    raise self.cannot(
+                        node, f"has an index outside the {len(owner.parts)} entries of the value", KernelError
+                    )
                 return owner.parts[index.value]
             if isinstance(owner, Bundle) and owner.offset is not None:
                 return ast.Subscript(load(owner.buffer), sum_of(owner.offset, index), ast.Load())
-            raise self.cannot(node, "has a variable index into a value outside a record")
+            raise self.cannot(
+                node, "indexes a local value with a variable; use a constant index, or store the value in a record"
+            )
         if isinstance(owner, ast.Name):  # a plain buffer
             return ast.Subscript(owner, index, ast.Load())
         raise self.cannot(node, "is not an entry of a buffer, a group or a value")
@@ -195,7 +199,7 @@ class Expressions(Scratch):
         if len(node.ops) == 1 and isinstance(node.ops[0], ast.Is | ast.IsNot):
             value = self.value(node.left, frame)
             if not (isinstance(node.comparators[0], ast.Constant) and node.comparators[0].value is None):
-                raise self.cannot(node, "compares the identity of something other than None")
+                raise self.cannot(node, "compares identity with something other than None")
             [offset, *_] = offsets(value)
             sign: ast.cmpop = ast.Lt() if isinstance(node.ops[0], ast.Is) else ast.GtE()
             return ast.Compare(offset, [sign], [ast.Constant(0)])
@@ -239,7 +243,7 @@ class Expressions(Scratch):
             )
             return result
         if kind_of(one) != kind_of(other):
-            raise self.cannot(node, "chooses between values of two kinds, or between records of two buffers")
+            raise self.cannot(node, "chooses between values of different kinds, or records in different buffers")
         a, b = offsets(one), offsets(other)
         if len(a) == 1:
             options: list[ast.expr] = [ast.IfExp(test, a[0], b[0])]
@@ -297,7 +301,7 @@ class Expressions(Scratch):
         return Bundle(kind, tuple(self.value(values[name], frame) for name in fields))
 
     def view(self, kind: type[Record] | type[Floats] | type[Table], node: ast.Call, frame: Frame) -> Lowered:
-        """Return a record or an array at an offset of a buffer of the kernel: `Kind(record.buffer, offset)`."""
+        """Lower `Kind(record.buffer, offset)`, which is a record or an array at an offset of a buffer."""
         buffer, *rest = [self.value(a, frame) for a in node.args]
         numbers = [self.atom(number) for number in rest if isinstance(number, ast.expr)]
         if not isinstance(buffer, ast.Name) or node.keywords or len(numbers) != 1 + (kind is Table):
@@ -353,7 +357,7 @@ class Expressions(Scratch):
     def inline(
         self, function: Any, arguments: Sequence[Lowered], node: ast.AST, keywords: Mapping[str, Lowered] | None = None
     ) -> Lowered:
-        """Inline a function of a few assignments and a return."""
+        """Inline a function that consists of assignments and a return."""
         tree = definition(function)
         self.files.add(function.__code__.co_filename)
         frame = Frame({}, function.__globals__, f"{self.temporary('i')}_", names_of(tree))

@@ -139,7 +139,7 @@ def _tensions(contacts: Contacts, fingers: list[str], pairs: Sequence[tuple[int,
     candidates: Candidates = []
     for i, j in combinations(range(n), 2) if pairs is None else pairs:
         if not (0 <= i < n and 0 <= j < n and i != j):
-            raise InputError("pairs", (i, j), f"two different fingers of 0 to {n - 1}")
+            raise InputError("pairs", (i, j), f"two different finger indices from 0 to {n - 1}")
         line = contacts.points[j] - contacts.points[i]
         length = float(np.linalg.norm(line))
         if length == 0.0:

@@ -253,7 +253,7 @@ def write_letter(letter: Letter, place: memoryview) -> None:
 
 
 def read_letter(place: memoryview) -> Letter:
-    """Read a copy of a letter."""
+    """Read a letter from its memory, and return a copy."""
     whole = np.frombuffer(place, np.int64)
     parts, objects, plants = whole[:LETTER_HEAD].tolist()
     first = LETTER_HEAD + objects
