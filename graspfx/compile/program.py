@@ -12,7 +12,7 @@ import builtins
 import copy
 import json
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from inspect import signature
 from types import FunctionType, ModuleType
@@ -97,16 +97,10 @@ class Program:
             )
         )
 
-    def source(self, entries: Collection[str] = ()) -> str:
-        """Return the program as Python text, with the given entries or, by default, the last function."""
+    def source(self) -> str:
+        """Return the program as Python text."""
         lines = ["import math", "", "inf, nan = math.inf, math.nan", ""]
-        called = set(entries) or {self.functions[-1].name}
-        reachable = []
-        for node in reversed(self.functions):
-            if node.name in called:
-                reachable.append(node)
-                called.update(n.id for n in nodes([node]) if isinstance(n, ast.Name))
-        return "\n".join([*lines, *(ast.unparse(ast.fix_missing_locations(node)) + "\n" for node in reachable[::-1])])
+        return "\n".join([*lines, *(ast.unparse(ast.fix_missing_locations(node)) + "\n" for node in self.functions)])
 
 
 class Function(ast.NodeTransformer):
