@@ -220,7 +220,7 @@ def test_a_contact_on_the_edge_is_said_to_be() -> None:
     (found,) = certificates
     assert found.edge == ("finger0", "finger1")
     assert found.grip == pytest.approx({"finger0": 1.0, "finger1": 1.0}, abs=1e-6)
-    assert any("a run rests a few per cent away" in text for text in found.assumed)
+    assert any("a run's rest may differ by a few per cent" in text for text in found.assumed)
     text = " ".join(repr(certificates).split())
     assert "f_t/(mu f_n): finger0 1.00, finger1 1.00; on the cone's edge, and sticking: finger0, finger1" in text
     data = json.loads(json.dumps(certificates.to_dict()))

@@ -114,7 +114,7 @@ def test_actuators_may_be_chosen():
         _ = grasp.virtual_linkage(pairs[:4]).coordinates
     with pytest.raises(InputError, match="only 5 of them"):
         _ = grasp.virtual_linkage([*pairs, (1, 3)]).coordinates
-    with pytest.raises(InputError, match="two different fingers"):
+    with pytest.raises(InputError, match="two different finger indices"):
         _ = grasp.virtual_linkage([(0, 4)]).coordinates
 
 
