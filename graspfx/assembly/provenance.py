@@ -246,7 +246,7 @@ def _versions(*packages: str) -> Mapping[str, str]:
 
 
 def source_name(source: Source) -> str:
-    """Return the name of a scene: that of its file, as for a built-in scene, or the name used in messages."""
+    """Return the name of a scene: that of its file or, without a file, the name used in messages."""
     return source.path.stem.replace("_", "-") if source.path is not None else source.name
 
 

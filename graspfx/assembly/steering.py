@@ -111,8 +111,8 @@ class Steering:
             values: Values by live key, with numbers for names of tables.
 
         Raises:
-            InputError: If the values would change the form of a gain, a switch or a layout, and not only numbers, or a
-                key affects no number of a run.
+            InputError: If the values would change the form of a gain, a switch or a layout, instead of only numbers; or
+                if a key affects no number of a run.
             SceneError, DeviceError: As for `build`.
         """
         for key, value in values.items():
@@ -262,7 +262,7 @@ def _caches(
 
 
 def _require_hand(own: Any, new: Any, values: Mapping[str, Any]) -> None:
-    """Require a hand of the same structure; either both hands or neither have an operator model, as plants differ."""
+    """Require a hand of the same structure; plants differ between hands with and without an operator model."""
     if (getattr(own, "operator", None) is None) != (getattr(new, "operator", None) is None):
         raise InputError(
             ", ".join(values), list(values.values()), f"a part of {', '.join(PARTS)} either always or never",

@@ -117,7 +117,7 @@ class Device(Protocol):
 
 
 def lacking(device: object) -> list[str]:
-    """List the `Device` methods that an object lacks; `with` requires its two methods to be defined on the class."""
+    """List the `Device` methods that an object lacks; the two that `with` calls must be defined on the class."""
     missing = [name for name in METHODS if not callable(getattr(device, name, None))]
     return missing + [name for name in ("__enter__", "__exit__") if not hasattr(type(device), name)]
 
@@ -137,7 +137,7 @@ class AskedDevice(Protocol):
 class QuenchableDriver(Protocol):
     """A driver that can remove the force from hardware whose program has died.
 
-    Every driver of hardware without a watchdog (`features.watchdog` is None) must support this.
+    Every driver of hardware without a watchdog (`features.watchdog` is None) must offer `quench`.
     """
 
     def quench(self, **settings: object) -> None:

@@ -55,7 +55,7 @@ class Drive:
         Args:
             times: Times [s].
             depth: Displacement of the fingers relative to the object [m]. Muscle forces cause the displacement, so a
-                relative change of these forces changes it by the same fraction.
+                relative change of these forces changes the displacement by the same fraction.
         """
         columns = [depth * operator.noise(times) for operator in self.noises]
         return np.concatenate([np.zeros((len(times), 1)), *columns], axis=1)

@@ -142,7 +142,7 @@ def used(servo: Servo, ticks: int = TICKS) -> Used:
         engine.write_to(np.empty((ticks, servo.layout.width)))
         with watch:
             for k in range(ticks):
-                while not engine.run(k, 1, k):  # up to the writing of its devices, and from there on
+                while not engine.run(k, 1, k):  # one call up to the writing of its devices, and one from there on
                     pass
     else:
         with watch:

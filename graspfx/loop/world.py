@@ -83,7 +83,7 @@ class Channel(Record):
 
 
 class Device(Record):
-    """A device. Device in plain Python, which the caller of `steps` reads and writes."""
+    """A device; a device in plain Python is read and written by the caller of `steps`."""
 
     plain: bool  # in plain Python
     state: int  # place of its block; for a plain device, an entry that tells whether the device could be read

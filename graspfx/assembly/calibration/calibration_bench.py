@@ -82,12 +82,12 @@ class Bench:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Channels and dimensions."""
+        """Number of channels, and of dimensions."""
         k, d = self.home.shape
         return k, d
 
     def tick(self, channel: int = 0, force: FloatArray | None = None) -> Sample:
-        """Read, then write a force (d,) to one channel, or zero if None; all other channels get zero force.
+        """Read, then write a force (d,) to one channel (None for zero force), and zero force to all other channels.
 
         Raises:
             DeviceError: If the device has a fault, a finger moves too far or too fast, or a force lasted too long

@@ -180,7 +180,7 @@ class Scratch:
         return result
 
     def require_index(self, node: ast.Subscript, *indices: ast.expr) -> None:
-        """Require that no index is negative; Python counts it from the end, but in a block it is out of range."""
+        """Require that no index is negative: in a block, such an index is out of range."""
         for index in indices:
             try:
                 negative = ast.literal_eval(index) < 0

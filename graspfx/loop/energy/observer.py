@@ -28,7 +28,7 @@ class Observer:
 
     Args:
         grasped: Object and its coupling, whose law then separates elastic from damping forces.
-        body: Body of the object. Body of the object. The work of obstacles is computed for a native body, and is the
+        body: Body of the object. The work of obstacles is computed for a native body, and is the
             remainder for others.
         period: Sampling period T [s].
         control: Whether the forces of modes that generate energy are damped.

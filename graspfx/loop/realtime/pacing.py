@@ -19,7 +19,7 @@ from graspfx.compile.records import Floats, Record, floats, size_of
 from graspfx.loop.columns import REST, RowTaker
 from graspfx.loop.safety.trust import DECAY
 
-FREE, PACED, DRIVEN = range(3)  # at once, by absolute deadlines, or by the calling thread
+FREE, PACED, DRIVEN = range(3)  # ticks run at once, at absolute deadlines, or when a vendor's thread calls
 BINS = 4096  # bins of one microsecond; the last one also counts all later times
 SHARES = {"p50": 0.5, "p99": 0.99, "p99.9": 0.999}
 SLICE = 0.005  # longest uninterrupted sleep [s]; a run can be stopped between two slices

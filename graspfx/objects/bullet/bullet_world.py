@@ -144,7 +144,7 @@ class BulletWorld(BulletCarrier):
         return number
 
     def _collision(self, shape: Any, *, fixed: bool) -> int:
-        """Create a shape and return PyBullet's index of it; -1 for None. Meshes go as points: PyBullet caches files.
+        """Create a shape and return PyBullet's index of it; -1 for None. Meshes are passed as points.
 
         Raises:
             InputError: If a plane or half-space is not an obstacle, or PyBullet has no such shape.
