@@ -1,7 +1,7 @@
 """Process environment: paths, number of processors, and whether the user trusts scene files.
 
 Functions that take a path check its type and replace errors of the operating system by InputError. Scene files may use
-files outside their folder only if the user allows it; a file cannot allow it.
+files outside their folder only if the user allows it; a scene file cannot allow this itself.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ SUFFIXES: dict[Group, tuple[str, ...]] = {
     "dynamics": (".py",),
 }
 SINGULAR: dict[Group, str] = {"devices": "device", "hands": "hand", "scenes": "scene", "dynamics": "dynamics"}
-BUILT_IN: dict[Group, dict[str, str]] = {  # groups without a folder of built-in ones
+BUILT_IN: dict[Group, dict[str, str]] = {  # groups without a folder of built-in plug-ins
     "hands": {},
     "dynamics": {
         "native": "graspfx.objects.native_dynamics",

@@ -96,7 +96,7 @@ def mass(table: Object, solid: Solid) -> float:
 
 
 def inertia(scene: SceneTable, table: Object, solid: Solid) -> Inertia | None:
-    """Return the moments of inertia about the centre [kg m^2], from the table or else the solid shape; or None."""
+    """Return the moments of inertia about the centre [kg m^2] in the table, else of the solid shape, else None."""
     if table.inertia is not None or scene.dimensions == 1:
         return table.inertia
     return solid_inertia(solid, mass(table, solid), scene.dimensions)
@@ -122,7 +122,7 @@ def place(table: Object | Obstacle, solid: Solid) -> tuple[tuple[float, ...] | N
 
 
 def _integrator(table: Object) -> str:
-    """Return the name of the body's integrator; third-party dynamics integrate themselves, without a prediction."""
+    """Return the name of the body's integrator; third-party dynamics use their own, and predict no free motion."""
     return table.integrator if table.dynamics == "native" else "semi-implicit"
 
 

@@ -11,13 +11,13 @@ from graspfx.errors import UnknownNameError
 
 FloatArray = NDArray[np.float64]
 
-FIRST, LAST, SUM, SQUARES, LOW, HIGH, LATE_LOW, LATE_HIGH = range(8)  # measures of a column; LATE_: of the second half
+FIRST, LAST, SUM, SQUARES, LOW, HIGH, LATE_LOW, LATE_HIGH = range(8)  # measures of a column; LATE_ is the second half
 MEASURES = 8
 STATISTICS = ("first", "last", "mean", "rms", "min", "max", "peak", "growth")
 
 
 class Statistics(dict[str, FloatArray]):
-    """Statistics of a quantity by name; errors for unknown names suggest the closest one."""
+    """Statistics of a quantity by name; errors for unknown names suggest the closest name."""
 
     def __missing__(self, name: str) -> FloatArray:
         raise UnknownNameError("statistic", str(name), self)

@@ -8,7 +8,7 @@ FRESH, REPEAT = 0, 1  # return values; less than zero is a fault
 
 
 class Calls(NamedTuple):
-    """Addresses of C functions `int64 f(void *context, double *block)`; they return 0 (new), 1 (held) or < 0 (fault).
+    """Addresses of C functions `int64 f(void *context, double *block)`, which return 0 (new), 1 (held) or < 0 (fault).
 
     The block of `ask` and `read` contains positions (k, d) [m], then velocities (k, d) [m/s]; a `read` that returns 0
     has filled both. Any other return value is a fault. The block of `write` and `stop` contains forces (k, d) [N];

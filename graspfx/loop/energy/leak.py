@@ -205,7 +205,7 @@ def book(account: Sum, energy: float) -> None:
 
 @kernel
 def balance(account: Account) -> float:
-    """Compute the work plus the energy dissipated by friction minus the springs' gain [J]; below 0 if generated."""
+    """Compute the work plus the friction losses minus the springs' gain [J]; negative if energy was generated."""
     work = account.work.value + account.work.carry
     gained = account.stored - account.opened
     return work + account.spent - gained

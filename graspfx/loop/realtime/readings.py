@@ -91,7 +91,7 @@ class PortState(Record):
     force: float  # largest force of a finger [N]
     is_begun: bool  # whether there has been a sample
     is_gone: bool  # whether a call has failed; the device is then not read again
-    is_asked: bool  # whether it was asked, and since then neither written to nor stopped
+    is_asked: bool  # whether the device was asked, and since then neither written to nor stopped
     is_fresh: bool  # whether the last reading brought a sample
     samples: int
     repeats: int  # readings without a new sample

@@ -33,7 +33,7 @@ RESTARTS = 4  # number of restarts of the search for a solution of Coulomb's law
 
 
 def lookahead(kind: int, T: float) -> float:
-    """Return the time after the sample's end at which the gap is evaluated: that of x + T v+ for every integrator."""
+    """Return the time after the sample's end at which the gap is evaluated: at x + T v+ for every integrator."""
     if kind == EXPLICIT:
         return T
     return 0.5 * T if kind == EXACT else 0.0

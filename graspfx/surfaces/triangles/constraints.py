@@ -30,9 +30,9 @@ def project(
 ) -> tuple[int, Vector]:
     """Find the point nearest to g in front of all planes within reach, and the size of its active set, stored first.
 
-    The most violated plane is added to the active set; of these at most four planes, those that hold the point remain.
-    The distance from g grows with every change, so that the method terminates. The size is -1 if no point is in front
-    of all planes.
+    The most violated plane is added to the active set. Of these planes (at most four), only those that hold the point
+    remain active. The distance from g grows with every change, so that the method terminates. The size is -1 if no
+    point is in front of all planes.
     """
     x = g
     count = 0

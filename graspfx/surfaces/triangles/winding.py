@@ -9,7 +9,7 @@ from graspfx.errors import InputError
 from graspfx.surfaces.triangles.tree import FloatArray, IntArray, half_edges
 
 MOST_PIECES = 2000
-MOST_WORK = 50_000_000  # solid angles, which take a few seconds
+MOST_WORK = 50_000_000  # largest number of solid angles, which take a few seconds
 
 
 def wound(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tuple[IntArray, int, int]:
