@@ -122,7 +122,7 @@ def place(table: Object | Obstacle, solid: Solid) -> tuple[tuple[float, ...] | N
 
 
 def _integrator(table: Object) -> str:
-    """Return the name of the body's integrator; third-party dynamics use their own, and predict no free motion."""
+    """Return the integrator of a native body; for other dynamics "semi-implicit", which predicts no free motion."""
     return table.integrator if table.dynamics == "native" else "semi-implicit"
 
 

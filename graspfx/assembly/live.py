@@ -109,7 +109,7 @@ def is_of_a_hand(plain: str) -> bool:
 
 
 def covers(live: str, key: str) -> bool:
-    """Return whether a live key includes a key: `*` includes every number, and a table all keys below it."""
+    """Return whether a live key includes a key: `*` includes every number, and a table includes its keys."""
     ours, theirs = _indexed(live), _indexed(key)
     return len(ours) <= len(theirs) and all(a in ("*", b) for a, b in zip(ours, theirs, strict=False))
 

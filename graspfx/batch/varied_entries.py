@@ -274,7 +274,7 @@ def _ready(anew: Parts, wired: Sequence[Wire], servo: Servo, inward: FloatArray)
 
 
 def _alike(part: Any, own: Any) -> FloatArray:
-    """Copy the block of a part with the same layout as one of the servo."""
+    """Copy the block of a part with the same layout as a part of the servo."""
     if part.state.shape != own.state.shape or not np.array_equal(part.structure, own.structure):
         raise NotAlikeError
     places = own.structure

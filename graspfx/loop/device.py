@@ -74,9 +74,9 @@ class Device(Protocol):
     """A piece of hardware, or its simulation, that moves `features.fingers` fingertips.
 
     A driver is a module with `connect(**settings) -> Device`. `connect` does not touch the hardware; `open` does.
-    Checking a scene connects all of its devices to learn their features and to find wrong settings (an InputError that
-    names the setting). `read` and `write` wait and allocate as little as possible. The arrays that `read` returns
-    belong to the device, and the next `read` overwrites them.
+    Checking a scene connects all of its devices to learn their features and to find wrong settings. A wrong setting
+    raises an InputError that names it. `read` and `write` wait and allocate as little as possible. The arrays that
+    `read` returns belong to the device, and the next `read` overwrites them.
 
     A device that answers requests may also offer `ask` (`AskedDevice`). A driver must offer `quench`
     (`QuenchableDriver`) if its hardware retains its force after the last `write`.

@@ -58,7 +58,7 @@ class FusedHand(Hand, Protocol):
 
     @property
     def structure(self) -> Index:
-        """Constant entries of the block, whole numbers, that select what the kernel computes."""
+        """Constant integer entries of the block, which select what the kernel computes."""
         ...
 
     @property

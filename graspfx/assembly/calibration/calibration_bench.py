@@ -148,7 +148,7 @@ class Bench:
 
     @property
     def lateness(self) -> tuple[float, float]:
-        """1st and 99th percentile of the time from a deadline to the end of the writing [s]."""
+        """1st and 99th percentiles of the time from a deadline to the end of the writing [s]."""
         low, high = np.percentile([each.end - each.due for each in self.samples], (1.0, 99.0))
         return float(low), float(high)
 

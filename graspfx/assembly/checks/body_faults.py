@@ -177,7 +177,7 @@ def light_faults(scene: SceneTable, at: Location, thing: Object, stock: Stock) -
         one = CarriedBody(state, np.zeros(PART))
         mass = bodies.mass(thing, stock.solid(at, thing))
     except (GraspFXError, NotValid):
-        return  # has a fault of its own
+        return  # reported as a separate fault
     if one.fixed:
         return
     otherwise = "; dynamics = 'native' supports smaller values on half-spaces and planes"
@@ -273,4 +273,4 @@ def _inside(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterator[
                         "object's lowest point on or above the obstacle",
                     )
     except (InputError, NotValid):
-        return  # has a fault of its own
+        return  # reported as a separate fault

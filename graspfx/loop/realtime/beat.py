@@ -130,7 +130,7 @@ def turn(loop: Beat, k: int) -> None:
     read_all(loop, servo, k, left_out + 1)
     if loop.times != NONE:
         times.io_read = now(loop.buffer) - began
-    if servo.faulted:  # before anything else is computed
+    if servo.faulted:  # devices are stopped before anything else is computed
         stop_all(loop, k)
         run_tick(loop, k, 0)
     else:
