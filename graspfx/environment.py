@@ -74,7 +74,7 @@ def require_file(name: str, value: str, path: Path, expected: str = "the path of
         if path.is_file():
             return
         why = "this is not a regular file" if path.exists() else do or f"there is no file {path}"
-    except OSError as error:  # such as a name of more than 255 letters
+    except OSError as error:  # for example for a name of more than 255 letters
         why = error.strerror or str(error)
     raise InputError(name, value, expected, why)
 

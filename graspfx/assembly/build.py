@@ -168,7 +168,7 @@ def build(
     """Build a servo that is ready to run; simulated devices and bodies are always closed on exit.
 
     Hardware is not opened; a run opens it when everything else is ready (`graspfx.assembly.hardware`). The first build
-    of a scene uses the devices that its checks connected; a later build connects new ones.
+    of a scene uses the devices that its checks connected; a later build connects new devices.
 
     Args:
         scene: Scene to build.

@@ -241,7 +241,7 @@ def header_of(parts: Parts, objects: Sequence[GraspedPart] = ()) -> Header:
 
 @cache
 def _versions(*packages: str) -> Mapping[str, str]:
-    """Look up versions once, because packages installed later do not change the imported ones."""
+    """Look up versions once, because packages installed later do not change the imported packages."""
     return versions(*packages)
 
 

@@ -74,7 +74,7 @@ def place(name: str, overrides: Mapping[str, Any], preset: str | None = None) ->
 
     The key includes the file's text and path, overrides and preset, trust, installed packages, and time and size of
     every source file of GraspFX and of its device drivers, as for Python's bytecode. Meshes and paths of a scene are
-    compared with the checked ones by their content.
+    compared by content with those that were checked.
 
     Raises:
         UnknownNameError, InputError: As for `load`.

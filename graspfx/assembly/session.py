@@ -70,7 +70,7 @@ class ObjectView:
 class Session(Carded):
     """A run that is stepped by its caller. `open` creates it, and the end of its `with` block closes it.
 
-    Positions, velocities and forces are the recorded ones of the last tick. Before the first tick, positions and
+    Positions, velocities and forces are the recorded values of the last tick. Before the first tick, positions and
     velocities are those at the start, and forces are zero.
 
     Args:
@@ -225,7 +225,7 @@ class Session(Carded):
 
     @property
     def tick(self) -> int:
-        """Number of ticks so far, which is the index of the next one."""
+        """Number of ticks so far, which is the index of the next tick."""
         return self.servo.ticks
 
     @property

@@ -17,7 +17,7 @@ from graspfx.errors import MissingPackageError
 
 NEEDED = ("floor", "ceil", "trunc", "memset", "memcpy", "memmove")  # functions that LLVM may call by itself
 FULL = 1  # LLVM's level of optimisation
-SMALL = 2  # with more passes that reduce code size
+SMALL = 2  # a level with more passes, which reduce code size
 _ENGINES: list[Any] = []  # engines whose functions LLVM finds by name at any time
 
 

@@ -130,7 +130,7 @@ OF_FINGERS = (
     C("fresh", "finger", "1", "whether the reading contained a new sample", "loop", "timed", "bool"),
     C("switches", "device", "1", "switch states as bits; the first switch of a device is bit 0", "loop",
       "has_switches", "int64"),
-    C("raw/", "", "1", "raw numbers from the device", "loop", "timed"),  # of each device in `raw`
+    C("raw/", "", "1", "raw numbers from the device", "loop", "timed"),  # one column for each device in `raw`
     C("largest_force", "finger", "N", "largest force that the device reports for its position", "loop", "varying"),
 )
 OF_OBJECTS = (

@@ -87,7 +87,7 @@ def drive(
     if any(i >= len(rows) for i in fingers):
         return Drive((), (), False)
     by_name = {hand.get("name"): hand for hand in table.get("hand") or []}
-    hands: dict[int, Mapping[str, Any] | None] = {}  # by the first finger that each hand holds
+    hands: dict[int, Mapping[str, Any] | None] = {}  # tables by the first finger of each hand
     held: dict[int, list[int]] = {}
     for i in fingers:
         hand = rows[i].get("hand")

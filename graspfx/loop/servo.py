@@ -137,7 +137,7 @@ class Servo:
         self.row = np.zeros(layout.width)  # last recorded row
         self._kind, self._record, self._memory = engine, record, memory
         self._engine: Engine | None = None  # created at the first tick
-        self.watch = Watch(objects)  # of numbers that only `write` changes
+        self.watch = Watch(objects)  # watch of numbers that only `write` may change
         self._foreign_faults: list[str] = []  # faults of parts that are not kernels
         self.hardware = [device_name(each, layout.fingers) for each in stations if is_hardware(each.device)]
         self._stop_faults: list[str] = []  # faults of devices that could not be stopped, not recorded yet

@@ -174,7 +174,7 @@ class _Watch:
     def __init__(self, arena: Arena) -> None:
         self.root = Call("steps", source_function(step.steps).__code__)
         self._parts = _Places(arena)
-        self._calls: dict[FrameType, Call] = {}  # of running kernels
+        self._calls: dict[FrameType, Call] = {}  # calls of running kernels
         self._stack: list[Any] = []
         self._before: Any = None
 

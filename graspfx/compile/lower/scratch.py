@@ -117,7 +117,7 @@ class Scratch:
         return Constant(item)
 
     def callee(self, node: ast.expr, function: Any, frame: Frame) -> ast.expr:
-        """Return the name of a called function: its name in the module, or a new one if it is from another module."""
+        """Return the name of a called function: its name in the module, or a new name if it is from another module."""
         if not frame.prefix and not hasattr(function, LOWERED):
             return node
         own = str(function.__name__)

@@ -113,7 +113,7 @@ def add_path(part: PathPart, t: float, now: Displacement) -> None:
 
 @kernel
 def add_levels(part: LevelsPart, t: float, now: Displacement) -> None:
-    """Add the level that was reached last, or the step to the next one."""
+    """Add the level that was reached last, or the step to the next level."""
     count, durations, levels = part.count, part.durations, part.levels
     k = count_until(part.begins, count, t) - 1
     level = levels[k + 1]

@@ -83,7 +83,7 @@ class NativeLoop:
             port.state = self._place(device.readings.memory)
         self._program = program()
         self._bound = self._program.bind(arena.memory.floats)
-        self._pacer, self._end = Pacer(parts.period), SoftEnd(None, parts.period, 0)  # of the last run
+        self._pacer, self._end = Pacer(parts.period), SoftEnd(None, parts.period, 0)  # pacer and end of the last run
         self._calls: list[Calls] = []
         self._noted = [False] * len(self._ports)  # whether it was recorded that a device could not be stopped
         self._drained = 0  # ticks whose rows the recorder has

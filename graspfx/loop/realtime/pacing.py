@@ -344,5 +344,5 @@ class SoftEnd(EndState):
 
 
 def decay_ticks(period: float) -> int:
-    """Return the number of ticks in which forces decay; in the last one they are zero."""
+    """Return the number of ticks in which forces decay; in the last of these ticks they are zero."""
     return max(1, math.ceil(DECAY / period - SLACK))

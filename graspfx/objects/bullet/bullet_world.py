@@ -102,7 +102,7 @@ class BulletWorld(BulletCarrier):
         return total
 
     def _place_obstacle(self, obstacle: Obstacle) -> Iterator[int]:
-        """Create the fixed bodies of an obstacle; for a plane, one for each side with members, and another for boxes.
+        """Create the fixed bodies of an obstacle; for a plane, one for each side with members, and one for boxes.
 
         All corners of a box touch a floor that is a box at once. They touch PyBullet's plane one by one, one per step,
         which rotates the box, so that it slides up to 20 degrees off course. Other shapes rest better on the plane.

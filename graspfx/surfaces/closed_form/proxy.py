@@ -12,7 +12,7 @@ from graspfx.surfaces.closed_form.proxy_round import on_capsule, on_cylinder, on
 from graspfx.surfaces.nearest import Nearest
 
 BOX, SPHERE, HALF_SPACE, PLANE, CAPSULE, CYLINDER, ELLIPSOID = 0, 1, 2, 3, 4, 5, 6
-MESH = 7  # not a closed form: `walk.mesh_contact`
+MESH = 7  # not a closed form: see `walk.mesh_contact`
 KINDS = range(MESH + 1)
 
 

@@ -258,7 +258,7 @@ def _without_area(v: FloatArray, f: IntArray, height: float) -> tuple[IntArray, 
             long = int(sides[k].argmax())
             other, side = divmod(int(neighbours[k, long]), 3)
             if busy[k] or (other >= 0 and (busy[other] or (flat[other] and other > k))):
-                continue  # until the next pass
+                continue  # postponed until the next pass
             without[k] = busy[k] = True
             dropped += 1
             if other >= 0:

@@ -70,7 +70,7 @@ def mesh_contact(mesh: MeshTree, finger: MeshFinger, g: Vector) -> Nearest:
     released = math.inf
     while touching and is_outside(mesh, spot.face, spot.feature, g - spot.point):
         touching = False
-        if spot.square < released:  # else it was already released here
+        if spot.square < released:  # otherwise the finger was already released at this point
             released = spot.square
             hit = cast(mesh, spot.point, g, spot.face, spot.feature)
             if hit >= 0:
