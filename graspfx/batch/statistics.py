@@ -59,7 +59,8 @@ def empty(numbers: int) -> FloatArray:
 def statistic(name: str, measures: FloatArray, ticks: int) -> FloatArray:
     """Compute a statistic from measures (..., MEASURES) of a run of `ticks` ticks; NaN without finite numbers.
 
-    The growth is the peak magnitude of the second half of the ticks over that of the first half (rounded down).
+    The growth is the peak magnitude of the second half of the ticks over that of the first half (number of ticks
+    rounded down).
     """
     if name in ("first", "last"):
         return measures[..., FIRST if name == "first" else LAST]

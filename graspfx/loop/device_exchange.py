@@ -199,7 +199,7 @@ class DevicePort:
         try:
             self.device.stop()
             self.is_unstopped = False
-        except DRIVERS as error:  # a lost device cannot be stopped, but the others must be
+        except DRIVERS as error:  # a lost device cannot be stopped, but the other devices must be
             return self._failure("cannot be stopped and may keep its force; switch it off", error)
         return ""
 

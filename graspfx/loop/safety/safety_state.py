@@ -63,7 +63,7 @@ class FingerLimits(Record):
     growth: float  # largest growth of a force in one sample [N]
     speed: float  # largest speed [m/s]
     stride: float  # distance covered at that speed in one period [m]
-    lower: Vector  # corners of the box out of which no force pushes it, infinite without one [m]
+    lower: Vector  # corners of the box out of which no force pushes the finger, infinite without a box [m]
     upper: Vector
     largest: float  # largest force in this sample, including the device's limit [N]
     last: Vector  # force on the object in the last sample, W [N]

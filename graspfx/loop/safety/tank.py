@@ -68,7 +68,7 @@ def adjust(grasp: GraspState, safety: SafetyState) -> None:
 
 @inline
 def affordable(tank: Tank, cost: float) -> float:
-    """Return the fraction of a change that the tank can pay for: 1 without cost, 0 at a negative level."""
+    """Return the fraction of a change that the tank can pay for: 1 for a change without cost, 0 for an empty tank."""
     return 1.0 if cost <= tank.level or cost <= 0.0 else max(tank.level, 0.0) / cost
 
 
