@@ -27,7 +27,7 @@ from graspfx.system.c_library import flush_output
 
 BANNER = b"pybullet build time"
 NO_LIMIT = 1e12  # PyBullet clamps speeds at 100 m/s unless told otherwise
-NONE = math.inf  # impossible speed, which makes PyBullet accept `NO_LIMIT`
+NONE = math.inf  # impossible last angular velocity, so that the first one is always sent to PyBullet
 
 
 class BulletMember(CarriedBody):
