@@ -152,6 +152,6 @@ def __dir__() -> list[str]:
     return sorted(__all__)
 
 
-# In a checkout, devices/ and scenes/ stand beside the package: add the checkout's root to the package's path.
+# In a checkout, devices/ and scenes/ are next to the package: add the checkout's root to the package's path.
 if not (Path(__file__).parent / "devices").is_dir():
     __path__.append(str(Path(__file__).parents[1]))

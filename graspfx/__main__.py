@@ -57,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with loudness(options), _progress(options), _plain_warnings(), unchanged(), trust:
             code: int = options.command(options)
         sys.stdout.flush()
-    except BrokenPipeError:  # the reader has closed, as in `graspfx schema | head`: print nothing, not even at exit
+    except BrokenPipeError:  # the pipe is closed, as in `graspfx schema | head`: print nothing, not even at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return WRONG
     except GraspFXError as error:
@@ -126,7 +126,7 @@ def program() -> int:
     """Run `main` as the whole program."""
     gc.set_threshold(NEW, *gc.get_threshold()[1:])
     code = main()
-    gc.freeze()  # else Python collects garbage twice at exit, a tenth of the time of a short run
+    gc.freeze()  # otherwise Python collects garbage twice at exit, which takes a tenth of the time of a short run
     return code
 
 

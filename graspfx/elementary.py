@@ -115,7 +115,7 @@ def cube_root(x: float) -> float:
         return x
     m, k = math.frexp(abs(x))
     third = k // 3
-    m = math.ldexp(m, k - 3 * third)  # in [0.5, 4)
+    m = math.ldexp(m, k - 3 * third)  # now in [0.5, 4)
     y = 0.6 + m * (0.4 - 0.035 * m)
     for _ in range(3):  # Halley's steps: each has three times as many digits
         cube = y * y * y

@@ -1,7 +1,7 @@
 """Process environment: paths, number of processors, and whether the user trusts scene files.
 
 Functions that take a path check its type and replace errors of the operating system by InputError. Scene files may use
-files outside their folder only if the user allows it; a file cannot allow it.
+files outside their folder only if the user allows it; a scene file cannot allow this itself.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def require_file(name: str, value: str, path: Path, expected: str = "the path of
         if path.is_file():
             return
         why = "this is not a regular file" if path.exists() else do or f"there is no file {path}"
-    except OSError as error:  # such as a name of more than 255 letters
+    except OSError as error:  # for example for a name of more than 255 letters
         why = error.strerror or str(error)
     raise InputError(name, value, expected, why)
 

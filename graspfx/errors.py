@@ -43,7 +43,7 @@ class InputError(GraspFXError, ValueError):
 
 
 class KernelError(InputError):
-    """A kernel would read or write memory outside its own. The message names the file and line."""
+    """A kernel would read or write memory outside its buffers. The message names the file and line."""
 
 
 class NoRestError(InputError):
@@ -127,8 +127,8 @@ def __dir__() -> list[str]:
 def closest(name: str, names: Iterable[str], likeness: float = 0.6) -> str | None:
     """Return the close match of a misspelt name, or None; a `likeness` of 1 accepts only the name itself.
 
-    A match contains the other name, or all its parts between dots in any order, or has an edit distance of at most one
-    plus one per three letters. Words that merely share letters do not match.
+    Two names match if one contains the other, if one contains all parts of the other between dots in any order, or if
+    their edit distance is at most one plus one per three letters. Words that merely share letters do not match.
     """
     from difflib import get_close_matches  # imported only for errors
 

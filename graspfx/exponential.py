@@ -1,7 +1,7 @@
 """Exponential of a small matrix minus identity, in NumPy only, because importing scipy.linalg takes as long as a run.
 
 Products and the solution avoid BLAS and LAPACK, whose code depends on the processor. Simulated devices are initialised
-by this function, and a run must repeat to the bit on other machines.
+by this function, and a run must be bit-identical on other machines.
 """
 
 from __future__ import annotations

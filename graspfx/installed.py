@@ -42,7 +42,7 @@ def _looks_in_path(finder: object) -> bool:
 def distributions() -> tuple[Distribution, ...] | None:
     """List all distributions in the order of import; None if their folders do not show all of them.
 
-    They do not if packages are imported from archives or by custom finders.
+    The folders do not show packages that are imported from archives or by custom finders.
     """
     if any(hasattr(finder, "find_distributions") and not _looks_in_path(finder) for finder in sys.meta_path):
         return None
@@ -99,7 +99,7 @@ def _groups(all_: tuple[Distribution, ...]) -> frozenset[str] | None:
 
 
 def _announced(group: str) -> Iterator[EntryPoint]:
-    from importlib.metadata import entry_points  # 20 ms: it reads archives and headers
+    from importlib.metadata import entry_points  # takes 20 ms, because it reads archives and headers
 
     for point in entry_points(group=group):
         owner = f"{point.dist.name} {point.dist.version}" if point.dist else "an unnamed distribution"

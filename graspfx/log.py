@@ -1,6 +1,6 @@
 """Log messages, sent to Python's logger `graspfx`; silent by default.
 
-Nothing is logged until some module imports `logging`, because without it there is no handler, and importing it is slow.
+Nothing is logged until some module imports `logging`: before this import there is no handler, and the import is slow.
 """
 
 from __future__ import annotations

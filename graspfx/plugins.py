@@ -29,7 +29,7 @@ SUFFIXES: dict[Group, tuple[str, ...]] = {
     "dynamics": (".py",),
 }
 SINGULAR: dict[Group, str] = {"devices": "device", "hands": "hand", "scenes": "scene", "dynamics": "dynamics"}
-BUILT_IN: dict[Group, dict[str, str]] = {  # groups without a folder of built-in ones
+BUILT_IN: dict[Group, dict[str, str]] = {  # groups without a folder of built-in plug-ins
     "hands": {},
     "dynamics": {
         "native": "graspfx.objects.native_dynamics",
@@ -170,7 +170,7 @@ def _plugin(group: Group, name: str | PathLike[str], folder: Path | None) -> Plu
 
 
 def _file_hint(group: Group, text: str, folder: Path) -> str:
-    if len(text) > LONGEST_KEY or not text.isprintable():  # such a name cannot be a file's
+    if len(text) > LONGEST_KEY or not text.isprintable():  # such a text cannot be the name of a file
         return f"give a file with its ending {SUFFIXES[group][0]}"
     for suffix in SUFFIXES[group]:
         if text and (folder / f"{text}{suffix}").is_file():
@@ -257,7 +257,7 @@ def _imported_file(path: Path) -> ModuleType:
         raise InputError("path", str(path), "a Python file")
     module = module_from_spec(spec)
     with ExitStack() as undo:
-        sys.modules[name] = module  # before it runs, because dataclasses look up their module
+        sys.modules[name] = module  # set before the module runs, because dataclasses look up their module
         undo.callback(sys.modules.pop, name)
         spec.loader.exec_module(module)
         undo.pop_all()

@@ -92,7 +92,7 @@ class SerialPort:
         """Send a frame in one write if the port accepts the whole frame, otherwise in several.
 
         Args:
-            frame: Complete frame; boards wait for the rest of a partial one.
+            frame: Complete frame; boards wait for the rest of a partial frame.
             patience: Time limit for sending [s].
 
         Raises:

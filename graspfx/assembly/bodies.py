@@ -96,7 +96,7 @@ def mass(table: Object, solid: Solid) -> float:
 
 
 def inertia(scene: SceneTable, table: Object, solid: Solid) -> Inertia | None:
-    """Return the table's moments of inertia about the centre, or those of the solid shape [kg m^2], or None."""
+    """Return the moments of inertia about the centre [kg m^2] in the table, else of the solid shape, else None."""
     if table.inertia is not None or scene.dimensions == 1:
         return table.inertia
     return solid_inertia(solid, mass(table, solid), scene.dimensions)
@@ -122,7 +122,7 @@ def place(table: Object | Obstacle, solid: Solid) -> tuple[tuple[float, ...] | N
 
 
 def _integrator(table: Object) -> str:
-    """Return the name of the body's integrator; third-party dynamics have their own, and do not predict free motion."""
+    """Return the integrator of a native body; for other dynamics "semi-implicit", which predicts no free motion."""
     return table.integrator if table.dynamics == "native" else "semi-implicit"
 
 
@@ -133,8 +133,8 @@ def fill(scene: SceneTable, table: Object, solid: Solid, state: FloatArray, *, p
     mass and its axes along the principal axes.
 
     Args:
-        predicts: Whether the implicit integrator is used as such; if False, the semi-implicit one replaces it, so that
-            forces are functions of the pose.
+        predicts: Whether the implicit integrator is used as such; if False, the semi-implicit integrator replaces it,
+            so that forces are functions of the pose.
 
     Raises:
         InputError: If a value is invalid; the error names its key.

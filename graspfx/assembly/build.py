@@ -60,7 +60,7 @@ FloatArray = NDArray[np.float64]
 
 
 def make_movers(parts: Parts, states: Sequence[FloatArray], stack: ExitStack) -> Iterator[BodyGroup]:
-    """Make the movers of the objects with these blocks; they are closed with the stack.
+    """Make the movers of the objects with these blocks; closing the stack closes the movers.
 
     Raises:
         PluginError: If third-party code raises an error when it creates a body.
@@ -168,13 +168,14 @@ def build(
     """Build a servo that is ready to run; simulated devices and bodies are always closed on exit.
 
     Hardware is not opened; a run opens it when everything else is ready (`graspfx.assembly.hardware`). The first build
-    of a scene uses the devices that its checks connected; a later build connects new ones.
+    of a scene uses the devices that its checks connected; a later build connects new devices.
 
     Args:
         scene: Scene to build.
         engine: Engine that replaces the scene's.
         record: Whether the servo's ticks are recorded.
-        selected: Whether ticks write only the columns and rows that the scene's `record` selects; otherwise all.
+        selected: Whether ticks write only the columns and rows that the scene's `record` selects; otherwise ticks write
+            all.
         live: Keys that may change during the run (`graspfx.assembly.live`); programs do not fold their values.
         real_time: Whether ticks follow the wall clock and record its data.
         varying: Whether the devices' largest forces are always recorded.
@@ -280,7 +281,7 @@ def meet(
 
 
 def make_layout(parts: Parts, *, real_time: bool = False) -> Layout:
-    """Lay out the columns of a recording; simulated devices add their true positions.
+    """Lay out the columns of a recording, including true fingertip positions if devices are simulated.
 
     Args:
         parts: Parts of the scene.

@@ -42,7 +42,7 @@ def is_operated(table: object) -> bool:
 
 
 def operator_of(table: Moving, fingers: Sequence[int], dimensions: int) -> Operator | None:
-    """Make the operator model of a hand; None for spring and damper only.
+    """Make the operator model of a hand; None for a hand with spring and damper only.
 
     Args:
         table: Table of the hand.

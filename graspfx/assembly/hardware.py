@@ -135,7 +135,7 @@ class Stops:
 
 
 def meet_hardware(servo: Servo, parts: Parts, positions: Mapping[int, FloatArray]) -> FloatArray:
-    """Set the contacts of fingers on hardware at these positions; those of fingers inside an object are at its surface.
+    """Set the contacts of fingers on hardware at these positions, and at the surface for fingers inside an object.
 
     Returns:
         Depth of each finger below its contact point, as a vector, (n, d) [m].

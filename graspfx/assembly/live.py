@@ -109,7 +109,7 @@ def is_of_a_hand(plain: str) -> bool:
 
 
 def covers(live: str, key: str) -> bool:
-    """Return whether a live key includes a key: `*` includes every number, and a table all keys below it."""
+    """Return whether a live key includes a key: `*` includes every number, and a table includes its keys."""
     ours, theirs = _indexed(live), _indexed(key)
     return len(ours) <= len(theirs) and all(a in ("*", b) for a, b in zip(ours, theirs, strict=False))
 
@@ -164,11 +164,11 @@ def _has(scene: Scene, key: str) -> bool:
 
 
 def value_of(scene: Scene, key: str) -> Any:
-    """Return the present value of a key; for `*` the common value, or a tuple of all values.
+    """Return the present value of a key; for `*`, the common value or else a tuple of all values.
 
     Raises:
         UnknownNameError: If no scene has this key, or this scene has no table of that name or number.
-        InputError: If the setting is left to its driver, or the table is defined elsewhere.
+        InputError: If the scene omits the setting, so that its driver decides, or if the table is defined elsewhere.
     """
     path, (first, *rest) = _indexed(key), key.split(".")
     tables: tuple[Any, ...] = getattr(scene, first) if rest and first in LISTS else ()

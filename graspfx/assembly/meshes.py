@@ -28,7 +28,7 @@ SHARES = ("centre", "inertia", "moments", "axes")  # mass properties except the 
 def through_cache(
     content: bytes, settings: object, make: Callable[[], tuple[Mesh, MassProperties]]
 ) -> tuple[Mesh, MassProperties]:
-    """Return the mesh and mass properties from the cache if it has the same content, else from `make`.
+    """Return the mesh and mass properties from the cache if it has an entry for the content, else from `make`.
 
     Args:
         content: Content of the mesh's file, or bytes of its arrays.

@@ -241,12 +241,12 @@ def header_of(parts: Parts, objects: Sequence[GraspedPart] = ()) -> Header:
 
 @cache
 def _versions(*packages: str) -> Mapping[str, str]:
-    """Look up versions once, because packages installed later do not change the imported ones."""
+    """Look up versions once, because packages installed later do not change the imported packages."""
     return versions(*packages)
 
 
 def source_name(source: Source) -> str:
-    """Return the name of a scene: that of its file, as for a built-in scene, or the name used in messages."""
+    """Return the name of a scene: that of its file or, without a file, the name used in messages."""
     return source.path.stem.replace("_", "-") if source.path is not None else source.name
 
 

@@ -99,11 +99,11 @@ class RealTimeSession(Session):
         raise InputError("ticks", ticks, "a session without real time", "ticks run automatically: use wait")
 
     def wait(self, seconds: float) -> bool:
-        """Wait while the run continues; return whether it is still running.
+        """Wait for a number of seconds, or until the run ends; return whether the run continues.
 
         Raises:
             RecordingError: If the recording cannot be written; every force is then zero.
-        Exception: The error that ended the run in its process, such as an error of a driver.
+            Exception: The error that ended the run in its process, such as an error of a driver.
         """
         end = time.monotonic() + seconds
         with self._undisturbed():

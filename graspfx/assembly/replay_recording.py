@@ -56,7 +56,7 @@ def replay(
         out: Folder for recording.h5.
         overwrite: Whether to replace an existing recording.
         trust: Whether Python files that the recording names (drivers, hands, bodies) may run, and files outside the
-            scene's folder may be used, as with `graspfx replay --trust`. Read them first.
+            scene's folder may be used, as with `graspfx replay --trust`. Read these files first.
 
     Returns:
         Recording of the replay, with the columns that follow from the fingers' motion.
@@ -156,7 +156,7 @@ def _scene_of(original: Recording, overrides: Mapping[str, Any]) -> Scene:
     header = original.header
     table = {key: value for key, value in header.scene_table.items() if key != "record"}
     if table.get("engine") == "compiled":
-        table["engine"] = "auto"  # compiling a program for one replay does not pay off
+        table["engine"] = "auto"  # compiling a program takes longer than it saves in one replay
     folder = Path(header.scene_folder) if header.scene_folder else Path.cwd()
     path = folder / f"{header.scene or 'scene'}.toml"
     source = Source(header.scene or "scene", header.scene_text, path, dict(overrides), is_recorded=True)

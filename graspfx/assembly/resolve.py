@@ -296,8 +296,8 @@ class Parts:
     def own_wires(self) -> tuple[Wire, ...]:
         """Return devices that no other run uses, to be opened or moved by a plant.
 
-        The first caller gets the devices that the checks connected. A later caller gets newly connected ones, because a
-        device contains the state of one run, and hardware may still be open.
+        The first caller gets the devices that the checks connected. A later caller gets newly connected devices,
+        because a device contains the state of one run, and hardware may still be open.
         """
         return self.claim()[0]
 

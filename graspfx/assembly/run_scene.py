@@ -122,8 +122,8 @@ def run(
         out: Folder for recording.h5; it may exist. During the run, rows are only in recording.h5.part, which
             `Recording.load` can read even if the run is killed.
         overwrite: Whether to replace an existing recording, or the part of a killed run.
-        stop: Function that is called before every tick or, for compiled ticks, before every 64. The first True ends the
-            run, and the recording is marked as incomplete.
+        stop: Function that is called before every tick or, for compiled ticks, once before every 64 ticks. The first
+            True ends the run, and the recording is marked as incomplete.
         real_time: Whether each tick waits for its time on the wall clock; a late tick skips whole periods. The results
             of a simulation do not change.
 

@@ -74,7 +74,7 @@ def place(name: str, overrides: Mapping[str, Any], preset: str | None = None) ->
 
     The key includes the file's text and path, overrides and preset, trust, installed packages, and time and size of
     every source file of GraspFX and of its device drivers, as for Python's bytecode. Meshes and paths of a scene are
-    compared with the checked ones by their content.
+    compared by content with those that were checked.
 
     Raises:
         UnknownNameError, InputError: As for `load`.
@@ -85,7 +85,7 @@ def place(name: str, overrides: Mapping[str, Any], preset: str | None = None) ->
         return None
     try:
         text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError):  # `load` says what is wrong
+    except (OSError, UnicodeDecodeError):  # `load` reports the error
         return None
     shelf = list(stamps_in(str(plugins.shelf("devices"))))
     changes = preset, list(overrides.items())
@@ -156,7 +156,7 @@ def digests(source: Source, names: Iterable[str]) -> list[list[str]] | None:
     try:
         paths = [to_path("file", name, folder=source.folder).resolve() for name in names]
         return [[str(path), sha256(path.read_bytes()).hexdigest()] for path in paths]
-    except (OSError, RuntimeError, InputError):  # `load` says what is wrong
+    except (OSError, RuntimeError, InputError):  # `load` reports the error
         return None
 
 

@@ -70,7 +70,7 @@ class ObjectView:
 class Session(Carded):
     """A run that is stepped by its caller. `open` creates it, and the end of its `with` block closes it.
 
-    Positions, velocities and forces are the recorded ones of the last tick. Before the first tick, positions and
+    Positions, velocities and forces are the recorded values of the last tick. Before the first tick, positions and
     velocities are those at the start, and forces are zero.
 
     Args:
@@ -225,7 +225,7 @@ class Session(Carded):
 
     @property
     def tick(self) -> int:
-        """Number of ticks so far, which is the index of the next one."""
+        """Number of ticks so far, which is the index of the next tick."""
         return self.servo.ticks
 
     @property
@@ -278,7 +278,7 @@ class Session(Carded):
 
     @property
     def external_force(self) -> FloatArray:
-        """Parts of the fingers' forces that move their objects, (n, d) [N]; computed in some hundred microseconds."""
+        """Parts of the fingers' forces that move their objects, (n, d) [N]; computed in a few hundred microseconds."""
         layout = self.servo.layout
         if not self.tick:
             return np.zeros(layout.columns["finger_force"].shape)
@@ -339,11 +339,12 @@ class Session(Carded):
         return by_name("live key", {key: value_of(self.scene, key) for key in self.live})
 
     def get(self, key: str) -> Any:
-        """Return the present value of a key of the scene; for `*` the common value, or a tuple of all values.
+        """Return the present value of a key of the scene; for `*`, the common value or else a tuple of all values.
 
         Raises:
             UnknownNameError: If the key does not exist; the error names a close match.
-            InputError: If the setting is left to its driver, or the table is defined elsewhere.
+            InputError: If the scene omits the setting, so that its driver decides, or if the table is defined
+                elsewhere.
         """
         return value_of(self.scene, numbered(self.scene, key))
 

@@ -48,7 +48,7 @@ FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 Numbers = tuple[FloatArray, Index, FloatArray]  # a memory, its entries and the values written there
 
-# Fields of a grasp's block with a scene's numbers and dependent values; all others are state of the run.
+# Fields of a grasp's block with a scene's numbers and dependent values; all other fields are state of the run.
 NUMBERS = (
     "external_stiffness", "external_damping", "internal_stiffness", "internal_damping",
     "equal", "damped", "singular", "gradual", "rays", "stiffness_rule", "damping_rule", "release", "stiffest",
@@ -111,8 +111,8 @@ class Steering:
             values: Values by live key, with numbers for names of tables.
 
         Raises:
-            InputError: If the values would change the form of a gain, a switch or a layout, and not only numbers, or a
-                key affects no number of a run.
+            InputError: If the values would change the form of a gain, a switch or a layout, instead of only numbers; or
+                if a key affects no number of a run.
             SceneError, DeviceError: As for `build`.
         """
         for key, value in values.items():
@@ -132,7 +132,7 @@ class Steering:
                     (mover.body, fresh.body) for mover, fresh in zip(self.servo.movers, other.movers, strict=True)
                 ]
                 parts += [pair for pair in bodies if isinstance(pair[0], Steerable)]  # bodies that collide with planes
-            if self.servo.ticks and all(key in GUIDE for key in keys):  # only goals of guided hands
+            if self.servo.ticks and all(key in GUIDE for key in keys):  # only goals of guided hands change
                 return Update(dict(values), [*entries, *self._goals(other)], parts)
             plants = list(self._plants(other, values))
             for _, (wiring, anew) in plants:
@@ -262,7 +262,7 @@ def _caches(
 
 
 def _require_hand(own: Any, new: Any, values: Mapping[str, Any]) -> None:
-    """Require a hand of the same structure; either both hands or neither have an operator model, as plants differ."""
+    """Require a hand of the same structure; plants differ between hands with and without an operator model."""
     if (getattr(own, "operator", None) is None) != (getattr(new, "operator", None) is None):
         raise InputError(
             ", ".join(values), list(values.values()), f"a part of {', '.join(PARTS)} either always or never",

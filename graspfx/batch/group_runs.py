@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
-Measures = dict[str, dict[str, FloatArray]]  # by quantity and statistic, (V, *quantity)
+Measures = dict[str, dict[str, FloatArray]]  # values by quantity and statistic, (V, *quantity)
 
 MOST_TICKS = 2**53  # larger numbers are not all floats
 

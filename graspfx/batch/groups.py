@@ -29,7 +29,7 @@ class Program:
 
     @cached_property
     def size(self) -> int:
-        """Entries of the arena."""
+        """Number of entries of the arena."""
         return self.arena.memory.used
 
     def fill(self, arena: FloatArray) -> None:

@@ -11,13 +11,13 @@ from graspfx.errors import UnknownNameError
 
 FloatArray = NDArray[np.float64]
 
-FIRST, LAST, SUM, SQUARES, LOW, HIGH, LATE_LOW, LATE_HIGH = range(8)  # measures of a column; LATE_: of the second half
+FIRST, LAST, SUM, SQUARES, LOW, HIGH, LATE_LOW, LATE_HIGH = range(8)  # measures of a column; LATE_ is the second half
 MEASURES = 8
 STATISTICS = ("first", "last", "mean", "rms", "min", "max", "peak", "growth")
 
 
 class Statistics(dict[str, FloatArray]):
-    """Statistics of a quantity by name; errors for unknown names suggest the closest one."""
+    """Statistics of a quantity by name; errors for unknown names suggest the closest name."""
 
     def __missing__(self, name: str) -> FloatArray:
         raise UnknownNameError("statistic", str(name), self)
@@ -59,7 +59,8 @@ def empty(numbers: int) -> FloatArray:
 def statistic(name: str, measures: FloatArray, ticks: int) -> FloatArray:
     """Compute a statistic from measures (..., MEASURES) of a run of `ticks` ticks; NaN without finite numbers.
 
-    The growth is the peak magnitude of the second half of the ticks over that of the first half (rounded down).
+    The growth is the peak magnitude of the second half of the ticks over that of the first half (number of ticks
+    rounded down).
     """
     if name in ("first", "last"):
         return measures[..., FIRST if name == "first" else LAST]

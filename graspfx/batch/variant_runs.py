@@ -34,10 +34,10 @@ class Job:
 
     Args:
         arena: Arena of one variant.
-        size: Entries of an arena.
+        size: Number of entries of an arena.
         begin: Initial contents of the arenas.
         variants: Number of variants.
-        width: Numbers of a row.
+        width: Number of entries of a row.
         columns: Indices of the measured numbers of a row.
         ticks: Ticks of a run.
         look: Function that is called with the arena of every variant after its run.
@@ -55,8 +55,8 @@ class Job:
     look: Callable[[FloatArray], None] | None = None
     more: Callable[[FloatArray], More] | None = None
     looking: Lock = field(default_factory=Lock)
-    spent: float = 0.0  # on runs [s]
-    done: int = 0  # variants that have run
+    spent: float = 0.0  # time spent on runs [s]
+    done: int = 0  # number of variants that have run
 
     def measured(self, threads: int) -> tuple[FloatArray, Index]:
         """Return measures (V, columns, MEASURES), and the tick of each variant's fault, -1 for none."""

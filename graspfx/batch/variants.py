@@ -284,7 +284,7 @@ class Variants:
         )
 
     def _holds(self, group: Group, layout: str) -> bool:
-        """Compare assembled variants with built ones: all combinations of extreme values, and some other ones."""
+        """Compare assembled variants with built ones: all combinations of extreme values, and some others."""
         numbers = self.numbers[group.members]
         ends = [np.isin(numbers[:, i], _extremes(self.values[key], numbers[:, i])) for i, key in enumerate(self.keys)]
         corners = np.flatnonzero(np.all(ends, axis=0))

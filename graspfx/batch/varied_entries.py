@@ -274,7 +274,7 @@ def _ready(anew: Parts, wired: Sequence[Wire], servo: Servo, inward: FloatArray)
 
 
 def _alike(part: Any, own: Any) -> FloatArray:
-    """Copy the block of a part with the same layout as one of the servo."""
+    """Copy the block of a part with the same layout as a part of the servo."""
     if part.state.shape != own.state.shape or not np.array_equal(part.structure, own.structure):
         raise NotAlikeError
     places = own.structure
@@ -392,7 +392,7 @@ class Columns:
         return sound
 
     def _slowed(self, part: ObjectPart) -> BoolArray:
-        """Return for which variants the integrator is stable with the viscosity, by the test for one scene."""
+        """Return for which variants the integrator is stable with the viscosity, by the same test as for one scene."""
         table, T = part.table, self.scene.period
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             ratio = self.body(part.index, "viscosity") * T / self.body(part.index, "mass")
@@ -409,7 +409,7 @@ class Columns:
         return sound
 
     def moments(self, part: ObjectPart) -> FloatArray:
-        """Compute the moments of inertia of an object's body, (V, 3), by the formula for one scene and each mass."""
+        """Compute the moments of inertia of an object's body, (V, 3), for each mass by the formula for one scene."""
         masses, choice = np.unique(self.body(part.index, "mass"), return_inverse=True)
         return np.asarray(_moments(self.scene, part, masses.tolist())[choice.ravel()])
 

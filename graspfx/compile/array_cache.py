@@ -20,7 +20,7 @@ SEPARATOR = b"\n"  # separates the entry's table from its arrays
 
 
 def content_key(settings: object, content: bytes) -> str:
-    """Compute the digest of the inputs: Python, this version of GraspFX, settings by their `repr`, and a content."""
+    """Compute the digest of the inputs: Python, this version of GraspFX, settings by their `repr`, and the content."""
     parts = FORMAT, sys.version, sys.byteorder, source_stamps(), settings
     return sha256(repr(parts).encode() + b"\0" + sha256(content).digest()).hexdigest()
 

@@ -81,7 +81,7 @@ def load(key: str) -> bytes | None:
     if hashlib.sha256(key.encode() + content).digest() != digest:
         return None
     with contextlib.suppress(OSError):
-        os.utime(path)  # used now
+        os.utime(path)  # marks the entry as used now
     return content
 
 

@@ -17,7 +17,7 @@ from graspfx.errors import MissingPackageError
 
 NEEDED = ("floor", "ceil", "trunc", "memset", "memcpy", "memmove")  # functions that LLVM may call by itself
 FULL = 1  # LLVM's level of optimisation
-SMALL = 2  # with more passes that reduce code size
+SMALL = 2  # a level with more passes, which reduce code size
 _ENGINES: list[Any] = []  # engines whose functions LLVM finds by name at any time
 
 
@@ -149,7 +149,7 @@ def _machine() -> Any:
 
 
 def _define(libm: Iterable[str]) -> None:
-    """Register function addresses with the loader, which would silently skip all calls if one were missing."""
+    """Register function addresses with the loader, which would skip all calls if an address were missing."""
     import llvmlite.binding as llvm
 
     for name, library in [(n, n) for n in NEEDED] + [(f"graspfx_{n}", n) for n in libm]:

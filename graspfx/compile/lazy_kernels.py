@@ -1,4 +1,4 @@
-"""Kernels that are interpreted until loading or compiling their machine code pays off.
+"""Kernels that are interpreted until loading or compiling their machine code saves time.
 
 The decision depends on the amount of work and the contents of the cache, never on a clock. Both alternatives return the
 same bits.
@@ -78,7 +78,7 @@ class KernelOnDemand:
         self._machine = compiled(self.kernel)
 
     def _take(self) -> None:
-        """Load the machine code, or compile it, if this pays off already."""
+        """Load the machine code, or compile it, if this already saves time."""
         self._tried = True
         make = self._work >= self._make
         if make or was_compiled(self.kernel):

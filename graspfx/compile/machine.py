@@ -33,8 +33,8 @@ NUMBERS = {
 class Machine:
     """A compiled `kernel(...)` with the same arguments; buffers are arrays or memoryviews of floats.
 
-    For each record, a kernel has a buffer and an offset as arguments; two buffers may be the same memory. It returns
-    the kernel's result, with numbers as floats.
+    For each record, a kernel has a buffer and an offset as arguments; two buffers may be the same memory. A call
+    returns the kernel's result, with numbers as floats.
 
     Args:
         make: Whether to compile a kernel that is not in the cache; otherwise a LookupError is raised.

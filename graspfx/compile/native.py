@@ -30,7 +30,8 @@ class Bound:
     """A program bound to its buffers.
 
     Args:
-        brief: Function of its numbers that runs it with the interpreter's lock held, for calls of some microseconds.
+        brief: Function of the program's numbers that runs the program with the interpreter's lock held, for calls of a
+            few microseconds.
         long: Same function with the lock released, so that other threads can run.
         pointers: Pointers to the buffers by name; each keeps its buffer alive.
     """
@@ -76,7 +77,8 @@ class Native:
         """Bind the program to buffers: arrays or memoryviews of floats with fixed addresses.
 
         Raises:
-            InputError: If the number of buffers is wrong, or one is not contiguous, not writable or not of floats.
+            InputError: If the number of buffers is wrong, or a buffer is not contiguous, not writable, or does not
+                contain floats.
         """
         if len(buffers) != len(self.arrays):
             raise InputError("buffers", len(buffers), f"{len(self.arrays)}: {', '.join(self.arrays)}")

@@ -59,7 +59,7 @@ def read_own(file: Path) -> bytes | None:
 
 
 def make_own(folder: Path) -> None:
-    """Create a folder and its missing parents for its user alone.
+    """Create a folder and its missing parents, to which only the user has access.
 
     Raises:
         OSError: If the folder cannot be created.

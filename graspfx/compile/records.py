@@ -7,7 +7,7 @@
 
 A field is a number (one entry: `float`, `int`, or `bool` as 0.0 and 1.0), a value class such as `Vector` (one entry per
 number), another record, a group of records, an array, or a reference to a record elsewhere in the block. Sizes may be
-expressions of the record's own whole numbers. Fields follow one another without gaps.
+expressions of the same record's integers. Fields follow one another without gaps.
 """
 
 from __future__ import annotations

@@ -103,7 +103,7 @@ def adapt(
 
     Args:
         library: `ctypes.CDLL`, or an object with ctypes functions of these names.
-        read, write, stop, ask: Texts of the calls; without `ask` the device is not asked.
+        read, write, stop, ask: Texts of the calls; without `ask`, no request is sent before a reading.
         fault: Condition for a fault: comparisons of a return value or a buffer's entry, joined by `or`, such as "< 0 or
             status[5] == 0".
         held: Condition, in the same form, for a `read` without a new sample.
@@ -115,8 +115,8 @@ def adapt(
 
     Raises:
         MissingPackageError: If LLVM is not installed.
-        InputError: If a text has another form, an entry is out of range, the library lacks a function, or a name has no
-            setting.
+        InputError: If a text does not follow this syntax, an entry is out of range, the library lacks a function, or a
+            name has no setting.
     """
     k, d = shape
     texts = {"ask": ask, "read": read, "write": write, "stop": stop}

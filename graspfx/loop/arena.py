@@ -52,7 +52,7 @@ class Table:
     """Targets of a hand in plain Python, for the ticks of one call.
 
     Attributes:
-        memory: Targets (CHUNK, width), flat: r and r' at the end of each sample, followed by those in its middle if
+        memory: Targets (CHUNK, width), flat: r and r' at the end of each sample, then r and r' in its middle if
             requested.
         wiring: Wiring of the plant that the hand moves.
         middle: Whether the plant needs the targets in the middle of a sample.
@@ -77,8 +77,8 @@ class ForeignKernel:
 
     Attributes:
         kernel: Kernel function.
-        parameters: Names of the kernel's arguments after the first place: `t` and `T` are floats, `beside` is the place
-            of a block.
+        parameters: Names of the kernel's arguments after the first place: `t` and `T` are floats, and `beside` is the
+            place of a block.
         blocks: Blocks that the kernel uses.
         entries: Entries of the world's memory that contain the kernel's number.
     """

@@ -50,7 +50,8 @@ class RowTaker(Protocol):
     def space(self) -> tuple[FloatArray, int, int]:
         """Return rows (r, width), the next tick's index in these rows, and the number of ticks for which there is room.
 
-        The tick at index r writes row r. With one row every m ticks it writes row r / m, if m divides r.
+        The tick at index r writes row r. If one of every m ticks is recorded, the tick writes row r / m if m divides r,
+        and otherwise no row.
         """
         ...
 
@@ -129,7 +130,7 @@ OF_FINGERS = (
     C("fresh", "finger", "1", "whether the reading contained a new sample", "loop", "timed", "bool"),
     C("switches", "device", "1", "switch states as bits; the first switch of a device is bit 0", "loop",
       "has_switches", "int64"),
-    C("raw/", "", "1", "raw numbers from the device", "loop", "timed"),  # of each device in `raw`
+    C("raw/", "", "1", "raw numbers from the device", "loop", "timed"),  # one column for each device in `raw`
     C("largest_force", "finger", "N", "largest force that the device reports for its position", "loop", "varying"),
 )
 OF_OBJECTS = (
@@ -225,7 +226,7 @@ class Layout:
         slips: Whether some finger has a coefficient of friction.
         simulated: Whether true fingertip positions are known.
         observed: Whether the energy of each grasp is recorded.
-        controlled: Whether damping is added against generated energy.
+        controlled: Whether damping is added to dissipate generated energy.
         limits: Whether a device or the scene's safety settings limit the force.
         guarded: Whether forces pass a safety chain.
         normals: Whether contact normals are known, for fingers that are soft or have friction.

@@ -74,9 +74,9 @@ class Device(Protocol):
     """A piece of hardware, or its simulation, that moves `features.fingers` fingertips.
 
     A driver is a module with `connect(**settings) -> Device`. `connect` does not touch the hardware; `open` does.
-    Checking a scene connects all of its devices to learn their features and to find wrong settings (an InputError that
-    names the setting). `read` and `write` wait and allocate as little as possible. The arrays that `read` returns
-    belong to the device, and the next `read` overwrites them.
+    Checking a scene connects all of its devices to learn their features and to find wrong settings. A wrong setting
+    raises an InputError that names it. `read` and `write` wait and allocate as little as possible. The arrays that
+    `read` returns belong to the device, and the next `read` overwrites them.
 
     A device that answers requests may also offer `ask` (`AskedDevice`). A driver must offer `quench`
     (`QuenchableDriver`) if its hardware retains its force after the last `write`.
@@ -117,7 +117,7 @@ class Device(Protocol):
 
 
 def lacking(device: object) -> list[str]:
-    """List the `Device` methods that an object lacks; `with` requires its two methods to be defined on the class."""
+    """List the `Device` methods that an object lacks; the two that `with` calls must be defined on the class."""
     missing = [name for name in METHODS if not callable(getattr(device, name, None))]
     return missing + [name for name in ("__enter__", "__exit__") if not hasattr(type(device), name)]
 
@@ -137,7 +137,7 @@ class AskedDevice(Protocol):
 class QuenchableDriver(Protocol):
     """A driver that can remove the force from hardware whose program has died.
 
-    Every driver of hardware without a watchdog (`features.watchdog` is None) must support this.
+    Every driver of hardware without a watchdog (`features.watchdog` is None) must offer `quench`.
     """
 
     def quench(self, **settings: object) -> None:

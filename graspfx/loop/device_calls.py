@@ -8,15 +8,15 @@ FRESH, REPEAT = 0, 1  # return values; less than zero is a fault
 
 
 class Calls(NamedTuple):
-    """Addresses of C functions `int64 f(void *context, double *block)`; they return 0 (new), 1 (held) or < 0 (fault).
+    """Addresses of C functions `int64 f(void *context, double *block)`, which return 0 (new), 1 (held) or < 0 (fault).
 
     The block of `ask` and `read` contains positions (k, d) [m], then velocities (k, d) [m/s]; a `read` that returns 0
     has filled both. Any other return value is a fault. The block of `write` and `stop` contains forces (k, d) [N];
     `write` receives only finite forces within `features.peak_force`. `stop` sets the force to zero, regardless of the
     block's contents. A function that waits delays the loop.
 
-    In a vendor's thread, `ask` opens a frame of the library, and `write` or `stop` closes it. If a device was not asked
-    in a turn, or was already written, it is therefore asked again before it is stopped.
+    In a vendor's thread, `ask` opens a frame of the library, and `write` or `stop` closes it. A device that was not
+    asked in a turn, or whose forces were already written, is therefore asked again before it is stopped.
 
     Attributes:
         ask: Function that sends the request for the next `read`; 0 for a device without requests.
@@ -61,7 +61,7 @@ class DrivingDevice(Protocol):
         ...
 
     def drive(self, function: int, context: int) -> None:
-        """Let the thread call `unsigned function(void *context)`, which returns 1 if it ran a tick, and else 0."""
+        """Let the thread call `unsigned function(void *context)`, which returns 1 if it ran a tick, otherwise 0."""
 
     def release(self, wait: float) -> bool:
         """Stop the thread's calls; return whether the last call returned within `wait` [s]."""

@@ -46,7 +46,7 @@ class Port:
     cause: FloatArray | None = None  # cause for which the safety chain lets forces decay (1,); None without a chain
 
     def let_go(self, cause: int) -> bool:
-        """Let the safety chain decay the forces for this cause, unless they already decay; False without a chain."""
+        """Start the decay of forces for this cause, unless they already decay; return False without a safety chain."""
         if self.cause is not None and self.cause[0] == 0.0:
             self.cause[0] = cause + CAUSES * self.station
         return self.cause is not None
@@ -87,7 +87,8 @@ class DevicePort:
     Attributes:
         name: Name of the device in messages.
         channels: Finger of each channel, -1 for none.
-        workspace: Lower and upper corner in the device's axes [m]; None if it reports none.
+        workspace: Lower and upper corners of the workspace in the device's axes [m]; None if the device reports no
+            workspace.
         fitting: Relation of the device to the scene.
         readings: State and statistics of its readings in the run.
         log: Recorder of its further readings; None if they are not recorded.
@@ -198,7 +199,7 @@ class DevicePort:
         try:
             self.device.stop()
             self.is_unstopped = False
-        except DRIVERS as error:  # a lost device cannot be stopped, but the others must be
+        except DRIVERS as error:  # a lost device cannot be stopped, but the other devices must be
             return self._failure("cannot be stopped and may keep its force; switch it off", error)
         return ""
 
@@ -328,7 +329,7 @@ class DeviceExchange:
 
 
 def call_of(place: int, names: Sequence[str]) -> str:
-    """Return a description of the device call with a number, with the device's name; empty if there is none."""
+    """Describe the device call with this number, including the device's name; empty if there is no such call."""
     number, call = divmod(place - 1, len(CALLS))
     return f"`{CALLS[call]}` of {names[number]}" if 0 <= number < len(names) else ""
 
@@ -346,7 +347,7 @@ def _all(calls: Sequence[Callable[[], str]]) -> list[str]:
 
 
 def _take_limit(limit: FloatArray, largest: object, scale: float) -> str:
-    """Copy a device's largest forces at its position, divided by its scale; return an error message if invalid."""
+    """Copy a device's largest forces at its position, divided by its scale; return a message if they are invalid."""
     if type(largest) is not np.ndarray or largest.shape != limit.shape or largest.dtype != np.float64:
         return f"reported {abbreviate(largest)} for its largest force, expected an array {limit.shape} of float64"
     limit[...] = largest / scale
@@ -362,11 +363,11 @@ class LoopLog:
         memory: Memory of the loop, `LoopState`.
         layout: Layout of its rows.
         devices: Python devices, whose ports record further readings.
-        pacer: Pacer for which each tick has waited.
+        pacer: Pacer that makes each tick wait for its deadline.
     """
 
     def __init__(self, memory: FloatArray, layout: Layout, devices: DeviceExchange, pacer: Pacer) -> None:
-        self._numbers: Any = memory.data  # plain floats; items of an array take twice as long
+        self._numbers: Any = memory.data  # plain floats, because access to items of an array takes twice as long
         self._devices, self._pacer, self._clock = devices, pacer, pacer.clock
         LoopState(memory).array(LoopState.fresh)[:] = 1.0  # for simulated devices whose kernels read them
         for each in devices.ports:

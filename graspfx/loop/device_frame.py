@@ -76,7 +76,7 @@ class Frame:
         )
 
     def _box(self, lower: FloatArray, upper: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return a box in the scene's axes inside the device's box, as large as its proportions allow."""
+        """Return a box in the scene's axes inside the device's box: the device's bounding box, scaled down to fit."""
         half = 0.5 * (np.asarray(upper, dtype=float) - lower)
         middle = self.place(0.5 * (np.asarray(upper, dtype=float) + lower))
         outer = np.abs(self.axes) @ half

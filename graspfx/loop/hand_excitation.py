@@ -55,7 +55,7 @@ class Drive:
         Args:
             times: Times [s].
             depth: Displacement of the fingers relative to the object [m]. Muscle forces cause the displacement, so a
-                relative change of these forces changes it by the same fraction.
+                relative change of these forces changes the displacement by the same fraction.
         """
         columns = [depth * operator.noise(times) for operator in self.noises]
         return np.concatenate([np.zeros((len(times), 1)), *columns], axis=1)
@@ -87,7 +87,7 @@ def drive(
     if any(i >= len(rows) for i in fingers):
         return Drive((), (), False)
     by_name = {hand.get("name"): hand for hand in table.get("hand") or []}
-    hands: dict[int, Mapping[str, Any] | None] = {}  # by the first finger that each hand holds
+    hands: dict[int, Mapping[str, Any] | None] = {}  # tables by the first finger of each hand
     held: dict[int, list[int]] = {}
     for i in fingers:
         hand = rows[i].get("hand")

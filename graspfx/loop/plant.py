@@ -58,7 +58,7 @@ class FusedHand(Hand, Protocol):
 
     @property
     def structure(self) -> Index:
-        """Constant entries of the block, whole numbers, that select what the kernel computes."""
+        """Constant integer entries of the block, which select what the kernel computes."""
         ...
 
     @property
@@ -71,7 +71,7 @@ class FusedHand(Hand, Protocol):
         """Kernel kernel(S, o, t), which computes the targets at time t [s] of the hand whose block starts at S[o].
 
         It is a plain function in the subset of Python that `graspfx.compile` supports, for an array or a memoryview of
-        it.
+        an array.
         """
         ...
 
@@ -139,7 +139,7 @@ class FusedPlant(Plant, Protocol):
         """Kernel kernel(S, o), which moves the plant whose block starts at S[o] by one sample.
 
         It is a plain function in the subset of Python that `graspfx.compile` supports, for an array or a memoryview of
-        it. It returns 0, or a fault code if the plant cannot continue and has not moved.
+        an array. It returns 0, or a fault code if the plant cannot continue and has not moved.
         """
         ...
 

@@ -101,7 +101,7 @@ class PlayedPlant:
 
 
 class Playback:
-    """Exchange that reads rows of a recording instead of devices, tick by tick, and repeats their faults.
+    """Exchange that reads rows of a recording instead of devices, tick by tick, and repeats the recorded faults.
 
     Args:
         recording: Recording of every tick.

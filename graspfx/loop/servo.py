@@ -96,8 +96,8 @@ class Servo:
     latches a fault. From that tick on every force is zero; forces computed in that tick are not displayed.
 
     If all parts are kernels, one call runs any number of ticks. A Python body or plant requires one call per tick, and
-    a Python device two, with the methods of these parts between the calls. The recording is the same, bit by bit. The
-    next tick completes a tick's exchange with a guest; after the last tick, `run` completes it.
+    a Python device requires two; the methods of these parts run between the calls. The recording is bit-identical in
+    all cases. A tick's exchange with a guest is completed by the next tick, and by `run` after the last tick.
 
     Args:
         engine: "auto", "compiled" or "interpreted".
@@ -137,7 +137,7 @@ class Servo:
         self.row = np.zeros(layout.width)  # last recorded row
         self._kind, self._record, self._memory = engine, record, memory
         self._engine: Engine | None = None  # created at the first tick
-        self.watch = Watch(objects)  # of numbers that only `write` changes
+        self.watch = Watch(objects)  # watch of numbers that only `write` may change
         self._foreign_faults: list[str] = []  # faults of parts that are not kernels
         self.hardware = [device_name(each, layout.fingers) for each in stations if is_hardware(each.device)]
         self._stop_faults: list[str] = []  # faults of devices that could not be stopped, not recorded yet
@@ -203,7 +203,7 @@ class Servo:
         return self._devices
 
     def start(self) -> FloatArray | None:
-        """Copy the servo's memory before the first tick, for `begin_again`; None if a run changes anything else."""
+        """Copy the servo's memory before the first tick, for `begin_again`; None if a run also changes other state."""
         self._ready()
         arena, memory = self._arena, self._arena.memory
         others = arena.world.pauses or arena.guests or arena.tables or arena.foreign
@@ -231,7 +231,7 @@ class Servo:
             for is_faulted in (False, True):
                 if is_faulted:
                     latch(self._own, 0, FOREIGN, 0, 0)
-                while not engine.run(0, 1, 0):  # up to the writing of its devices, and from there on
+                while not engine.run(0, 1, 0):  # one call up to the writing of its devices, and one from there on
                     pass
         finally:
             for array, copy in zip(arrays, copies, strict=True):
@@ -261,9 +261,9 @@ class Servo:
             pacer: Wall-clock pacer that each tick waits for; without one, ticks run without waiting.
 
         Raises:
-            InputError: If the recorder is missing or superfluous, hardware has no pacer, or a number was written
-                directly into a block and the program, a switch of the block, or the recording's split of forces depends
-                on it.
+            InputError: If the recorder is missing or superfluous, or hardware has no pacer. Also if a number was
+                written directly into a block, and the number affects the program, a switch of the block, or the
+                recorded split of forces.
         """
         if pacer is None:
             require_simulations(self.hardware)
@@ -504,7 +504,7 @@ class Servo:
             latch(self._own, k, FOREIGN, 0, len(self._foreign_faults) - 1)
 
     def _notice(self, recorder: RowTaker | None, others: Sequence[RunFault] = ()) -> None:
-        """Record new faults of the tick, together with the given ones."""
+        """Record new faults of the tick, together with the given faults."""
         if self.fault is None and self._flag[0]:
             self.fault = RunFault(self._own.tick, self.why(self._arena.own))
             if recorder is not None:

@@ -31,8 +31,8 @@ def program_key() -> str:
 def source(*, make: bool = True) -> str:
     """Write the program of `steps` as Python: run(arena, rows, world, k, count, r).
 
-    With a count of -1 the program runs `sample` of the grasp at a place instead. Below -1 it runs `external_forces` of
-    that grasp, written from entry r of the rows on.
+    With a count of -1 the program runs `sample` of the grasp at a place instead. With a count below -1 it runs
+    `external_forces` of that grasp, and writes the forces to the rows from entry r on.
 
     Args:
         make: Whether to write a program that is not in the cache; otherwise a LookupError is raised.

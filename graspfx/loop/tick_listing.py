@@ -142,7 +142,7 @@ def used(servo: Servo, ticks: int = TICKS) -> Used:
         engine.write_to(np.empty((ticks, servo.layout.width)))
         with watch:
             for k in range(ticks):
-                while not engine.run(k, 1, k):  # up to the writing of its devices, and from there on
+                while not engine.run(k, 1, k):  # one call up to the writing of its devices, and one from there on
                     pass
     else:
         with watch:
@@ -174,7 +174,7 @@ class _Watch:
     def __init__(self, arena: Arena) -> None:
         self.root = Call("steps", source_function(step.steps).__code__)
         self._parts = _Places(arena)
-        self._calls: dict[FrameType, Call] = {}  # of running kernels
+        self._calls: dict[FrameType, Call] = {}  # calls of running kernels
         self._stack: list[Any] = []
         self._before: Any = None
 

@@ -41,8 +41,8 @@ def estimate(state: VelocityEstimate, x: float) -> float:
     """Accept the next position x of a component, and return the component's velocity.
 
     v_k = (x_k - x_(k-n)) / (n T), where n is the longest window for which every line from x_k to x_(k-j), j = 2 ... n,
-    passes within the noise bound h of the positions between its ends (`VelocityEstimator`). A line of slope s does so
-    if s is in [(x_k - x_(k-i) - h) / i, (x_k - x_(k-i) + h) / i] for each i < j, so one pass over the positions
+    passes within the noise bound h of the positions between its ends (`VelocityEstimator`). A line of slope s satisfies
+    this if s is in [(x_k - x_(k-i) - h) / i, (x_k - x_(k-i) + h) / i] for each i < j, so one pass over the positions
     suffices.
     """
     length = state.length
@@ -249,7 +249,7 @@ class VelocityEstimator:
                 or none.
 
         Raises:
-            InputError: If the time is before the last one, or not finite.
+            InputError: If the time is earlier than the last time, or not finite.
         """
         if time is not None:
             return self._update_at(position, time)
@@ -262,7 +262,7 @@ class VelocityEstimator:
             for j in range(self._count):
                 v[j] = after(S, j * self._size, x[j], missed)
             return self._velocity
-        component = source_function(estimate)  # without a view for each component
+        component = source_function(estimate)  # avoids a view for each component
         for j in range(self._count):
             v[j] = component(S, j * self._size, x[j])
         return self._velocity

@@ -83,7 +83,7 @@ class Channel(Record):
 
 
 class Device(Record):
-    """A device. Device in plain Python, which the caller of `steps` reads and writes."""
+    """A device; a device in plain Python is read and written by the caller of `steps`."""
 
     plain: bool  # in plain Python
     state: int  # place of its block; for a plain device, an entry that tells whether the device could be read
@@ -143,9 +143,9 @@ class Plant(Record):
     hand_kind: int
     hand: int  # place of the hand's block or of its table
     hand_kernel: int
-    target_position: int  # in the hand's block
+    target_position: int  # place in the hand's block
     target_velocity: int
-    middle_position: int  # in the plant's block, NONE if it needs no targets in the middle of a sample
+    middle_position: int  # place in the plant's block, NONE if the plant needs no targets in the middle of a sample
     middle_velocity: int
     end_position: int
     end_velocity: int

@@ -82,12 +82,12 @@ class Bench:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Channels and dimensions."""
+        """Number of channels, and of dimensions."""
         k, d = self.home.shape
         return k, d
 
     def tick(self, channel: int = 0, force: FloatArray | None = None) -> Sample:
-        """Read, then write a force (d,) to one channel, or zero if None; all other channels get zero force.
+        """Read, then write a force (d,) to one channel (None for zero force), and zero force to all other channels.
 
         Raises:
             DeviceError: If the device has a fault, a finger moves too far or too fast, or a force lasted too long
@@ -148,7 +148,7 @@ class Bench:
 
     @property
     def lateness(self) -> tuple[float, float]:
-        """1st and 99th percentile of the time from a deadline to the end of the writing [s]."""
+        """1st and 99th percentiles of the time from a deadline to the end of the writing [s]."""
         low, high = np.percentile([each.end - each.due for each in self.samples], (1.0, 99.0))
         return float(low), float(high)
 

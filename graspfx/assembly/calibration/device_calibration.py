@@ -46,7 +46,7 @@ class DeviceMeasures:
         key: Key of the device's table in the scene, `finger.0.device` or `device.0`.
         each: Properties of each finger, by name.
         round_trip: Median time of a reading and a writing [s].
-        jitter: 1st and 99th percentile of the time from a deadline to the end of its writing [s].
+        jitter: 1st and 99th percentiles of the time from a deadline to the end of its writing [s].
         axes: Result of the axis check of each finger, by axis.
         zero: Reading at the scene's origin by finger, (d,) [m].
     """

@@ -73,7 +73,7 @@ def _mesh(scene: SceneTable, owner: Location, thing: Any, stock: Stock) -> Itera
 
 
 def mass_faults(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
-    """Find faults of an object's mass, or in space of its density."""
+    """Find faults of an object's mass and density; a density is allowed in three dimensions only."""
     if thing.density is None:
         if thing.mass is None:
             yield (*at, "mass"), "required, but not given" + (" (or density)" if scene.dimensions == 3 else "")
@@ -127,7 +127,7 @@ def _slowed(
 
 
 FLAT = ("half-space", "plane")
-STIFFEST = 1e4  # largest k T^2/m of a native contact point; from 1e5 on, rounding throws up a box at rest
+STIFFEST = 1e4  # largest k T^2/m of a native contact point; from 1e5 on, rounding errors make a resting box jump
 DEEP = 1e-5  # largest initial depth in an obstacle [m]; a larger one is due neither to rounding nor to the weight
 
 
@@ -177,7 +177,7 @@ def light_faults(scene: SceneTable, at: Location, thing: Object, stock: Stock) -
         one = CarriedBody(state, np.zeros(PART))
         mass = bodies.mass(thing, stock.solid(at, thing))
     except (GraspFXError, NotValid):
-        return  # has a fault of its own
+        return  # reported as a separate fault
     if one.fixed:
         return
     otherwise = "; dynamics = 'native' supports smaller values on half-spaces and planes"
@@ -256,7 +256,7 @@ def _too_stiff(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterat
 
 
 def _inside(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterator[Finding]:
-    """Find shapes that start below a half-space or across a plane; a test of other pairs would need a search."""
+    """Find shapes that start inside a half-space or across a plane; a test of other pairs would need a search."""
     from graspfx.objects.floor.floor import clearance
 
     state = np.zeros(SIZE)
@@ -273,4 +273,4 @@ def _inside(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterator[
                         "object's lowest point on or above the obstacle",
                     )
     except (InputError, NotValid):
-        return  # has a fault of its own
+        return  # reported as a separate fault

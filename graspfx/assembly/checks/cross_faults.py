@@ -222,7 +222,7 @@ def cross_faults(scene: SceneTable, stock: Stock) -> list[Finding]:
     for check in _checks(scene, stock, faults):
         with suppress(NotValid):
             for finding in check:
-                faults.append(finding)  # one by one, to keep those found before an invalid field
+                faults.append(finding)  # not by `extend`, so that faults found before an invalid field are kept
     return faults
 
 

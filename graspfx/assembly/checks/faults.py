@@ -87,7 +87,7 @@ EXPECTED = {
 }
 FORMS = {"list": "a list", "name": "a name", "number": "a number", "word": "a number or a word"}  # others: tables
 MOST_HINTS = 200  # largest number of unknown keys for which a close match is sought
-VERY_NEAR = 0.75  # 'mss' and 'mass' are at 0.86, 'axis' and 'radius' at 0.6
+VERY_NEAR = 0.75  # the similarity of 'mss' and 'mass' is 0.86, that of 'axis' and 'radius' 0.6
 # Names and places of keys in other programs and in the paper, by table and key.
 ELSEWHERE = {
     ("Coupling", "kep"): "external.stiffness",
@@ -166,7 +166,7 @@ def _likely_keys(errors: Iterable[Any], draft: Table) -> dict[Key, Key]:
 
 
 def _near(key: str, table: Any) -> str | None:
-    """Return the most similar key; a key that is already given must be very similar, as for an override."""
+    """Return the most similar key; a key that the table already contains must be very similar."""
     if table is None:
         return None
     if len(key) > LONGEST_KEY:

@@ -352,7 +352,7 @@ NO_RECORDER = "the recording process sends no heartbeat"
 
 
 class ParentGone(BaseException):
-    """The process that started this process has ended, or no longer needs it."""
+    """The process that started this process has ended, or no longer needs this process."""
 
 
 class Orders:

@@ -164,7 +164,7 @@ def _require(word: Any, expected: str) -> None:
 
 
 def _wait_for_orders(number: int, frame: object) -> None:
-    """Ignore a signal: it is handled while hardware is open, and before that by the recording process."""
+    """Ignore a signal: before hardware is open, the recording process handles signals."""
 
 
 @contextmanager

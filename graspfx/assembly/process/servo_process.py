@@ -166,7 +166,7 @@ class ServoProcess:
         watch: Callable[[int, int], object] | None = None,
         goals: Callable[[FloatArray], Mapping[str, Any]] | None = None,
     ) -> Relay:
-        """Arm and run, and fetch rows for a recorder; `watch` and `goals` as in `Relay`."""
+        """Arm and run, and fetch rows for a recorder; `watch` and `goals` are those of `Relay`."""
         relay = self.relay = Relay(self.ring, recorder, watch, goals)
         with self.guard.lock:
             self.guard.relay = relay

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 BOOL, INT, FLOAT = "i1", "i64", "double"
 WIDTH = {BOOL: 0, INT: 1, FLOAT: 2}  # two numbers are converted to the wider type
-Type = str | tuple[str, ...] | None  # of a number, a tuple, or a function that returns nothing
+Type = str | tuple[str, ...] | None  # type of a number, a tuple, or a function that returns nothing
 LIBM = (
     "acos", "acosh", "asin", "asinh", "atan", "atan2", "atanh", "cos", "cosh", "exp", "expm1", "fmod", "log", "log10",
     "log1p", "log2", "pow", "sin", "sinh", "tan", "tanh",

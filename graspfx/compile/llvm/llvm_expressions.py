@@ -159,7 +159,7 @@ class Expressions:
         raise self.cannot(node, "is not an entry of a buffer")
 
     def entry_of_tuple(self, items: Tuple, index: Number) -> Number:
-        """Select an entry of a tuple; the last one for an index out of range."""
+        """Select an entry of a tuple; an index out of range selects the last entry."""
         *first, value = items.parts
         if index.text.isdigit() and int(index.text) < len(items.parts):
             return items.parts[int(index.text)]

@@ -39,7 +39,7 @@ def names_of(tree: ast.FunctionDef) -> frozenset[str]:
 
 @cache
 def repeated(tree: ast.FunctionDef) -> set[str]:
-    """Return the variables that are used more than once, as a whole or one of their numbers."""
+    """Return the variables that are used more than once, as a whole or by one of their numbers."""
     uses: Counter[tuple[str, str]] = Counter()
     whole: Counter[str] = Counter()
     for node in ast.walk(tree):

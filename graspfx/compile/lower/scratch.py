@@ -117,7 +117,7 @@ class Scratch:
         return Constant(item)
 
     def callee(self, node: ast.expr, function: Any, frame: Frame) -> ast.expr:
-        """Return the name of a called function: its name in the module, or a new one if it is from another module."""
+        """Return the name of a called function: its name in the module, or a new name if it is from another module."""
         if not frame.prefix and not hasattr(function, LOWERED):
             return node
         own = str(function.__name__)
@@ -180,7 +180,7 @@ class Scratch:
         return result
 
     def require_index(self, node: ast.Subscript, *indices: ast.expr) -> None:
-        """Require that no index is negative; Python counts it from the end, but in a block it is out of range."""
+        """Require that no index is negative: in a block, such an index is out of range."""
         for index in indices:
             try:
                 negative = ast.literal_eval(index) < 0

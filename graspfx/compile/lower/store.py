@@ -26,7 +26,7 @@ class Lowering:
 
 @dataclass
 class Store:
-    """Lowered kernels by name; `save` writes new ones."""
+    """Lowered kernels by name; `save` writes new kernels."""
 
     key: str
     entries: dict[str, Any] = field(default_factory=dict)

@@ -83,13 +83,13 @@ class LedgerState(Record):
     guarded: bool  # a safety chain scales stiffness to gamma K and may withhold force after the brake
     gain: float  # gamma of this sample, if there is a chain
     foreign: bool  # another integrator moves the object: obstacles do the remaining work
-    elapsed: float  # longest of the fingers' last steps [periods]: 1 if no reading was skipped or there is none
+    elapsed: float  # longest of the fingers' last steps [periods], at least 1
     drag: float  # smallest friction b_i/w_i of the devices [N s/m]
     mobility: float  # largest w_i/m_i of the devices [1/kg]
     split: Ref[ModeSplit]
     split_entries: int
     curved: Vector  # a tenth of the elastic forces of pads times their depths now, by mode [J]
-    held_curved: Vector  # the same of the held forces
+    held_curved: Vector  # the same for the held forces [J]
     started: bool
     scale: float  # largest energy so far [J]
     accounts: Accounts

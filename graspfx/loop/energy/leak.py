@@ -7,8 +7,8 @@ then the components of q_k on displacements scaled by sqrt(w).
     Q_k = W^-1/2 beta_k q_k q_k' W^1/2,   f'D = sum_k f'Q_k D + f'(I - sum_k Q_k) D
 
 A force held over a sample does exactly the work f'D on a port that moves by D, so these sums are exact. The step D
-selects the port. It is the fingers' step for the device port, the object's motion at the contacts for the object port,
-and their difference, the change of e = p - c, for the coupling.
+selects the port. For the device port D is the fingers' step, and for the object port D is the object's motion at the
+contacts. For the coupling D is their difference, the change of e = p - c.
 """
 
 from __future__ import annotations
@@ -205,7 +205,7 @@ def book(account: Sum, energy: float) -> None:
 
 @kernel
 def balance(account: Account) -> float:
-    """Compute the work plus the energy dissipated by friction minus the springs' gain [J]; negative if generated."""
+    """Compute the work plus the friction losses minus the springs' gain [J]; negative if energy was generated."""
     work = account.work.value + account.work.carry
     gained = account.stored - account.opened
     return work + account.spent - gained

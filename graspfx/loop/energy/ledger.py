@@ -14,8 +14,9 @@ These satisfy f_j'd = V_j+ - V_j + damped + braked + slipped + reshaped - leaked
 work is that of the wrench plus f'd; for the work of the wrench see `graspfx.objects.energy`. Every entry is summed
 independently, so the gap between the fingers' work and all other entries is rounding or an error of the ledger.
 
-A compliant fingertip adds its depth (fe_n/k)^(2/3) along the normal to h. It stores 2/5, not 1/2, of its force times
-its depth. The difference, a tenth, is subtracted from V_j. Its change, of third order in a step, is part of `reshaped`.
+A compliant fingertip adds its depth (fe_n/k)^(2/3) along the normal to h. The fingertip stores 2/5, not 1/2, of its
+force times its depth. The difference, a tenth of this product, is subtracted from V_j. The change of this difference,
+of third order in a step, is part of `reshaped`.
 """
 
 from __future__ import annotations
@@ -127,7 +128,7 @@ def load(grasp: GraspState, ledger: LedgerState) -> None:
             if grasp.padded:
                 add_pads(grasp, ledger, True)
             return
-    for i, finger in enumerate(ledger.fingers):  # without cones, or if K without an inverse leaves h undetermined
+    for i, finger in enumerate(ledger.fingers):  # without cones, or if K is singular and does not determine h
         finger.stretch = grasp.fingers[i].displacement
     if grasp.padded:
         add_pads(grasp, ledger, False)

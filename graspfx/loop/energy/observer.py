@@ -28,8 +28,8 @@ class Observer:
 
     Args:
         grasped: Object and its coupling, whose law then separates elastic from damping forces.
-        body: Body of the object. Body of the object. The work of obstacles is computed for a native body, and is the
-            remainder for others.
+        body: Body of the object. The work of obstacles is computed for a native body, and is the remainder for other
+            bodies.
         period: Sampling period T [s].
         control: Whether the forces of modes that generate energy are damped.
         friction: Viscous friction of each finger's device (n,) [N s/m]; zero if unknown.

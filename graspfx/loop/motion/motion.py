@@ -243,7 +243,7 @@ class Path(_Parts):
 
 
 class Levels(_Parts):
-    """Levels reached by minimum-jerk steps, each held until the next step begins; zero before the first. d = 1.
+    """Levels in one dimension, reached by minimum-jerk steps and held until the next step; zero before the first.
 
         x(t) = x_k-1 + s((t - begin_k) / duration_k) (x_k - x_k-1)    from begin_k on
 
@@ -271,7 +271,7 @@ class Levels(_Parts):
 
 
 def overlap(begin: float, duration: float, following: float) -> bool:
-    """Return whether a step that begins at `following` overlaps this one, by more than the rounding of 0.1 + 0.2."""
+    """Return whether a step that begins at `following` overlaps this one by more than a rounding error."""
     end = begin + duration
     return following < end - ROUNDING * max(abs(begin), abs(end))
 
@@ -308,7 +308,7 @@ def direction(axis: int | ArrayLike, dimensions: int | None = None) -> FloatArra
     largest = np.abs(u).max()
     if largest == 0.0:
         raise InputError("axis", axis, "a direction, not the zero vector")
-    u /= largest  # first, so that squares neither overflow nor vanish
+    u /= largest  # scaled first, so that squares neither overflow nor vanish
     u /= math.hypot(*u)
     return u
 

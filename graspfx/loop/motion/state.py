@@ -16,7 +16,7 @@ class Displacement(Record):
 
 
 class MotionPart(Record):
-    """A term of a motion; the block of every kind begins with these fields."""
+    """A term of a motion; the block of every kind of term begins with these fields."""
 
     kind: int
     entries: int  # size of its block
@@ -55,7 +55,7 @@ class LevelsPart(MotionPart):
 
     begins: Floats = floats("count")  # [s]
     durations: Floats = floats("count")  # [s]
-    levels: Floats = floats("count + 1")  # from the first zero on
+    levels: Floats = floats("count + 1")  # the first level is zero
 
 
 class TremorPart(MotionPart):

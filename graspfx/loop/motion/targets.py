@@ -43,7 +43,7 @@ def minimum_jerk(s: float) -> tuple[float, float]:
 
 
 def step(since: float, duration: float) -> tuple[float, float]:
-    """Compute a minimum-jerk step from 0 to 1 and its rate [1/s], `since` [s] after its start; 1 without duration."""
+    """Compute a minimum-jerk step from 0 to 1 and its rate [1/s], `since` [s] after its start; 1 for duration 0."""
     if duration > 0.0:
         s, ds = minimum_jerk(since / duration)
         return s, ds / duration
@@ -113,7 +113,7 @@ def add_path(part: PathPart, t: float, now: Displacement) -> None:
 
 @kernel
 def add_levels(part: LevelsPart, t: float, now: Displacement) -> None:
-    """Add the level that was reached last, or the step to the next one."""
+    """Add the level that was reached last, or the step to the next level."""
     count, durations, levels = part.count, part.durations, part.levels
     k = count_until(part.begins, count, t) - 1
     level = levels[k + 1]
@@ -251,7 +251,7 @@ def turn(turning: Turning, t: float, position: Floats, velocity: Floats, n: int,
 def target(hand: HandState, t: float) -> None:
     """Compute r and r' of a hand at time t (`graspfx.loop.hand.Hand`)."""
     if hand.turns == 0 and hand.motion.count == 0 and hand.squeeze.count == 0:
-        return  # its rest stands there since the hand was made
+        return  # r is constant and was written when the hand was made
     displace(hand.squeeze, t, hand.closing)
     displace(hand.motion, t, hand.shift)
     arrange(hand, t)
@@ -266,7 +266,7 @@ def arrange(hand: HandState, t: float) -> None:
     s, ds = closing.value.x, closing.rate.x
     for a in range(d):
         dx = dv = 0.0
-        if turns == 0:  # else the offset comes after them
+        if turns == 0:  # otherwise the offset is added after the turns
             dx = shift.value[a]
             dv = shift.rate[a]
         for j in range(a, n * d, d):

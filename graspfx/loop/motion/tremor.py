@@ -16,7 +16,7 @@ from graspfx.loop.motion.targets import step
 
 FloatArray = NDArray[np.float64]
 
-SINES = 16  # of a tremor on one axis
+SINES = 16  # number of sines of a tremor on one axis
 
 
 class Tremor(_Parts):

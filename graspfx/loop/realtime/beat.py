@@ -130,7 +130,7 @@ def turn(loop: Beat, k: int) -> None:
     read_all(loop, servo, k, left_out + 1)
     if loop.times != NONE:
         times.io_read = now(loop.buffer) - began
-    if servo.faulted:  # before anything else is computed
+    if servo.faulted:  # devices are stopped before anything else is computed
         stop_all(loop, k)
         run_tick(loop, k, 0)
     else:
@@ -199,7 +199,7 @@ def note_fresh(loop: Beat, world: World, i: int, fresh: float) -> None:
 def display(loop: Beat, servo: ServoState, k: int) -> None:
     """Write forces until a device fails; after a fault, stop all devices.
 
-    If Python has stopped the devices because a function did not return, its late return also ends with zero force.
+    If Python has stopped the devices because a function did not return, they are stopped again when it returns.
     """
     if not servo.faulted:
         began = now(loop.buffer)
@@ -297,7 +297,7 @@ def sleep_until(buffer: Any, deadline: float) -> int:
 
 @bound_late
 def call_device(buffer: Any, words: int, block: int) -> int:
-    """Call a C function with its context and the address of a block; return 0 without a function."""
+    """Call a C function with its context and the address of a block; return 0 if there is no function."""
     function, context = _bits(buffer[words]), _bits(buffer[words + 1])
     return int(_CALLED(function)(context, buffer.address(block))) if function else 0
 

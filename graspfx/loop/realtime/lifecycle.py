@@ -186,7 +186,8 @@ def settle(devices: DeviceExchange, period: float, clock: Clock) -> Rest:
     """Read devices at zero force until they are found to be at rest.
 
     Raises:
-        DeviceError: If a reading is a fault, a finger moves or is outside its workspace, or samples are too few.
+        DeviceError: If a reading is faulty, a finger moves, a finger is outside its workspace, or there are too few
+            samples.
     """
     pacer, trips = Pacer(period, clock), list[float]()
     count = max(LEAST, math.ceil(DURATION / period))
@@ -219,7 +220,7 @@ def settle(devices: DeviceExchange, period: float, clock: Clock) -> Rest:
 
 
 def look_again(devices: DeviceExchange, rest: Rest, periods: int) -> dict[int, FloatArray]:
-    """Read devices once more, `periods` after they came to rest, and return the positions of their fingers.
+    """Read devices once more, `periods` periods after they came to rest, and return their fingers' positions.
 
     Raises:
         DeviceError: If a finger has moved away.

@@ -29,8 +29,8 @@ IntArray = NDArray[np.int64]
 
 POLL = 0.005  # time between two checks [s]
 PATIENCE = 0.1  # longest wait for a running tick before devices are stopped from outside [s]
-STALLED = 50  # checks without a tick
-STALLED_PERIODS = 20  # and periods after which the loop counts as stalled if no device function has the thread
+STALLED = 50  # smallest number of checks without a tick
+STALLED_PERIODS = 20  # and of periods, for a stall of the loop while no device function runs
 ACTIONS = {NO_ASK: "cannot be asked", NO_READ: "cannot be read", NO_WRITE: "cannot be written"}
 _LOST: list[object] = []  # memory of loops that did not end: a vendor's function may still write to it
 
@@ -83,11 +83,11 @@ class NativeLoop:
             port.state = self._place(device.readings.memory)
         self._program = program()
         self._bound = self._program.bind(arena.memory.floats)
-        self._pacer, self._end = Pacer(parts.period), SoftEnd(None, parts.period, 0)  # of the last run
+        self._pacer, self._end = Pacer(parts.period), SoftEnd(None, parts.period, 0)  # pacer and end of the last run
         self._calls: list[Calls] = []
         self._noted = [False] * len(self._ports)  # whether it was recorded that a device could not be stopped
         self._drained = 0  # ticks whose rows the recorder has
-        self._seen, self._looks = (-1, 0), 0  # ticks and call at the last check, and checks since one was new
+        self._seen, self._looks = (-1, 0), 0  # ticks and call at the last check; number of checks since either changed
         self.hang = ""
 
     def run(
@@ -307,7 +307,7 @@ class _Driven:
     Args:
         loop: Loop to be called.
         table: Table of the program's arguments.
-        driver: Driver with the thread.
+        driver: Device whose vendor's thread calls the loop.
     """
 
     def __init__(self, loop: NativeLoop, table: IntArray, driver: DrivingDevice) -> None:

@@ -19,7 +19,7 @@ from graspfx.compile.records import Floats, Record, floats, size_of
 from graspfx.loop.columns import REST, RowTaker
 from graspfx.loop.safety.trust import DECAY
 
-FREE, PACED, DRIVEN = range(3)  # at once, by absolute deadlines, or by the calling thread
+FREE, PACED, DRIVEN = range(3)  # ticks run at once, at absolute deadlines, or when a vendor's thread calls
 BINS = 4096  # bins of one microsecond; the last one also counts all later times
 SHARES = {"p50": 0.5, "p99": 0.99, "p99.9": 0.999}
 SLICE = 0.005  # longest uninterrupted sleep [s]; a run can be stopped between two slices
@@ -344,5 +344,5 @@ class SoftEnd(EndState):
 
 
 def decay_ticks(period: float) -> int:
-    """Return the number of ticks in which forces decay; in the last one they are zero."""
+    """Return the number of ticks in which forces decay; in the last of these ticks they are zero."""
     return max(1, math.ceil(DECAY / period - SLACK))

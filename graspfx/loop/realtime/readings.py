@@ -91,7 +91,7 @@ class PortState(Record):
     force: float  # largest force of a finger [N]
     is_begun: bool  # whether there has been a sample
     is_gone: bool  # whether a call has failed; the device is then not read again
-    is_asked: bool  # whether it was asked, and neither written nor stopped since
+    is_asked: bool  # whether the device was asked, and since then neither written to nor stopped
     is_fresh: bool  # whether the last reading brought a sample
     samples: int
     repeats: int  # readings without a new sample
@@ -216,7 +216,7 @@ def enter(port: PortState) -> int:
 
 @kernel
 def limit_forces(port: PortState) -> int:
-    """Transform `orders` into the device's axes and scale each force to its limit; return the cause if none is allowed.
+    """Transform `orders` into the device's axes, and scale each force to its limit; return the cause of a fault.
 
     The cause is 0 if the forces may be displayed.
     """
@@ -282,7 +282,7 @@ class Readings:
         _rehearse()
         self._guards = guards
         self.memory: FloatArray = np.zeros(size_for(PortState, entries=k * d, dimensions=d))
-        self._numbers: Any = self.memory.data  # plain floats; items of an array take twice as long
+        self._numbers: Any = self.memory.data  # plain floats, because access to items of an array takes twice as long
         self.state = state = PortState(self._numbers)
         state.fingers, state.dimensions, state.entries = k, d, k * d
         state.period = state.step = period
@@ -328,7 +328,7 @@ class Readings:
         self.state.is_gone = is_it
 
     def compile(self) -> None:
-        """Check readings by machine code from now on, in a third of the time."""
+        """Check readings by machine code from now on, which takes a third of the time."""
         from graspfx.compile.machine import compiled
 
         self._take = compiled(take_sample).on(self.memory)

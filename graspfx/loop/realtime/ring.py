@@ -193,7 +193,7 @@ class RingRecorder:
         return row
 
     def space(self) -> tuple[FloatArray, int, int]:
-        """Return the rows, the index of the next tick's row, and the number of ticks up to the end."""
+        """Return the rows, the index of the next tick's row, and the number of ticks up to the last row."""
         place = self.ticks % self._ring.span
         return self._ring.rows, place, self._ring.span - place
 

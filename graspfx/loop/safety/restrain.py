@@ -99,7 +99,7 @@ def growth_share(f: Vector, last: Vector, growth: float) -> float:
 
 @kernel
 def wall_share(grasp: GraspState, finger: FingerState, own: FingerLimits) -> float:
-    """Find the largest scale s <= 1 of a force that pushes no finger out of its workspace.
+    """Find the largest scale s <= 1 at which a force pushes no finger out of its workspace.
 
     The operator feels -f. At the distance x from a wall, the component towards the wall is at most L x/BAND; beyond the
     wall it is zero.

@@ -16,7 +16,7 @@ class Pace(Record):
     soft: float  # factor of the soft start: 0 at first, then 1
     trust: float  # 1, or less while forces decay
     cause: int  # cause of the decay, 0 without one
-    host: int  # 1 + reason why the forces of another program fade, 0 without one
+    host: int  # 1 + reason why the forces of another program fade, 0 if they do not fade
     resting: bool  # forces decay because the run ends, which is no fault
     elapsed: float  # periods since the last tick, 1 unless ticks were skipped
     misses: Floats = floats("devices")  # successive samples without a new reading
@@ -63,7 +63,7 @@ class FingerLimits(Record):
     growth: float  # largest growth of a force in one sample [N]
     speed: float  # largest speed [m/s]
     stride: float  # distance covered at that speed in one period [m]
-    lower: Vector  # corners of the box out of which no force pushes it, infinite without one [m]
+    lower: Vector  # corners of the box out of which no force pushes the finger, infinite without a box [m]
     upper: Vector
     largest: float  # largest force in this sample, including the device's limit [N]
     last: Vector  # force on the object in the last sample, W [N]

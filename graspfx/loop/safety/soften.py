@@ -38,10 +38,10 @@ def soften(grasp: GraspState, safety: SafetyState, pace: Pace, code: int) -> int
 def is_quick(finger: FingerState, own: FingerLimits, elapsed: float) -> bool:
     """Return whether a finger exceeds its largest speed, by the velocity that its driver reports or by its positions.
 
-    A reported velocity may be delayed, filtered or always zero. Each new position is therefore also compared with those
-    two, three and four new readings earlier. The difference of two successive readings may be the sensor's resolution.
-    An oscillation that repeats over one of these spans does not repeat over the others. A reading is new if its
-    position has changed.
+    A reported velocity may be delayed, filtered or always zero. Each new position is therefore also compared with the
+    positions two, three and four new readings earlier. Successive readings are not compared, because their difference
+    may be due to the sensor's resolution. An oscillation that repeats over one or two of these spans does not repeat
+    over all three. A reading is new if its position has changed.
     """
     quick = dot(finger.velocity, finger.velocity) > own.speed * own.speed
     track = own.track

@@ -68,7 +68,7 @@ def adjust(grasp: GraspState, safety: SafetyState) -> None:
 
 @inline
 def affordable(tank: Tank, cost: float) -> float:
-    """Return the fraction of a change that the tank can pay for: 1 without cost, 0 at a negative level."""
+    """Return the fraction of a change that the tank can pay for: 1 for a change without cost, 0 for an empty tank."""
     return 1.0 if cost <= tank.level or cost <= 0.0 else max(tank.level, 0.0) / cost
 
 
@@ -77,8 +77,8 @@ def price_of_change(grasp: GraspState, safety: SafetyState) -> float:
     """Compute dV = gamma/2 w'dK w of the whole change, at w of the last sample [J].
 
     In modes, w'dK w = dkip/kip^2 (f'W^-1 f - sum_k z_k^2) + sum_k dkappa_k/kappa_k^2 z_k^2 with z_k = q_k'W^-1/2 f and
-    kappa_k = kip + (kep - kip) beta_k. Equal gains have no modes, and f does not determine w if a gain is zero; then
-    the bound max(dkep, dkip) w'W w is used.
+    kappa_k = kip + (kep - kip) beta_k. Equal gains have no modes, and f does not determine w if a gain is zero. In both
+    cases the bound max(dkep, dkip) w'W w is used.
     """
     if safety.gain <= 0.0:
         return 0.0

@@ -40,7 +40,7 @@ def keep_pace(pace: Pace, k: int) -> int:
             cause = STALE + CAUSES * i
     if cause == 0 and pace.host != 0:
         cause = HOST + CAUSES * (pace.host - 1)
-    half = 0.5 * pace.fading  # a trust this close to 0 or 1 has reached it, so rounding adds no sample
+    half = 0.5 * pace.fading  # a trust this close to 0 or 1 counts as 0 or 1, so rounding adds no sample
     if cause == 0 and not pace.resting:
         pace.trust = pace.trust + pace.fading if pace.trust + pace.fading < 1.0 - half else 1.0
         return 0

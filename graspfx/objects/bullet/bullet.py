@@ -27,7 +27,7 @@ from graspfx.system.c_library import flush_output
 
 BANNER = b"pybullet build time"
 NO_LIMIT = 1e12  # PyBullet clamps speeds at 100 m/s unless told otherwise
-NONE = math.inf  # impossible speed that makes PyBullet accept the first one
+NONE = math.inf  # impossible last angular velocity, so that the first one is always sent to PyBullet
 
 
 class BulletMember(CarriedBody):
@@ -105,7 +105,7 @@ def _pushes(guest_state: GuestState, client: int, body: int) -> list[Call]:
     force = bullet.applyExternalForce
     push, twist, spin = (_entries(guest_state, name) for name in ("push", "twist", "spin"))
     pushed, turned, where = [0.0] * 3, [0.0] * 3, [0.0] * 3
-    if guest_state.turns == 0:  # no rotation, and PyBullet's x+ = x + T v+ equals ours to the last bit
+    if guest_state.turns == 0:  # no rotation, and PyBullet's x+ is x + T v+ to the last bit
         own = (body, -1, pushed, (0.0, 0.0, 0.0), bullet.LINK_FRAME, client)
         return [Call(force, own, sends=[(pushed, push)], nonzero=push)]
     frame = bullet.WORLD_FRAME

@@ -26,7 +26,7 @@ from graspfx.surfaces.closed_form import proxy
 # Contact parameters with which bodies rest and grasps hold, as measured: docs/explanation/worlds.md.
 ENGINE = {
     "numSolverIterations": 200,  # with 50 a box creeps by 1e-5 m in ten seconds
-    "solverResidualThreshold": 0.0,  # otherwise it stops before friction has converged
+    "solverResidualThreshold": 0.0,  # otherwise the solver stops before friction has converged
     "contactBreakingThreshold": 0.005,  # [m]
     "contactSlop": 0.0,  # otherwise a body sinks by 10 um
     "erp": 0.2,  # share of a penetration that is removed in a step; it adds to the speed of a bounce
@@ -36,7 +36,7 @@ ENGINE = {
 }
 SLAB = 200.0  # edge of the box that represents a floor to boxes [m]
 MARGIN = 1e-5  # radius by which PyBullet rounds a hull [m]
-ELLIPSOID_POINTS = 2000  # points of its hull, which lies inside by up to 1/1000 of its size
+ELLIPSOID_POINTS = 2000  # number of points of its hull, which lies up to 1/1000 of its size inside the ellipsoid
 
 
 class BulletWorld(BulletCarrier):
@@ -102,7 +102,7 @@ class BulletWorld(BulletCarrier):
         return total
 
     def _place_obstacle(self, obstacle: Obstacle) -> Iterator[int]:
-        """Create the fixed bodies of an obstacle; for a plane, one for each side with members, and another for boxes.
+        """Create the fixed bodies of an obstacle; for a plane, one for each side with members, and one for boxes.
 
         All corners of a box touch a floor that is a box at once. They touch PyBullet's plane one by one, one per step,
         which rotates the box, so that it slides up to 20 degrees off course. Other shapes rest better on the plane.
@@ -144,7 +144,9 @@ class BulletWorld(BulletCarrier):
         return number
 
     def _collision(self, shape: Any, *, fixed: bool) -> int:
-        """Create a shape and return PyBullet's index of it; -1 for None. Meshes go as points: PyBullet caches files.
+        """Create a shape and return PyBullet's index of it; -1 for None.
+
+        Meshes are passed as points, because PyBullet caches files.
 
         Raises:
             InputError: If a plane or half-space is not an obstacle, or PyBullet has no such shape.

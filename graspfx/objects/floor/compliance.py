@@ -65,7 +65,7 @@ def contact_modes(body: BodyState, floor: FloorState, T: float, n: int, modes: T
 
 @kernel
 def normalise_modes(modes: Table) -> tuple[int, float]:
-    """Write squared lengths before the modes, normalise the modes, and drop zero ones."""
+    """Write squared lengths before the modes, normalise the modes, and drop zero modes."""
     longest = 0.0
     for j in range(6):
         modes[j, 0] = 0.0

@@ -152,7 +152,8 @@ def features(shape: Any, d: int) -> FloatArray:
     """List the features of a shape that can touch a plane, (features, 5): kind, position and radius as in `Feature`.
 
     These are the corners of a box, the ends of a capsule, a whole sphere or ellipsoid, and the vertices of a mesh's
-    convex hull. A cylinder has its two rims, and eight fixed points on each on which it stands.
+    convex hull. The features of a cylinder are its two rims and, on each rim, eight fixed points on which the cylinder
+    stands.
 
     Raises:
         InputError: If the shape is unbounded, or its kind is not supported.

@@ -54,10 +54,10 @@ def lowest(body: BodyState, feature: Feature, n: Vector) -> tuple[float, Vector]
 
 @kernel
 def thin(contacts: Many[PlaneContact], first: int, count: int, plane: FloorPlane) -> int:
-    """Reduce more than MOST contacts with a plane to the deepest one and the outermost ones in SIDES directions.
+    """Reduce more than MOST contacts with a plane to the deepest and the outermost contacts in SIDES directions.
 
-    The contacts are stored consecutively from `first` on. The remaining ones move to the front, in their order. Return
-    their number.
+    The contacts are stored consecutively from `first` on. The remaining contacts move to the front, in their order.
+    Return their number.
     """
     if count <= MOST:
         return count

@@ -15,7 +15,7 @@ class FloorPlane(Record):
     """A fixed plane."""
 
     frame: Matrix  # rows: the unit normal towards the body, then tangents
-    distance: float  # from the origin along the normal [m]
+    distance: float  # distance from the origin along the normal [m]
 
 
 class Feature(Record):
@@ -34,7 +34,7 @@ class PlaneContact(Record):
     share: float  # share of the stiffness
     arm: Vector  # position from the body's centre [m]
     gap: float  # gap at the end of the sample without contact forces [m]
-    speed: Vector  # velocity there, along the plane's normal and tangents [m/s]
+    speed: Vector  # velocity at that gap, along the plane's normal and tangents [m/s]
     pressed: bool  # True if the point bears a force
     slip: Vector  # slip velocity along the normal and the tangents [m/s]
     stretch: Vector  # tangential displacement since it stuck; the first entry is not used [m]

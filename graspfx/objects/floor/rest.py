@@ -5,12 +5,12 @@ A contact is a spring and a damper with Coulomb friction, evaluated at the end o
     lambda_n = -k (g + T u_n) - b u_n,  lambda_t = -k (s + T u_t) - b u_t,  |lambda_t| <= mu lambda_n
 
 Here g is the gap, s the stretch of the contact since it stuck, u = u_free + W lambda the velocity of the body at the
-end of the sample, and W = T G' M^-1 G. With lambda = K (e + slip), K^-1 = a I + W, a = 1/(k T + b): the form of the
-friction cones, whose modes are the six orthogonalised columns of M^-1/2 G. There are at most six unknowns for any
-number of contact points. The contact forces are then held over the sample like those of the fingers, and the body's
-integrator moves it under all forces together. Its properties in free motion (order, momentum, exact viscosity)
-therefore hold here too. A body that cannot reach a plane in the sample takes the same step as without planes, to the
-bit.
+end of the sample, and W = T G' M^-1 G. Equivalently, lambda = K (e + slip) with K^-1 = a I + W and a = 1/(k T + b).
+This is the form of the friction-cone problem, and its modes are the six orthogonalised columns of M^-1/2 G. There are
+at most six unknowns for any number of contact points. The contact forces are then held over the sample like those of
+the fingers, and the body's integrator moves it under all forces together. The integrator's properties in free motion
+(order, momentum, exact viscosity) therefore hold here too. A body that cannot reach a plane in the sample takes the
+same step as without planes, to the bit.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ RESTARTS = 4  # number of restarts of the search for a solution of Coulomb's law
 
 
 def lookahead(kind: int, T: float) -> float:
-    """Return the time after the sample's end at which the gap is evaluated: that of x + T v+ for every integrator."""
+    """Return the time after the sample's end at which the gap is evaluated: at x + T v+ for every integrator."""
     if kind == EXPLICIT:
         return T
     return 0.5 * T if kind == EXACT else 0.0

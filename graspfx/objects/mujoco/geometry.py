@@ -89,7 +89,7 @@ def geometries(shape: Any, d: int, *, fixed: bool = False) -> Iterator[Geometry]
 
 
 def _with_volume(points: FloatArray) -> FloatArray:
-    """Duplicate coplanar vertices on both sides of their plane; return others unchanged."""
+    """Duplicate coplanar vertices on both sides of their plane; return other vertices unchanged."""
     _, widths, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
     if widths[2] > SHEET * widths[0]:
         return points

@@ -117,7 +117,7 @@ class MujocoMember(CarriedBody):
 
 
 class MujocoCarrier(Carrier):
-    """Bodies in one MuJoCo world, which contains no others.
+    """Bodies in one MuJoCo world, which contains no other bodies.
 
     Args:
         buffer: Flat buffer, (bodies guest.SIZE,), with a part for each body of `carried`.

@@ -235,7 +235,7 @@ class ContactStep:
         np.maximum(across, -(1.0 + self._restitution) / T * speeds, out=across, where=speeds < 0.0)
 
     def _slide(self) -> None:
-        """Solve until the lifts are those of the solution; start from the last ones if their number is the same."""
+        """Solve until the lifts are those of the solution; start from the last lifts if their number is the same."""
         solve, model, data, rows = self._library.mj_fwdConstraint, self._model, self._data, self._rows
         aref, R, qacc = data.efc_aref, data.efc_R, data.qacc
         J = data.efc_J.reshape(len(aref), -1)

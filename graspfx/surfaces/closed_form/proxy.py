@@ -12,7 +12,7 @@ from graspfx.surfaces.closed_form.proxy_round import on_capsule, on_cylinder, on
 from graspfx.surfaces.nearest import Nearest
 
 BOX, SPHERE, HALF_SPACE, PLANE, CAPSULE, CYLINDER, ELLIPSOID = 0, 1, 2, 3, 4, 5, 6
-MESH = 7  # not a closed form: `walk.mesh_contact`
+MESH = 7  # not a closed form: see `walk.mesh_contact`
 KINDS = range(MESH + 1)
 
 
@@ -28,7 +28,7 @@ def closest(kind: int, d: int, size: Vector, p: Vector, face: int, last: Vector)
             BOX, half edges; 0 ... 5 = +x, -x, +y, -y, +z, -z.
             SPHERE, radius; a disc in the plane; on the line the same interval as a box.
             HALF_SPACE, outward unit normal; everything below the plane through the centre.
-            PLANE, unit normal; a sheet through the centre, side 0 where the normal points, and side 1.
+            PLANE, unit normal; a sheet through the centre, with side 0, to which the normal points, and side 1.
             CAPSULE, radius and half the length of the straight part, along z; in the plane along x, with the long sides
             0 = +y and 1 = -y.
             CYLINDER, radius and half length, along z; 0 mantle, 1 cap at +z, 2 cap at -z.

@@ -76,7 +76,7 @@ def free_contact(mesh: MeshTree, ball: MeshFinger, radius: float, g: Vector) -> 
     ball.face = spot.face
     ball.safe = away
     ball.mode = FREE
-    if away < radius:  # by rounding, or halfway through a shell from behind: no displacement
+    if away < radius:  # due to rounding, or halfway through a shell from behind: no displacement
         return Nearest(spot.face, g + radius * n, n, max(away - radius, 0.0))
     return Nearest(spot.face, spot.point, n, max(away - radius, 0.0))
 
@@ -90,7 +90,7 @@ def settle(mesh: MeshTree, ball: MeshFinger, radius: float, step: float, scale: 
         q = ball.last
         far = length(g - q)
         count, x = project(mesh, ball, radius, radius + min(far, farthest), scale, g)
-        if count < 0:  # no way out of the start, or none there: it stays where it is clear
+        if count < 0:  # no point is in front of all planes: the proxy stays
             break
         u = x - q
         travel = length(u)
@@ -118,14 +118,14 @@ def settle(mesh: MeshTree, ball: MeshFinger, radius: float, step: float, scale: 
     elif count > 0:
         ball.inward = -first.normal
     n = ball.inward
-    if count == 0:  # the way is free but longer than one sample allows: continue in the next, without force
+    if count == 0:  # the path is free but too long for one sample: it continues in the next one, without force
         return Nearest(ball.face, g + radius * n, n, 0.0)
     return Nearest(ball.face, q + radius * n, n, min(dot(n, q - g), 0.0))
 
 
 @kernel
 def roll(mesh: MeshTree, ball: MeshFinger, radius: float, scale: float, g: Vector) -> None:
-    """Roll a proxy that only an edge or a vertex holds around it towards g: all the way, or by STEP, if that is free.
+    """Roll a proxy that is held only by an edge or a vertex around it, towards g, by at most STEP, if nothing is hit.
 
     Tangent planes alone converge too, but more slowly the deeper g is. Both ends of this short path are a radius away
     from every triangle, so that nothing lies between them.

@@ -30,9 +30,9 @@ def project(
 ) -> tuple[int, Vector]:
     """Find the point nearest to g in front of all planes within reach, and the size of its active set, stored first.
 
-    The most violated plane is added to the active set; of these at most four planes, those that hold the point remain.
-    The distance from g grows with every change, so that the method terminates. The size is -1 if no point is in front
-    of all planes.
+    The most violated plane is added to the active set. Of these planes (at most four), only those that hold the point
+    remain active. The distance from g grows with every change, so that the method terminates. The size is -1 if no
+    point is in front of all planes.
     """
     x = g
     count = 0
@@ -136,8 +136,8 @@ def drop_covered(mesh: MeshTree, planes: Many[Plane], count: int, radius: float,
 def hold(planes: Many[Plane], count: int, g: Vector, slack: float) -> tuple[int, Vector]:
     """Project g onto the region in front of `count` + 1 planes, the last one active; active planes move to the front.
 
-    Try the last plane alone, then with one other, then with two others, until a point is in front of all; return -1 if
-    none is.
+    Try the last plane alone, then with one other plane, then with two others, until a point is in front of all planes;
+    return -1 if none is.
     """
     for size in range(3):
         for i in range(count if size > 0 else 1):

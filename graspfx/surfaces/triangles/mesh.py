@@ -29,7 +29,7 @@ STATE = size_of(MeshFinger)  # entries of a finger's state on a mesh
 ROTATIONS = 12  # sweeps over three rotations; four or five suffice
 FLAT = 1e-13  # relative to the mesh: a triangle of smaller height has no normal
 SAME_POINT = 1e-6  # relative distance at which vertices of an open mesh are merged
-ROUNDS = 100  # passes that cut at triangles without area; any that remain leave the surface open
+ROUNDS = 100  # number of passes that cut at triangles without area; any that remain leave the surface open
 LEAST_VOLUME = 1e-15  # relative to the cube of the largest side: a smaller volume is rounding
 SHARP = 1e-9  # relative rounding of the moments of a flat or straight body
 ALIGNED = 1e-9  # relative to the moments: smaller products of inertia keep the axes of the file
@@ -258,7 +258,7 @@ def _without_area(v: FloatArray, f: IntArray, height: float) -> tuple[IntArray, 
             long = int(sides[k].argmax())
             other, side = divmod(int(neighbours[k, long]), 3)
             if busy[k] or (other >= 0 and (busy[other] or (flat[other] and other > k))):
-                continue  # until the next pass
+                continue  # postponed until the next pass
             without[k] = busy[k] = True
             dropped += 1
             if other >= 0:

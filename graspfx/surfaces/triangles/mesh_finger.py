@@ -22,7 +22,7 @@ class MeshFinger(Record):
 
     mode: int  # NEW, FREE or TOUCHING
     face: int  # face of the contact point
-    feature: int  # of the face: 0 inside, 1 2 3 on ab bc ca, 4 5 6 at a b c
+    feature: int  # feature of the face: 0 inside, 1 2 3 on ab bc ca, 4 5 6 at a b c
     point: Vector  # contact point, object's frame [m]
     inward: Vector  # unit normal into the object
     last: Vector  # last position of the finger, or of a ball's proxy [m]

@@ -44,7 +44,7 @@ class MeshTree(Record):
     node_count: int
     triangle_count: int
     vertex_count: int
-    nodes: Many[Node] = many("node_count + 1")  # the last one ends the tree: no box, `first` is the triangle count
+    nodes: Many[Node] = many("node_count + 1")  # the last node has no box; its `first` is the triangle count
     triangles: Many[Triangle] = many("triangle_count")
     vertices: Many[Vertex] = many("vertex_count")
     rings: Floats = floats("3 * triangle_count")  # indices of the triangles around each vertex

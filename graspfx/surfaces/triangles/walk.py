@@ -26,7 +26,7 @@ from graspfx.surfaces.triangles.triangle import ROUNDING, is_outside, nearest_on
 
 SAME_POINT = 1e-16  # relative distance below which two nearest points coincide
 NOTHING = 1e-13  # relative depth that does not count as inside
-REPEATS = 4  # steps of a walk that are equal within rounding
+REPEATS = 4  # largest number of steps of a walk between points that are equal within rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +70,7 @@ def mesh_contact(mesh: MeshTree, finger: MeshFinger, g: Vector) -> Nearest:
     released = math.inf
     while touching and is_outside(mesh, spot.face, spot.feature, g - spot.point):
         touching = False
-        if spot.square < released:  # else it was already released here
+        if spot.square < released:  # otherwise the finger was already released at this point
             released = spot.square
             hit = cast(mesh, spot.point, g, spot.face, spot.feature)
             if hit >= 0:

@@ -9,11 +9,11 @@ from graspfx.errors import InputError
 from graspfx.surfaces.triangles.tree import FloatArray, IntArray, half_edges
 
 MOST_PIECES = 2000
-MOST_WORK = 50_000_000  # solid angles, which take a few seconds
+MOST_WORK = 50_000_000  # largest number of solid angles, which take a few seconds
 
 
 def wound(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tuple[IntArray, int, int]:
-    """Orient faces (f, 3) consistently, and outwards if the surface is closed; count the reversed ones.
+    """Orient faces (f, 3) consistently, and outwards if the surface is closed; count the reversed faces.
 
     A piece inside another is a cavity and faces inwards. An open piece keeps the orientation of most of its triangles.
     The third result is the number of closed pieces that may cross another.
