@@ -16,7 +16,7 @@ EVENT = struct.Struct("@llHHi")  # seconds, microseconds, kind, code, value
 MOST, ROUNDS = 256 * EVENT.size, 16  # bytes per read and reads per call; further events wait
 
 SYNC, KEY, RELATIVE, ABSOLUTE = 0, 1, 2, 3  # kinds of events
-REPORT, DROPPED = 0, 3  # codes of SYNC: end of a report, and events were lost
+REPORT, DROPPED = 0, 3  # codes of SYNC: end of a report, and loss of events
 
 # ioctl requests: direction and size of the data, the letter E, a number.
 READ, WRITE = 2, 1

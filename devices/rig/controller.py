@@ -87,7 +87,7 @@ class Controller:
         self.port.send(short_frame(Kind.POLL, self._question))
 
     def answer(self) -> State | None:
-        """Wait for the STATE that answers the last `ask`, or ask first; return None if STATE is too late.
+        """Wait for the STATE that answers the last `ask`, and ask first if necessary; return None if STATE is too late.
 
         Raises:
             DeviceError: If the hardware is gone, or the controller has latched a fault or restarted.

@@ -1,6 +1,6 @@
 """Drawable frames from rows of a recording or a running servo: poses, fingertips, contacts and forces in 3-D.
 
-Scenes on a line lie on the x axis, scenes in the plane lie in the x-y plane.
+Scenes on a line are on the x axis; scenes in the plane are in the x-y plane.
 """
 
 from __future__ import annotations

@@ -372,7 +372,7 @@ class History:
     def energy(self) -> Mapping[str, Mapping[str, FloatArray]]:
         """Energy ledgers of the objects by name: quantities (N, 3) by mode (internal, translation, rotation), or (N,).
 
-        Empty unless the scene asks for it (`coupling.passivity`). The names are those of `graspfx.loop.columns`.
+        Empty unless the scene sets `coupling.passivity`. The names are those of `graspfx.loop.columns`.
         """
         ledgers: dict[str, dict[str, str]] = {}
         for column in self.layout.columns:
@@ -462,7 +462,7 @@ class History:
 
     @property
     def changes(self) -> tuple[KeyChange, ...]:
-        """Values of the scene that changed during the run: tick, key and value; its table has the first ones."""
+        """Changes of the scene's values during the run: tick, key and value. The header has the initial values."""
         return tuple(change for change in self.outcome.changes if change.key not in OF_THE_RUN)
 
     @property

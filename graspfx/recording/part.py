@@ -119,7 +119,7 @@ class PartWriter:
         Raises:
             OSError: the outcome does not fit on the disk.
         """
-        self._append(OUTCOME, json.dumps(conclusion(replace(outcome, changes=()))).encode())  # these stand there
+        self._append(OUTCOME, json.dumps(conclusion(replace(outcome, changes=()))).encode())  # changes precede it
         if self.is_synced:
             self.sync()
 

@@ -98,7 +98,7 @@ class Recording(Carded, History):
             raise AttributeError(f"a recording has no {name!r}; {remedy}")
 
     def __reduce__(self) -> tuple[Callable[..., Recording], tuple[Any, ...]]:
-        """Pickle or copy as the bytes of a file; the copy has its rows in memory."""
+        """Pickle or copy the recording as the bytes of a file; the copy has its rows in memory."""
         return from_bytes, (type(self), to_bytes(self.save), self.start)
 
     def _card(self) -> Card:

@@ -43,8 +43,8 @@ class Recorder:
         layout: layout of the rows that ticks write.
         header: header of the recording.
         sinks: receivers of blocks.
-        block: number of rows per block. By default a run of known length in memory is one block; others have about 1
-            MB.
+        block: number of rows per block. By default a run of known length in memory has one block, and
+            other runs have blocks of about 1 MB.
         keep: whether to keep rows in memory, so that `finish` can return a recording; otherwise only the sinks get the
             rows.
         ticks: number of ticks of the whole run, if known.
@@ -107,7 +107,8 @@ class Recorder:
         return 8 * self.layout.width * self._size * self._courier.waiting
 
     def space(self) -> tuple[FloatArray, int, int]:
-        """Return a block of rows (r, width), the index in it of the next tick, and the number of ticks that still fit.
+        """Return a block of rows (r, width), the next tick's index in the block, and the number of ticks that still
+        fit.
 
         The tick at index r writes row r. With one row every m ticks, that tick writes row r / m if m divides r.
 

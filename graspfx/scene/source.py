@@ -50,7 +50,7 @@ class Source:
         return self.path is None or self.path.suffix == ".py" or environment.is_granted()
 
     def is_of_user(self, text: str) -> bool:
-        """True if an override names this text."""
+        """True if the value of an override contains this text."""
         return text in texts_in(self.overrides)
 
     def holds(self, text: str) -> bool:

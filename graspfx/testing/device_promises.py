@@ -87,7 +87,8 @@ def check_device(
 
     Args:
         device: Device, not yet open, or a function without arguments that creates one. It is closed afterwards.
-        wire: Wire of `graspfx.testing.wire`, inside its `with`; the device is connected with its `settings`.
+        wire: Wire of `graspfx.testing.wire`, inside its `with` block; the device is connected with the wire's
+            `settings`.
         period: Sampling period [s].
         force: Largest force written to real hardware [N].
         start: Initial positions of the fingers of a simulated device (k, d) or (d,) [m]; by default the middle of its
@@ -129,7 +130,7 @@ def _blind_spots(bench: _Bench, *, factory: bool) -> Iterator[BlindSpot]:
 
 
 class _Bench:
-    """A device on the bench, alone; a simulated device has its plant, placed and ready to be moved."""
+    """A device tested alone; a simulated device is connected to its plant, which is placed at the start."""
 
     def __init__(self, device: Device, promises: Promises, period: float, start: ArrayLike | None) -> None:
         self.device, self.promises, self.period = device, promises, period
@@ -344,7 +345,7 @@ def _check_motion(bench: _Bench, force: float) -> None:
 
 
 def _run(bench: _Bench, ticks: int, forces: FloatArray, hand: Hand | None = None) -> FloatArray:
-    """Place and open, then move under these forces; return all readings and the true end."""
+    """Place and open the device, and move it under these forces; return all readings and the true final motion."""
     plant, rows = cast("Plant", bench.plant), []
     bench.device.close()
     plant.place(bench.start)

@@ -292,7 +292,7 @@ def _fit(
 
 
 def _slider(slider: Slider, others: Sequence[Slider], scene: Scene, servo: Servo, start: FloatArray) -> dict[str, Any]:
-    """Return the entries that a slider writes into the arena: its value itself, or numbers of a table by stops.
+    """Return the entries that a slider writes into the arena: its value, or numbers tabulated at stops of its range.
 
     The page writes the same bits as `Session.set`.
     """

@@ -46,7 +46,7 @@ class FrameFeed:
 
     def __init__(self, run: LiveRun) -> None:
         self._run = run
-        self._apart = scenery(run.scene).apart if run.layout.dimensions == 1 else 0.0  # which is that of a line alone
+        self._apart = scenery(run.scene).apart if run.layout.dimensions == 1 else 0.0  # used on a line only
         self._scene, self._header = run.scene, _header(run)
         self.ticks = rows_per_frame(run.period)
         self._number, self._next, self._tick = -1, 0, -1

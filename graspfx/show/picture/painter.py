@@ -73,7 +73,7 @@ class Layer:
         self.colour[fresh] = colour
 
     def shaded(self) -> NDArray[np.float32]:
-        """Shade by Blinn and Phong: ambient, diffuse and gloss; (h, w, 4), transparent pixels without a surface."""
+        """Shade by the Blinn-Phong model, (h, w, 4); pixels without a surface are transparent."""
         light = np.array(LIGHT, dtype=np.float32) / np.float32(np.linalg.norm(LIGHT))
         half = light + np.array([0.0, 0.0, 1.0], dtype=np.float32)
         half /= np.linalg.norm(half)
@@ -249,7 +249,7 @@ class Painter:
         """Cut a line through points (k, 3) into pieces in view coordinates (j, 3), each with its visibility.
 
         Args:
-            before_all: Whether solids that hide no lines hide this one.
+            before_all: Whether solids that hide no other lines hide this line.
         """
         layer, clear = self._all if before_all and self._all else self._things()
         return self._cut(points, layer, clear, SHORTEST * self.extent)
