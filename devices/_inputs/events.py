@@ -95,7 +95,7 @@ class EventPort:
         """Yield the pending events.
 
         Raises:
-            DeviceError: If the device is gone.
+            DeviceError: If the device is disconnected.
         """
         for _ in range(ROUNDS):
             try:
@@ -129,7 +129,7 @@ class EventPort:
         return None
 
     def close(self) -> None:
-        """Close the port, without an error if the device is gone or already closed."""
+        """Close the port, without an error if the device is disconnected or already closed."""
         descriptor, self._descriptor, self._bytes = self._descriptor, -1, b""
         if descriptor >= 0:
             with suppress(OSError):

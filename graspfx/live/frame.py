@@ -74,7 +74,7 @@ class Frames(Sequence[Frame]):
     """Sequence of frames. Each array is computed on first use, for all rows together.
 
     Args:
-        history: Recording or part of one; use `Recording.part` or `Recording.parts` for long ones.
+        history: Recording or part of a recording; for long recordings, use `Recording.part` or `Recording.parts`.
         apart: Lateral distance between fingers on a line [m], `Scenery.apart`.
     """
 

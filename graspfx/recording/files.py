@@ -198,7 +198,7 @@ def release(file: FileIO, path: Path) -> None:
     file.close()
 
 
-# The digest in the last line of a file: how changed bytes are found before HDF5 looks at them -------------------------
+# The digest in the last line of a file: changed bytes are detected before HDF5 reads them -----------------------------
 
 
 class Readable(Protocol):

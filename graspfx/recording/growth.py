@@ -38,7 +38,7 @@ FloatArray = NDArray[np.float64]
 LEAST_SIZE = 1e-9  # [m]
 MOST_GROWTH = 600.0  # largest log amplitude, bounded by the range of numbers
 LASTING = 8  # number of windows in which a grown motion continues
-ALIKE = 0.2  # of a frequency
+ALIKE = 0.2  # largest relative difference of frequencies of one mode
 MOST_OF_IT = 0.6  # fraction of the largest growth
 SHAKEN_ROWS = 1 << 16  # rows in which the content of tremor and noise is analysed
 

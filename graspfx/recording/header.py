@@ -102,7 +102,7 @@ class Outcome:
     complete: bool = True
     fade_shortfall: float = 0.0  # largest distance by which free fingers began to fade too close to the surface [m]
     engine: str = (
-        ""  # engine of the ticks: generic, compiled, compiled after some of them, or interpreted; empty if unknown
+        ""  # engine of the ticks: generic, compiled, compiled after some ticks, or interpreted; empty if unknown
     )
     fade_needed: float = 0.0  # required start of the fade [m]; 0 if it was sufficient
     blended: int = 0  # samples with a rotation in the blend's band, for the object with the most such samples
@@ -151,7 +151,7 @@ def _platform() -> str:
     return "-".join([here.sysname, here.release, here.machine, *(["with", library] if library else [])])
 
 
-# Attributes of a file, the same ones in a part and in HDF5 ----------------------------------------------------------
+# Attributes of a file, the same in a part and in HDF5 ---------------------------------------------------------------
 
 
 def description(layout: Layout, header: Header) -> dict[str, str | float]:

@@ -40,7 +40,7 @@ class Event(NamedTuple):
 
 
 class Named(Mapping[str, T]):
-    """Parts by name, created on access; the error for an unknown name lists the known ones.
+    """Parts by name, created on access; the error for an unknown name lists the known names.
 
     Args:
         kind: Kind of the parts, for the error message.
@@ -104,7 +104,7 @@ class History:
         layout: Columns of the rows.
         header: Facts known before the run.
         outcome: Facts known after the run.
-        start: Number of the first row, if the recording is a part of another one.
+        start: Number of the first row, if the recording is a part of another recording.
     """
 
     def __init__(
@@ -191,7 +191,7 @@ class History:
         """Require that columns are recorded, if the scene has them.
 
         Raises:
-            RecordingError: If the scene's `record` omits some; the message names them.
+            RecordingError: If the scene's `record` omits some of the columns; the message names these columns.
         """
         missing = [column for column in columns if column in self.layout.omitted]
         if missing:
@@ -244,7 +244,7 @@ class History:
 
     @cached_property
     def external_force(self) -> FloatArray:
-        """External part P f of the fingers' forces f on the object, which moves it, (N, n, d) [N].
+        """External part P f of the fingers' forces f, which moves the object, (N, n, d) [N].
 
         Raises:
             RecordingError: If a recording of an earlier format does not define P.

@@ -287,7 +287,7 @@ def ringing(displacement: FloatArray, first: int, count: int, noise: float) -> R
 
     Args:
         displacement: displacement (M, c) in the rows from `first` on.
-        count: number of touches in them.
+        count: number of touches in these rows.
         noise: RMS noise of the measured positions.
     """
     x = displacement[-MOST_ROWS:]

@@ -189,7 +189,7 @@ def read_part(path: Path) -> Content:
 
     Raises:
         RecordingError: there are no blocks, or a block was changed.
-        ValueError: a later version of GraspFX has written it.
+        ValueError: a later version of GraspFX has written the part.
     """
     attributes: dict[str, Any] = {}
     ending: dict[str, Any] = {"wall_time": "nan", "complete": 0}

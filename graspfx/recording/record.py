@@ -68,14 +68,14 @@ class Drawing(Protocol):
 class Recording(Carded, History):
     """Data of a run tick by tick: row k of each array belongs to the time k T.
 
-    A row has the readings of that tick and the quantities computed from them.
+    A row contains the readings of its tick and the quantities computed from them.
 
     Args:
         rows: Rows (N, width), read-only afterwards; or a store from which they are read on demand.
         layout: Columns of the rows.
         header: Facts known before the run.
         outcome: Facts known after the run.
-        start: Number of the first row, if the recording is a part of another one.
+        start: Number of the first row, if the recording is a part of another recording.
     """
 
     def __new__(cls, rows: object = None, *args: object, **kwargs: object) -> Self:
@@ -160,10 +160,10 @@ class Recording(Carded, History):
 
         Returns:
             Drawing, which notebooks show; `.save(path)` writes it, `.figure` is the matplotlib figure, and `.notes`
-            lists what could not be drawn.
+            lists the parts that could not be drawn.
 
         Raises:
-            InputError: The recording has no ticks, the time is outside of it, or the width is unknown.
+            InputError: The recording has no ticks, the time is outside of the recording, or the width is unknown.
         """
         from graspfx.show.drawing import picture
 

@@ -141,8 +141,9 @@ def roughness(x: FloatArray, q: float) -> FloatArray:
 def _solve(q: float, b: FloatArray) -> FloatArray:
     """Solve (q D D' + I) z = b for signals (k, n); return z with four zeros at either end, (k, n + 8).
 
-    The matrix is a section of a circulant one, which the Fourier transform inverts. The circulant acts on z like the
-    section if z vanishes in four samples at either end, for which the right-hand side is chosen there.
+    The matrix is a section of a circulant matrix, which the Fourier transform inverts. The circulant matrix acts on z
+    like the section if z vanishes in four samples at either end; the right-hand side in these samples is chosen
+    accordingly.
     """
     k, n = b.shape
     if n < FEW:

@@ -188,7 +188,7 @@ def _mark(loci: Loci, upper: Axes, lower: Axes, sheet: Sheet) -> None:
 
 
 def nyquist(loci: Loci, width: str = "screen", title: str = "") -> Drawing:
-    """Draw the loci near -1, as solid lines for positive frequencies and mirrored for negative ones."""
+    """Draw the loci near -1: solid lines for positive frequencies, and mirrored lines for negative frequencies."""
     with style.look(width):
         sheet = style.figure([3.4], width=width)
         ax = sheet.panels[0, 0]

@@ -48,8 +48,7 @@ def lock(descriptor: int, *, lockless: bool = True) -> bool:
 
 @contextmanager
 def alone(folder: Path | None, name: str) -> Iterator[bool]:
-    """Exclude other processes within the block; yield whether another process held the lock, and may have done the
-    work.
+    """Exclude other processes within the block; yield whether another process held the lock and may have done the work.
 
     Args:
         folder: Folder of the lock; None, or a folder that is not writable, excludes no other process.

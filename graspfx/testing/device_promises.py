@@ -65,16 +65,16 @@ def check_device(
     force: float = 0.1,
     start: ArrayLike | None = None,
 ) -> DeviceReport:
-    """Check the observable promises of a `graspfx.protocols.Device`; raise ConformanceError at the first broken one.
+    """Check the observable promises of a `graspfx.protocols.Device`; raise ConformanceError if one is broken.
 
-    For every device, the kit checks features before opening, with None for unknown ones; shape, finiteness and
+    For every device, the kit checks features before opening, with None for unknown features; shape, finiteness and
     ownership of positions and velocities; non-decreasing time; acceptance of forces, with DeviceError for non-finite
-    ones; stop, repeated close, and the context manager. The kit cannot observe actuators or the meaning of numbers:
+    forces; stop, repeated close, and the context manager. The kit cannot observe actuators or the meaning of numbers:
     hardware passes even if it never limits its force, keeps the force after `stop`, and reports millimetres.
 
     For a simulated device, moved by its own plant, the kit also checks that every finger receives its own force and
-    moves in its direction; that a reported force limit holds; that no force remains after a non-finite one, after stop
-    and after close; that the device is at rest alone and follows a hand; and that two runs are identical. With a
+    moves in its direction; that a reported force limit holds; that no force remains after a non-finite force, after
+    stop and after close; that the device is at rest alone and follows a hand; and that two runs are identical. With a
     factory, the kit checks that two devices in one process are independent.
 
     With a wire, which is an emulator of the hardware to which the device's settings lead, the kit also checks the

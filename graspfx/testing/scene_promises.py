@@ -40,7 +40,7 @@ def check_scene(
     energy: float | None = SMALL_SHARE,
     number: Number | Sequence[Number] = (),
 ) -> Recording:
-    """Check that a scene of simulated devices keeps its promises; raise ConformanceError at the first broken one.
+    """Check that a scene of simulated devices keeps its promises; raise ConformanceError if one is broken.
 
     The scene loads, has a plan and runs without a fault. All recorded values are finite, and two runs are identical.
     The wrench on each object is the sum of its fingers' forces and of their moments about its centre, to rounding.
@@ -68,7 +68,7 @@ def check_scene(
         energy: Fraction by which a bound may be exceeded when the projector changes, when the set of touching fingers
             changes, or when a rotation is integrated; None for a scene whose coupling is known to generate energy, such
             as literal gain matrices and the reaction at the contact point.
-        number: Triple (name, expected, tolerance), or several of them. A name is a key of `Recording.summary` or a
+        number: Triple (name, expected, tolerance), or several triples. A name is a key of `Recording.summary` or a
             function of the recording; arrays are compared entry by entry.
 
     Returns:

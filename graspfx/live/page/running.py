@@ -146,7 +146,7 @@ def _arena(numbers: FloatArray) -> dict[str, str]:
 
 
 def _row(layout: Layout, header: Header) -> dict[str, Any]:
-    """Return the positions in a row of a frame's quantities, as `live.frame` reads them."""
+    """Return the positions of a frame's quantities in a row, as `live.frame` reads them."""
     columns = layout.columns
 
     def place(*names: str) -> int:

@@ -104,7 +104,7 @@ def story_of(recording: Recording, folder: Path | None = None, *, source: Source
         recording: Recording of a run.
         folder: Folder of relative mesh paths; None for the scene's folder.
         source: Source of the page's frames: the recording; a run of its own; or a live run of the program that serves
-            it. A run produces its own frames and charts, so that the recording's motion is omitted.
+            the page. A run produces its own frames and charts, so that the recording's motion is omitted.
 
     Raises:
         InputError: If the recording has no ticks.

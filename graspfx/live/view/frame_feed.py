@@ -68,7 +68,7 @@ class FrameFeed:
             return None
         since = max(self._next, self._begin(newest - int(LONGEST / run.period)))
         tick, rows = run.rows(since)
-        late = self._begin(tick + self.ticks - 1) - tick  # rows of a frame that has lost its first ones
+        late = self._begin(tick + self.ticks - 1) - tick  # rows of a frame that has lost its first rows
         if len(rows) <= late:
             return None
         tick, rows = tick + late, rows[late:]

@@ -95,7 +95,7 @@ def _is_finite(value: object) -> bool:
 
 
 class Shown(Protocol):
-    """What a server shows. The methods are called in threads of the server."""
+    """Content of a server. The methods are called in threads of the server."""
 
     def document(self, path: str, host: str) -> str | None:
         """Return the document at a path, for a browser that addresses this machine as `host`; None for an unknown path.

@@ -82,8 +82,7 @@ def outward(now: Instant) -> FloatArray:
 
 
 def arrows(now: Instant, scale: float, forces: Forces, flat: FloatArray) -> list[Arrow]:
-    """Place arrows outside the object: an arrow of a pushing force ends at the contact, that of a pulling one begins
-    there.
+    """Place arrows outside the object: an arrow ends at the contact if the force pushes, or begins there if it pulls.
 
     Two arrows of one finger that would overlap in the view are placed side by side.
 
@@ -229,7 +228,7 @@ def picture(
         Sentences about omitted parts.
 
     Raises:
-        InputError: If the recording has no ticks, the time is outside it, or the width or the suffix is unknown.
+        InputError: If the recording has no ticks, the time is outside the recording, or the width or suffix is unknown.
     """
     style.require_form(form or Path(fspath(path)).suffix[1:].lower(), path)
     drawing, notes = portrait(recording, time, view=view, folder=folder, forces=forces, width=width)
