@@ -94,7 +94,7 @@ class PartWriter:
         return BlockRows(self.path, os.dup(self.file.fileno()), self.wide, self._pieces)
 
     def write(self, rows: FloatArray, faults: Sequence[RunFault], changes: Sequence[KeyChange] = ()) -> None:
-        """Append rows (r, wide), and faults and changes since the last call; they are flushed once a second.
+        """Append rows (r, wide), and faults and changes since the last call; the file is flushed once a second.
 
         Raises:
             OSError: the rows do not fit on the disk; as many rows as fit, and all earlier blocks, are kept.

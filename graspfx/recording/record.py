@@ -124,8 +124,8 @@ class Recording(Carded, History):
     ) -> Drawing:
         """Plot the run over time, side by side with other recordings on the same axes.
 
-        The figure has positions, displacements and forces with their internal part (squeeze) and external part
-        (push), and the rotation of the object. docs/how-to/figures.md explains it.
+        The figure shows positions, displacements and forces with their internal part (squeeze) and external part
+        (push), and the rotation of the object. docs/how-to/figures.md explains the figure.
 
         Args:
             others: Recordings to plot beside this one.

@@ -40,8 +40,9 @@ def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[s
         force_vibration: RMS over fingers and ticks of a finger's force above 5 Hz [N].
         internal_force_peak, external_force_peak: Peak of each finger while it touches [N].
         internal_force_mean, external_force_mean: Mean magnitude over fingers and ticks with contact [N].
-        internal_force_vibration, external_force_vibration: Like `force_vibration` [N]; these six are None for a
-            recording of an earlier format, which does not define the split of its forces.
+        internal_force_vibration, external_force_vibration: Like `force_vibration` [N]; all six quantities of internal
+            and external forces are None for a recording of an earlier format, which does not define the split of its
+            forces.
         internal_moment: Peak moment sum e_i x f_i of the internal forces f at the fingertips, relative to the peak of
             |f| r, with r the contacts' RMS distance from their mean; None if forces react at the contacts or no object
             turns.

@@ -187,7 +187,7 @@ def rows(columns: Sequence[View], strokes: Mapping[str, Stroke]) -> list[Row]:
 def _axes_worth_showing(ranges: Sequence[FloatArray]) -> list[int]:
     """Select the axes along which a view moves by more than a fraction of the largest motion, or else the first axis.
 
-    Views share an ordinate, on which a small motion looks flat even if it is large for its view.
+    Views share an ordinate, on which the largest motion of a view may still be too small to be seen.
     """
     farthest = max((float(each.max()) for each in ranges), default=0.0)
     axes = {int(a) for each in ranges for a in np.flatnonzero(each >= SHARE * farthest)}

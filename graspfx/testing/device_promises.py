@@ -78,10 +78,10 @@ def check_device(
     factory, the kit checks that two devices in one process are independent.
 
     With a wire, which is an emulator of the hardware to which the device's settings lead, the kit also checks the
-    motors: zero force after `stop`, `close`, exceptions and non-finite forces; the limit; newtons, metres and seconds
-    if the emulator knows the mechanism; removal of the force after the program is killed, by a watchdog or by the
-    driver's `quench`; and the driver's response to every failure of the wire. With a factory, it checks that a second
-    device is refused. This takes some seconds.
+    motors: zero force after `stop`, `close`, exceptions and non-finite forces; the force limit; the units newton, metre
+    and second if the emulator knows the mechanism; removal of the force after the program is killed, by a watchdog or
+    by the driver's `quench`; and the driver's response to every failure of the wire. With a factory, it checks that a
+    second device is refused. This takes some seconds.
 
     The report lists whether each promise has passed, is not visible, or needs a person. `print` shows it.
 

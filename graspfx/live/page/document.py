@@ -1,4 +1,4 @@
-"""HTML document of a recording, or of a scene that it runs: one file that loads nothing and runs its own script."""
+"""HTML document of a recording, or of a scene that the document runs: one file that loads no other files."""
 
 from __future__ import annotations
 

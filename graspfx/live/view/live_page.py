@@ -403,7 +403,7 @@ class SliderOrders:
             self.sliders = [widened(each, verdict) for each in self.sliders]
 
     def accepts(self, number: int, value: float) -> bool:
-        """Tell whether a slider has this number, and the value is within its range."""
+        """Tell whether there is a slider with this number, and its range includes the value."""
         return number < len(self.sliders) and self.sliders[number].least <= value <= self.sliders[number].most
 
     def set(self, key: str, value: float) -> None:
