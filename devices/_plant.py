@@ -99,8 +99,8 @@ class HeldPlant(ABC):
         self._middle = (arrays["middle"], arrays["middle_rate"]) if "middle" in arrays else None
         self._entries: Any = self.state.data  # plain floats, because access to items of an array takes twice as long
         self._coupled_hand: tuple[Hand, FloatArray, FloatArray] | None = None  # the hand and its gains
-        self._targets: tuple[FusedHand, Any, FloatArray, FloatArray] | None = None  # its block and its targets there
-        self.placed = 0  # number of calls of `place`, so that a device knows that its finger was lifted
+        self._targets: tuple[FusedHand, Any, FloatArray, FloatArray] | None = None  # block and targets of the hand
+        self.placed = 0  # number of calls of `place`, by which a device detects that its finger was placed anew
 
     @property
     def time(self) -> float:

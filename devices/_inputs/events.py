@@ -16,7 +16,7 @@ EVENT = struct.Struct("@llHHi")  # seconds, microseconds, kind, code, value
 MOST, ROUNDS = 256 * EVENT.size, 16  # bytes per read and reads per call; further events wait
 
 SYNC, KEY, RELATIVE, ABSOLUTE = 0, 1, 2, 3  # kinds of events
-REPORT, DROPPED = 0, 3  # codes of SYNC: end of a report, and events were lost
+REPORT, DROPPED = 0, 3  # codes of SYNC: end of a report, and loss of events
 
 # ioctl requests: direction and size of the data, the letter E, a number.
 READ, WRITE = 2, 1
@@ -95,7 +95,7 @@ class EventPort:
         """Yield the pending events.
 
         Raises:
-            DeviceError: If the device is gone.
+            DeviceError: If the device is disconnected.
         """
         for _ in range(ROUNDS):
             try:
@@ -129,7 +129,7 @@ class EventPort:
         return None
 
     def close(self) -> None:
-        """Close the port, without an error if the device is gone or already closed."""
+        """Close the port, without an error if the device is disconnected or already closed."""
         descriptor, self._descriptor, self._bytes = self._descriptor, -1, b""
         if descriptor >= 0:
             with suppress(OSError):

@@ -19,7 +19,7 @@ AXES = 3
 
 
 class Pointer(ABC):
-    """One finger without force feedback: forces are checked and not displayed.
+    """One finger without force feedback: forces are checked but not displayed.
 
     Events move a target within the workspace, at most at `speed`. The finger follows the target with critical damping,
     so that events at 60 to 1000 Hz give a smooth motion for a loop of any rate. Without events, the target is at rest.
@@ -117,7 +117,7 @@ class Pointer(ABC):
 
     @abstractmethod
     def _act(self, event: Event) -> None:
-        """Process an event of a complete report, except for buttons."""
+        """Process an event of a complete report, unless it is an event of a button."""
 
     def _move(self, goal: FloatArray, duration: float) -> None:  # noqa: B027 (nor sticks)
         """Move the goal without events, for example while a stick is deflected."""

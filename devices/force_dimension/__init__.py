@@ -1,8 +1,8 @@
 """Force Dimension devices (delta, omega, sigma, lambda): one finger in space, by the vendor's library.
 
-Tested against an emulator only (`graspfx.testing.wire.ForceDimensionWire`), and written from the function names and
-constants of the vendor's interface. The library, libdrd, is part of the vendor's SDK; it is not included, and is loaded
-at `open`.
+The driver was written from the function names and constants of the vendor's interface. It was tested only against an
+emulator (`graspfx.testing.wire.ForceDimensionWire`). The library, libdrd, is part of the vendor's SDK; it is not
+included, and is loaded at `open`.
 """
 
 from __future__ import annotations

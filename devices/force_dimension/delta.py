@@ -30,7 +30,7 @@ WATCHDOG, UNIT = 255, 125e-6  # largest watchdog setting of a device, and its un
 class PlainDelta:
     """A delta, omega, sigma or lambda: one finger in space, x towards the operator, y to the right, z up.
 
-    Each call of the library is checked: a negative result is a fault, and for a reading with the result 1 (no new
+    Each call of the library is checked: a negative result is a fault. If a reading has the result 1 (no new
     data), the last sample and its time are kept. Velocities are estimated from positions. The vendor's limits and
     thresholds are not changed. If the device supports a watchdog, `open` sets it and `close` restores it.
     """

@@ -1,7 +1,7 @@
 """A gamepad as one finger without force feedback: its sticks set the position or the velocity of the finger.
 
-Intended for users without haptic hardware. Tested against an emulator only (`graspfx.testing.wire.EventWire`). Works
-on Linux, from /dev/input/event*, and needs no further packages.
+The driver is intended for users without haptic hardware. It was tested only against an emulator
+(`graspfx.testing.wire.EventWire`). It works on Linux, from /dev/input/event*, and needs no further packages.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """The Haply 2DIY, open hardware: a planar five-bar linkage with two motors and two encoders, one finger.
 
-Tested against an emulator only (`graspfx.testing.wire.DiyWire`), and written from its protocol.
+The driver was written from the board's protocol, and tested only against an emulator (`graspfx.testing.wire.DiyWire`).
 
-Its firmware has **no watchdog: the last torques persist when the program dies**, and a truncated frame blocks the
-board for up to a second with its motors on. A frame is therefore sent by one call. `stop`, `close` and the end of
+The board's firmware has **no watchdog: the last torques persist when the program dies**, and a truncated frame blocks
+the board for up to a second with its motors on. A frame is therefore sent by one call. `stop`, `close` and the end of
 `with` send zero torques, and `quench` removes the torques after a program has died. The protocol has no checksum: a
 bit error that changes an angle by less than a link can turn in a sample remains undetected.
 

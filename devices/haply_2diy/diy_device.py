@@ -28,10 +28,10 @@ class Haply2Diy:
         p = p(q),   v = J(q) q',   tau = J'(q) f
 
     The board answers a frame of torques with its angles. Therefore `ask` repeats the last torques, so that a reading is
-    as old as one exchange; the answer to `write` is discarded. Torques beyond the limit are scaled by a common factor,
-    so that the force keeps its direction. An answer is rejected if it has the wrong length, comes from another device,
-    or differs too much from the last answer for the speed and acceleration of a link. In that case the line is flushed,
-    the last sample is kept, and the next reading asks again.
+    only as old as one exchange; the answer to `write` is discarded. Torques beyond the limit are scaled by a common
+    factor, so that the force keeps its direction. An answer is rejected if it has the wrong length, comes from another
+    device, or differs too much from the last answer for the speed and acceleration of a link. In that case the line is
+    flushed, the last sample is kept, and the next reading asks again.
     """
 
     def __init__(

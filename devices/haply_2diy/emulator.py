@@ -135,7 +135,7 @@ class DiyWire(SerialWire):
         return angles
 
     def _size(self) -> int:
-        """Return the size of the frame at the start of the buffer; the board does not wait for the second one."""
+        """Return the size of the frame at the start of the buffer; the board does not wait for a second byte."""
         if len(self._buffer) < 2:
             return len(self._buffer)
         command, identity = self._buffer[:2]

@@ -1,10 +1,10 @@
 """Devices of the Haply Inverse service (Inverse3): one finger in space each, over a WebSocket.
 
-Tested against an emulator only (`graspfx.testing.wire.InverseWire`); the service's messages about a device's basis,
-mount, damping and force gate are assumptions. The service answers each message once and sends nothing else. All
-devices of a program share one connection, and one message contains the forces of all.
+The driver was tested only against an emulator (`graspfx.testing.wire.InverseWire`); the service's messages about a
+device's basis, mount, damping and force gate are assumptions. The service answers each message once and sends nothing
+else. All devices of a program share one connection, and one message contains the forces of all.
 
-It is unknown whether the service removes a force when the program dies; `quench` connects again and sets zero.
+It is unknown whether the service removes a force when the program dies; `quench` connects again and sets zero force.
 """
 
 from __future__ import annotations

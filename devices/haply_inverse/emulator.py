@@ -37,8 +37,8 @@ class InverseWire(Wire):
         config: Configuration of each device in the first message.
         stall: Delay of one answer in a thousand [s].
         seed: Seed of random damage by failures.
-        clock: Clock of the service; by default the system's. With another clock it has no thread, and its owner calls
-            `answer`.
+        clock: Clock of the service; by default the system's. With another clock the service has no thread,
+            and its owner calls `answer`.
 
     Attributes:
         messages: Received texts of all connections, at most the last 10 000.

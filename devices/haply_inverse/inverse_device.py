@@ -27,7 +27,7 @@ def lock_of(service: Service, name: str) -> ProgramLock:
 class Inverse:
     """An Inverse behind its service: positions and forces in the service's axes, z up.
 
-    `ask` repeats the last forces, so that a reading is as old as one exchange. A position that a hand cannot have
+    `ask` repeats the last forces, so that a reading is only as old as one exchange. A position that a hand cannot have
     reached since the last sample is rejected. Without a new position, the last sample and its time are kept.
 
     Args:

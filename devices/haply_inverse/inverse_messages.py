@@ -82,7 +82,7 @@ def check_config(device: Mapping[str, Any], basis: str, damping: float) -> None:
 
 
 def _part(value: Any, key: str, default: Any) -> Any:
-    """Return a setting given directly or under a key; its default if it is missing."""
+    """Return a setting given directly or under a key; the default if the setting is missing."""
     if isinstance(value, dict):
         value = value.get(key)
     return default if value is None else value

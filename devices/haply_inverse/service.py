@@ -105,7 +105,7 @@ class Service:
         """Return a device's newest sample, after an answer to the last request or a deadline; None if there is none.
 
         Raises:
-            DeviceError: If the service is gone, or no longer lists the device.
+            DeviceError: If the service has ended, or no longer lists the device.
         """
         if self._sent:
             self._drain(deadline)

@@ -179,7 +179,7 @@ class WebSocket:
         return self._socket
 
     def close(self) -> None:
-        """Close the connection, without an error if the service is gone or the connection already closed."""
+        """Close the connection, without an error if the service has ended or the connection is already closed."""
         line, self._socket = self._socket, None
         if line is not None:
             with suppress(OSError):

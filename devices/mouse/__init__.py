@@ -1,7 +1,8 @@
 """A mouse as one finger without force feedback: its motion moves the finger, and its wheel is the third axis.
 
-Intended for users without haptic hardware. Tested against an emulator only (`graspfx.testing.wire.EventWire`). Works
-on Linux, from /dev/input/event*, and needs no further packages. The desktop's pointer also moves unless `grab` is set.
+The driver is intended for users without haptic hardware. It was tested only against an emulator
+(`graspfx.testing.wire.EventWire`). It works on Linux, from /dev/input/event*, and needs no further packages. The
+desktop's pointer also moves unless `grab` is set.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Touch and Phantom devices with OpenHaptics: one finger in space each, in the scheduler of the vendor's library.
 
-Tested against an emulator only (`graspfx.testing.wire.OpenHapticsWire`), and written from the function names and
-constants of the library's interface. The library, libHD, is part of the vendor's SDK; it is not included, and is loaded
-at `open`.
+The driver was written from the function names and constants of the library's interface. It was tested only against an
+emulator (`graspfx.testing.wire.OpenHapticsWire`). The library, libHD, is part of the vendor's SDK; it is not included,
+and is loaded at `open`.
 """
 
 from __future__ import annotations

@@ -59,8 +59,8 @@ class OpenHapticsWire(Wire):
     first device.
 
     Args:
-        clock: Clock of the scheduler, which then calls back while the wire's `clock` is waited on; by default the
-            system's.
+        clock: Clock of the scheduler; by default the system's. With another clock, the scheduler calls back only while
+            the wire's `clock` waits.
 
     Attributes:
         library: Path of the library.

@@ -92,7 +92,7 @@ def quench(*, port: str, **_: object) -> None:
         port: Same as for `connect`; other settings are ignored.
 
     Raises:
-        DeviceError: If another program has the port, or nothing answers there.
+        DeviceError: If another program has the port, or no controller answers.
     """
     controller = Controller(SerialPort(port), 0.0)
     try:

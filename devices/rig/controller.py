@@ -87,10 +87,10 @@ class Controller:
         self.port.send(short_frame(Kind.POLL, self._question))
 
     def answer(self) -> State | None:
-        """Wait for the STATE that answers the last `ask`, or ask first; return None if STATE is too late.
+        """Wait for the STATE that answers the last `ask`, and ask first if necessary; return None if STATE is too late.
 
         Raises:
-            DeviceError: If the hardware is gone, or the controller has latched a fault or restarted.
+            DeviceError: If the hardware is disconnected, or the controller has latched a fault or restarted.
         """
         if self._deadline is None:
             self.ask()
@@ -115,7 +115,7 @@ class Controller:
         self._exchange(Kind.STOP, lambda: short_frame(Kind.STOP), state_in)
 
     def close(self) -> None:
-        """Set zero torque, switch the motors off and close the port, without an error if the hardware is gone."""
+        """Set zero torque, switch the motors off and close the port; no error is raised if the hardware is lost."""
         if self._armed:
             self._armed = False
             with suppress(DeviceError):
@@ -152,7 +152,7 @@ class Controller:
         raise DeviceError(f"nothing at {self.port.path} answers {kind.name} like a rig's controller")
 
     def _messages(self, deadline: float) -> Iterator[bytes]:
-        """Yield messages until a deadline of the port's clock [s], skipping damaged ones."""
+        """Yield messages until a deadline of the port's clock [s], skipping damaged messages."""
         while True:
             frame, end, rest = self._buffer.partition(b"\0")
             if end:

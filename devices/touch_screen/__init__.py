@@ -1,7 +1,7 @@
 """A touch screen as fingers without force feedback: a page in a browser, where each touch moves the nearest finger.
 
-Intended for users without haptic hardware: the page shows the force. A separate process serves the page, on this
-computer only or, with `lan`, to a tablet that has scanned its code. Needs the package websockets.
+The driver is intended for users without haptic hardware: the page shows the force. A separate process serves the page,
+on this computer only or, with `lan`, to a tablet that has scanned its code. The driver needs the package websockets.
 """
 
 from __future__ import annotations

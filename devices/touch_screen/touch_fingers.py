@@ -67,8 +67,8 @@ class TouchFingers:
     def raw(self) -> FloatArray:
         """Counts of the page, and touches (5 + 3 k,).
 
-        Numbers of orders accepted, dropped and lost, number of the last order, number of screens; for each finger
-        whether it is touched, and x, y [m].
+        The first five are the numbers of accepted, dropped and lost orders, the number of the last order, and the
+        number of screens. Then each finger has three: whether it is touched, and x, y [m].
         """
         return self._raw
 

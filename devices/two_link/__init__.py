@@ -9,7 +9,7 @@ The paper (section IV.1) specifies the links, 128 mm, and 5 ms sampling; the pre
 | links | l1 = l2 = 0.128 m |
 | masses, inertias about the centres | 0.060 and 0.050 kg, 8.2e-5 and 7.5e-5 kg m^2 |
 | centres of mass from the link's joint | 0.064 and 0.070 m (the thimble makes link 2 heavier at its tip) |
-| drive | both motors at the base, the second one's belt turns link 2; gear 15 |
+| drive | both motors at the base, the belt of the second motor turns link 2; gear 15 |
 | rotors | 5.8e-6 and 9.5e-6 kg m^2 (a coreless motor of 60 W; the second with the belt's pulleys) |
 | viscous damping at the joints | 3.28e-3 N m s/rad each |
 | encoders | 1000 lines, 4000 counts a revolution of the motor: 60 000 of the joint, 13 um at the tip |
@@ -17,9 +17,9 @@ The paper (section IV.1) specifies the links, 128 mm, and 5 ms sampling; the pre
 
 Two arms that hold the 50 mm cube between them, with fingers at (-0.025, 0) and (0.025, 0), are based at (-0.04, -0.18)
 with the elbow to the left and at (0.04, -0.18) with the elbow to the right. There an arm's effective mass is 0.150 kg
-along x and 0.149 along y, with 0.0003 between, and its effective damping 0.201 and 0.199 N s/m. While its finger
-moves over -0.09 ... 0.04 m the mass stays within 0.130 ... 0.178 kg, the damping within 0.169 ... 0.246 N s/m in every
-direction, and the condition number of the Jacobian below 1.21.
+along x and 0.149 along y, with an off-diagonal entry of 0.0003, and its effective damping 0.201 and 0.199 N s/m. While
+its finger moves over -0.09 ... 0.04 m the mass stays within 0.130 ... 0.178 kg, the damping within
+0.169 ... 0.246 N s/m in every direction, and the condition number of the Jacobian below 1.21.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def connect(
     delay: int = 0,
     board: Board | None = None,
 ) -> TwoLink | SimulatedTwoLink:
-    """Connect one arm, which moves one finger: simulated with the preset of this module, or real, behind `board`.
+    """Connect one arm, which moves one finger: a simulated arm with this module's preset, or a real arm at `board`.
 
     A single number applies to both joints. Omitted mechanical settings (masses to damping) have the values of the
     preset for a simulated arm. For a real arm, omitted settings are unknown: its mass and damping are reported only if

@@ -135,7 +135,7 @@ class TwoLinkArm(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Set zero torque and release the hardware, without an error if the hardware is gone or already closed."""
+        """Set zero torque and release the hardware, without an error if the hardware is lost or already closed."""
 
     def fault_text(self, code: int) -> str:
         """Explain a code of a kernel with the values in the block."""

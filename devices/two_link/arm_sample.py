@@ -76,7 +76,7 @@ def limit_force(arm: ArmState) -> None:
 
 @kernel
 def follow(arm: ArmState) -> int:
-    """Compute the finger's position and velocity from counts one period after the last ones."""
+    """Compute the finger's position and velocity from counts one period after the last counts."""
     counts = arm.counts
     if not (math.isfinite(counts.first) and math.isfinite(counts.second)):
         return NO_COUNTS

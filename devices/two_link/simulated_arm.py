@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 
 
 class SimulatedTwoLink(TwoLinkArm):  # type: ignore[misc] # mypy does not see the shelf from inside the package
-    """An arm simulated together with its board: counts are rounded, torques `delay` samples late.
+    """An arm simulated together with its board: counts are rounded, and torques are `delay` samples late.
 
     The kernels `reading` and `writing` run once per sample on the block `state`.
     """

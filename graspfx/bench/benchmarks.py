@@ -1,4 +1,4 @@
-"""Benchmarks of the package, by name, and those beside the tests."""
+"""Benchmarks of the package by name, and benchmarks in the folder of the tests."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def benchmark(name: str) -> Benchmark:
 
 
 def measured(name: str, module: Benchmark, *, quick: bool) -> Iterator[Sequence[Row]]:
-    """Run a benchmark case by case; if the package of its oracle is missing, one row says so."""
+    """Run a benchmark case by case; if the package of the benchmark's oracle is missing, one row states this."""
     try:
         for case in module.cases(quick):
             yield measure(case, QUICK if quick else FULL)

@@ -61,7 +61,7 @@ def tradeoff_sheet(tradeoff: Tradeoff, *, width: str = "screen") -> Sheet:
 
 
 def _place(row: Row) -> tuple[float, float]:
-    """Return where a choice is drawn: time per simulated second [s], and error."""
+    """Return the position of a choice in the figure: time per simulated second [s], and error."""
     return 1e-6 * (row.time_us or 0.0), max(row.error or 0.0, LEAST)
 
 

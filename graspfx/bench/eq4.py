@@ -1,4 +1,4 @@
-"""Eq. (4) by the public calls and by numpy's pseudoinverse, with exact fractions as the oracle."""
+"""Benchmark of eq. (4) by the public calls and by numpy's pseudoinverse, with exact fractions as the oracle."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def fixed(contacts: ContactSet) -> ContactSet:
 
 
 def exact_force(points: FloatArray, e: FloatArray) -> FloatArray:
-    """Compute f = k_i e + (k_e - k_i) P e for points that are not collinear (n, 3), in fractions rounded once.
+    """Compute f = k_i e + (k_e - k_i) P e for points that are not collinear (n, 3), in fractions; round once.
 
     P e is the rigid motion nearest to e: the mean, and a rotation w about the centroid with J w = sum r x e.
     """

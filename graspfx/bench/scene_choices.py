@@ -142,7 +142,7 @@ class Tradeoff:
 
     @property
     def best(self) -> list[Row]:
-        """Pareto front: no other choice is both as fast and as accurate."""
+        """Choices on the Pareto front: no other choice is both as fast and as accurate."""
         return front([each.row for each in self.outcomes])
 
     def lines(self) -> Iterator[str]:
@@ -240,7 +240,7 @@ def attempt(scene: Scene, choice: Choice, duration: float, instant: float, round
         choice: Choice to use.
         duration: Duration, an integer number of instants [s].
         instant: Time between compared instants, an integer number of periods [s].
-        rounds: Number of runs, of which the fastest is used.
+        rounds: Number of runs; the fastest run is used.
 
     Raises:
         GraspFXError: If the scene rejects the choice.

@@ -81,7 +81,7 @@ class _Starter:
 
 
 def _after(call: Callable[[], None]) -> Callable[[], float]:
-    """Call once to test the call and to fill caches; there is no error to measure."""
+    """Make one call, which tests the call and fills caches; there is no error to measure."""
 
     def error() -> float:
         call()

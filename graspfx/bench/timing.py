@@ -95,7 +95,7 @@ class Effort:
     Attributes:
         rounds: Number of rounds; in each, every method of a case is timed once, in turn.
         batch: Smallest time of one measurement [ns]; a method is called as often as needed.
-        most: Time spent on a method after which it takes part in no further round [ns].
+        most: Time spent on a method after which the method takes part in no further round [ns].
         singles: Number of calls per round of a method whose calls are timed separately.
     """
 
@@ -123,7 +123,7 @@ def each(function: Callable[..., object], inputs: Iterable[Any]) -> Callable[[],
 
 
 def missing(name: str, package: str) -> Method:
-    """Return a placeholder for a method whose package is not installed; its row says what to install."""
+    """Return a placeholder for a method whose package is not installed; its row names the package to install."""
 
     def absent() -> NoReturn:
         raise MissingPackageError(package, name, f"pip install {package}")
@@ -228,8 +228,8 @@ def collector_off() -> Iterator[None]:
 def one_blas_thread() -> Iterator[None]:
     """Limit libraries loaded in the block to one BLAS thread, unless the user has set a limit.
 
-    On a busy machine, two threads take thirty times as long for the eigenvalues of a 4 x 4 matrix. A peer would then
-    appear slow only because of the way in which it is called.
+    On a busy machine, two threads take thirty times as long for the eigenvalues of a 4 x 4 matrix. Another library
+    would then appear slow only because of the way in which it is called.
     """
     mine = [name for name in THREADS if name not in os.environ]
     os.environ.update(dict.fromkeys(mine, "1"))

@@ -1,4 +1,4 @@
-"""Output folder of a command: a new folder in out/, or the one given by --out. Existing files are not overwritten."""
+"""Output folder of a command: a new folder in out/, or the folder of --out. Existing files are not overwritten."""
 
 from __future__ import annotations
 
@@ -74,14 +74,14 @@ def destination(options: Namespace, name: str, *, latest: bool = False) -> Itera
         yield folder
     finally:
         with suppress(OSError):
-            folder.rmdir()  # succeeds only if it is empty
+            folder.rmdir()  # succeeds only if the folder is empty
             if latest:
                 _point_to(previous)
             OUT.rmdir()
 
 
 def _point_to(folder: Path | None) -> Path | None:
-    """Point out/latest to a folder, or remove it if None; return the folder to which it pointed.
+    """Point out/latest to a folder, or remove out/latest if None; return the folder to which out/latest pointed.
 
     out/latest is a symbolic link. Where links are not allowed, as for most users of Windows, it is a file with the
     folder's name, which every command that reads recordings follows.

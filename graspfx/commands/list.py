@@ -32,7 +32,7 @@ def execute(options: Namespace) -> int:
 
 
 def presets_of(path: Path | None) -> dict[str, str]:
-    """Read the presets of a TOML scene, each with its reason; return none if they cannot be read."""
+    """Read the presets of a TOML scene, each with its reason; return no presets if the file cannot be read."""
     if path is None or path.suffix != ".toml":
         return {}
     try:

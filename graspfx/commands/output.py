@@ -138,7 +138,7 @@ def print_json(value: object) -> None:
 
 
 def draw(recordings: Sequence[Recording], picture: Path, otherwise: str = "", **options: Any) -> None:
-    """Draw recordings with `graspfx.show.run_figures.figure`; the options are passed on."""
+    """Draw recordings with `graspfx.show.run_figures.figure`, which receives the options."""
     require_place(picture)
     with waiting(f"drawing {picture.name}"), placing(picture, otherwise) as file:
         from graspfx.show.run_figures import figure
@@ -147,7 +147,7 @@ def draw(recordings: Sequence[Recording], picture: Path, otherwise: str = "", **
 
 
 def say_source(request: Path, file: Path, recording: Recording) -> None:
-    """Note which file was read if it is a part file, or if a newer part file exists beside it."""
+    """Print a note if the file that was read is a part file, or if a newer part file exists beside it."""
     if is_part(file):
         seconds = recording.end
         text = f"read {seconds:g} s from {file}; the run has not finished or was killed"

@@ -23,7 +23,7 @@ SHAPES = ("object", "obstacle", "finger")  # tables that determine the picture
 class AnswerPage(RunLook):
     """Page with buttons on 127.0.0.1: a context manager that draws the running scene.
 
-    The page shows the first run from its first row on, and each later run. It is reloaded if the objects differ.
+    The page shows the first run from its first row on, and each later run. The page is reloaded if the objects differ.
 
     Args:
         title: Title of the experiment.
@@ -78,7 +78,7 @@ class AnswerPage(RunLook):
         return document(self._story | {"run": live}, "live", f"ws://{host}")
 
     def order(self, order: Order) -> bool:
-        """Take an answer."""
+        """Accept an answer."""
         if order.act != "answer" or order.key not in self._keys:
             return False
         self._press(order.key)

@@ -63,7 +63,8 @@ class Experiment(Study):
         """Plan a participant's session. The plan depends only on the file, the participant and the session.
 
         Raises:
-            InputError: If a label has other characters than letters and digits, or a Latin square needs a number.
+            InputError: If a label has other characters than letters and digits, or if the order is a Latin square and
+                the participant is not a number.
             MissingPackageError: If a staircase needs questplus, which is not installed.
         """
         for name, label in (("participant", participant), ("session", session)):
@@ -74,7 +75,7 @@ class Experiment(Study):
         """List the trials of a session in order; increments that a staircase will choose are NaN.
 
         Raises:
-            InputError, MissingPackageError: If `plan` raises it.
+            InputError, MissingPackageError: As in `plan`.
         """
         slots = self.plan(participant, session).slots
         return [
@@ -114,10 +115,10 @@ class Experiment(Study):
             One row for each trial of this call.
 
         Raises:
-            InputError: If hardware is used without `real_time` or `ready`, or has failed; a label has other characters
-                than letters and digits; or an answer is unknown.
-            RecordingError: If the session exists already, or does not exist and cannot be resumed.
-            GraspFXError: If a run raises it.
+            InputError: If hardware is used without `real_time` or without `ready`, or has failed; if a label has other
+                characters than letters and digits; or if an answer is unknown.
+            RecordingError: If the session already exists, or if a session to resume does not exist.
+            GraspFXError: If a run raises this error.
         """
         answerer = Function(respond or simulated_observer(self.table, participant, session), ready)
         show = RealTime if real_time else Simulated

@@ -25,7 +25,7 @@ OVERRIDE = " (set by an override)"
 
 
 def experiment_faults(table: ExperimentTable, source: Source) -> list[Finding]:
-    """Find faults between fields that are valid individually, in an experiment or a draft of one."""
+    """Find faults between fields that are valid individually, in an experiment or its draft."""
     faults: list[Finding] = []
     for check in (_design, _answers, _comparisons, _spans, _observer, lambda draft: _scene(draft, source)):
         with suppress(NotValid):
@@ -38,7 +38,7 @@ def scene_of(table: ExperimentTable, source: Source) -> Scene:
     """Load the scene of an experiment, with the values that all trials share.
 
     Raises:
-        GraspFXError: If `graspfx.load` raises it.
+        GraspFXError: As in `graspfx.load`.
     """
     text = table.scene
     place = (source.folder or Path()) / text if plugins.is_file_name(text) else text
@@ -168,7 +168,7 @@ def _scene(table: ExperimentTable, source: Source) -> Iterator[Finding]:
 def _values(
     scene: Scene, before: Mapping[str, Any], values: Mapping[str, Any], at: Key, source: Source
 ) -> Iterator[Finding]:
-    """Find the faults of values for the scene, each at its key."""
+    """Find the faults of values that the scene receives, each with its key."""
     for key, value in values.items():
         if _has_paths(value) and not source.is_trusted:
             yield (*at, key), "names a file; add --trust to use it"

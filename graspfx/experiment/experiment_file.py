@@ -31,7 +31,7 @@ def names() -> dict[str, Path]:
 
 
 def load(name: str | PathLike[str]) -> Experiment:
-    """Load an experiment from the name of a built-in one or the path of a .toml file.
+    """Load a built-in experiment by name, or an experiment from a .toml file.
 
     Args:
         name: Name, such as "stiffness-jnd", or path.

@@ -67,7 +67,7 @@ class Presenter(Protocol):
             stop: Function that tells whether to abort.
 
         Raises:
-            RecordingError: If the recording cannot be written, so what was presented is unknown.
+            RecordingError: If the recording cannot be written, so that the presented stimulus is unknown.
         """
         ...
 

@@ -75,7 +75,7 @@ class SessionFiles:
         return self.root / "dataset_description.json"
 
     def trial_folder(self, number: int) -> Path:
-        """Make the folder of a trial; a repeated trial gets a new one."""
+        """Make the folder of a trial; a repeated trial gets a new folder."""
         return new_folder(self.recordings, f"trial-{number:03d}")
 
 
@@ -91,8 +91,8 @@ class RowFile(Resource):
         rows: Existing rows by column; an incomplete last row is dropped.
 
     Raises:
-        RecordingError: If the file exists, or is missing for `resume`; its columns differ; or another process writes
-            it.
+        RecordingError: If the file exists, or is missing for `resume`; if its columns differ; or if another process
+            writes the file.
         InputError: If the file is not UTF-8.
     """
 

@@ -129,7 +129,7 @@ class SessionOfTrials:
         return Row(trial, response, seconds, self.markers.onset(zero), clock - zero, fault, path)
 
     def _show(self, trial: Trial, place: int, home: Path, before: Sequence[Showing], *, during: bool) -> Showing:
-        """Present an interval; with hardware, wait for the person first, each time."""
+        """Present an interval; with hardware, wait for the person before every interval."""
         question, number = self.table.question, place + 1 if trial.is_comparison else 0
         if self.presenter.has_hardware:
             label = f"trial {trial.number} of {len(self.plan.slots)}" + (f", interval {number}" if number else "")

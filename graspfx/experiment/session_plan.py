@@ -55,8 +55,8 @@ def trial_order(
 
     Args:
         order: "fixed" repeats the conditions in the order of the file; "random" shuffles all trials; "blocks" shuffles
-            conditions, each with all its repetitions in a row; "latin-square" is the same with the conditions in the
-            participant's row of Williams' design.
+            conditions, each with all its repetitions in a row; "latin-square" also keeps the repetitions together, with
+            the conditions in the order of the participant's row of Williams' design.
         count: Number of conditions.
         repetitions: Number of repetitions of each condition.
         rng: Random generator of the session.

@@ -21,7 +21,7 @@ def simulated_observer(table: ExperimentTable, participant: str, session: str) -
     """Return the observer of an experiment; without a table [observer], it guesses.
 
     Random numbers depend only on the seed, the participant, the session and the trial, so a resumed session gets the
-    same answers as an uninterrupted one.
+    same answers as an uninterrupted session.
     """
     observer = table.observer or Observer(kind="guess")
     keys = {condition.name: condition.compare.key for condition in table.condition if condition.compare is not None}

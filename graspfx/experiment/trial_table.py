@@ -1,4 +1,4 @@
-"""Table of a session: one row per trial, a description of its columns, and reading it again."""
+"""Table of a session with one row per trial: writing, description of the columns, and reading."""
 
 from __future__ import annotations
 
@@ -244,7 +244,7 @@ def _differences(about: Mapping[str, Any], own: Mapping[str, Any], experiment: S
 
 
 def _earlier_parts(experiment: Study, files: SessionFiles, mode: str) -> list[Any]:
-    """List the parts in the digest of earlier versions, without files and version."""
+    """List the parts of the digest in earlier versions, which excluded files and version."""
     return [experiment.table.model_dump(mode="json"), experiment.scene.to_dict(), files.stem, mode]
 
 

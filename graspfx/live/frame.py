@@ -1,6 +1,6 @@
 """Drawable frames from rows of a recording or a running servo: poses, fingertips, contacts and forces in 3-D.
 
-Scenes on a line lie on the x axis, scenes in the plane lie in the x-y plane.
+Scenes on a line are on the x axis; scenes in the plane are in the x-y plane.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class Frames(Sequence[Frame]):
     """Sequence of frames. Each array is computed on first use, for all rows together.
 
     Args:
-        history: Recording or part of one; use `Recording.part` or `Recording.parts` for long ones.
+        history: Recording or part of a recording; for long recordings, use `Recording.part` or `Recording.parts`.
         apart: Lateral distance between fingers on a line [m], `Scenery.apart`.
     """
 

@@ -84,7 +84,7 @@ class LiveRun(Resource):
         self._session = LiveSession(self._scene, live=self._live, out=out, paused=paused)
         self._out, self._has_ended = None if out is None else Path(out) / NAME, False
 
-    # Looking at it ------------------------------------------------------------------------------------------------
+    # State of the run -----------------------------------------------------------------------------------------------
 
     @property
     def scene(self) -> Scene:
@@ -265,7 +265,7 @@ class LiveRun(Resource):
             raise InputError("number", number, f"a guide, 0 to {len(self.guides) - 1}" if self.guides else "no guide")
         return self.guides[number]
 
-    # Going on -----------------------------------------------------------------------------------------------------
+    # Pauses, resets and recordings ---------------------------------------------------------------------------------
 
     def pause(self) -> None:
         """Pause before the next tick; values and goals can still be changed.

@@ -56,7 +56,7 @@ class Margins(Resource):
 
         Args:
             values: Values by live key.
-            alone: Whether other keys have the scene's values instead of earlier ones.
+            alone: Whether other keys have the scene's values instead of earlier values.
         """
         with self._changed:
             self._values = dict(values) if alone else self._values | dict(values)

@@ -43,7 +43,7 @@ def main(line_: int) -> None:
 
 
 class _Answers:
-    """Answers requests from a connection; a newer request replaces older ones."""
+    """Answers requests from a connection; a newer request replaces older requests."""
 
     def __init__(self, certifier: Certifier, line: Connection) -> None:
         self._certifier, self._line = certifier, line

@@ -25,7 +25,7 @@ class Finding:
 
     Attributes:
         subject: Subject of the check.
-        text: What was found.
+        text: Result of the check.
         remedy: Remedy; empty if none is needed.
     """
 

@@ -25,11 +25,11 @@ PRINTABLE = 200  # longest name of a port that is listed
 
 @dataclass(frozen=True)
 class Sighting:
-    """Driver, and what was found for it.
+    """A driver, and the hardware or software found for it.
 
     Attributes:
         driver: Name of the driver.
-        sight: Port, library or service; or what is missing.
+        sight: Description of the port, library or service that was found, or of the part that is missing.
         device: Device table for a scene, in TOML; empty if nothing was found.
     """
 
@@ -39,7 +39,7 @@ class Sighting:
 
 
 def sightings(root: Path = Path("/")) -> list[Sighting]:
-    """List all drivers with what was found for each, then the serial ports that match no driver.
+    """List all drivers, each with the result of the search, then the serial ports that match no driver.
 
     Args:
         root: Root of the file system.
@@ -97,7 +97,7 @@ def _name(path: Path, root: Path) -> str:
 
 
 def _rest(driver: str, hints: Mapping[str, object], root: Path) -> Iterator[Sighting]:
-    """Report what was found, or what is missing, for a driver without a port."""
+    """Report the result of the search for a driver without a port."""
     package, extra = hints.get("package"), hints.get("extra")
     if isinstance(package, str) and isinstance(extra, str) and version(package) is None:
         yield Sighting(driver, f"the package {package} is not installed: pip install 'graspfx[{extra}]'")

@@ -108,7 +108,7 @@ def preemption_finding(root: Path) -> Finding:
 
 
 def clock_finding(root: Path) -> Finding:
-    """Check the kernel's clock source: some are slow to read."""
+    """Check the kernel's clock source: some sources are slow to read."""
     name = _text(root / "sys/devices/system/clocksource/clocksource0/current_clocksource")
     if not name or name in GOOD_CLOCKS:
         return Finding("clock", name or "unknown")
@@ -116,7 +116,7 @@ def clock_finding(root: Path) -> Finding:
 
 
 def sharing_finding(root: Path) -> Finding:
-    """Check whether this is a virtual machine that shares its processors."""
+    """Check whether this machine is virtual and shares its processors."""
     vendor = _text(root / "sys/class/dmi/id/sys_vendor") + " " + _text(root / "sys/class/dmi/id/product_name")
     name = next((kind for words, kind in VENDORS.items() if words in vendor and not _is_bare(vendor)), "")
     guest = re.search(r"^flags\s*:.*\bhypervisor\b", _text(root / "proc/cpuinfo"), re.MULTILINE) is not None
@@ -140,7 +140,7 @@ def machine_kind(root: Path = Path("/")) -> str:
 
 
 def _is_bare(vendor: str) -> bool:
-    """Tell whether this is hardware of a vendor that also makes hypervisors, such as a Surface."""
+    """Tell whether this machine is hardware of a vendor that also makes hypervisors, such as a Surface."""
     return "Microsoft Corporation" in vendor and "Virtual Machine" not in vendor
 
 

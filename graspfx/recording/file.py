@@ -133,7 +133,7 @@ def _write(
 
 
 class Variable:
-    """A data set written chunk by chunk, with HDF5's checksum computed here because HDF5's own path copies more.
+    """A data set written chunk by chunk; HDF5's checksum is computed here, because HDF5 would copy the data more often.
 
     Args:
         data: Data set to write.
@@ -180,10 +180,10 @@ class Variable:
 
 
 def fletcher32(content: NDArray[np.uint8]) -> int:
-    """Compute HDF5's checksum of 16-bit words w: sum w_i and sum (m - i) w_i modulo 65535, in 1 to 65535 unless zero.
+    """Compute HDF5's checksum of m 16-bit words w: sum w_i and sum (m - i) w_i modulo 65535.
 
-    HDF5 reads words in big-endian order, which multiplies both sums by 256. Sums of up to `SPAN` words in the
-    stored byte order are exact in single precision.
+    The result of a nonzero sum is between 1 and 65535. HDF5 reads words in big-endian order, which multiplies both sums
+    by 256. Sums of up to `SPAN` words in the stored byte order are exact in single precision.
     """
     m = -(-len(content) // 2)
     words = np.empty((-(-m // (SPAN * ACROSS)), SPAN, ACROSS), np.float32)
@@ -255,7 +255,7 @@ def _chunks(variables: Sequence[Any]) -> list[tuple[int, int]]:
 
 
 def _read_back(draft: Path, first: int, count: int, size: int) -> None:
-    """Read a file that was written with HDF5: its digest, and the chunks of the rows from one on with their checksums.
+    """Verify the digest of a file that HDF5 wrote, and the checksums of the chunks from row `first` on.
 
     All bytes were read back when they were written. HDF5 rereads only the last of the chunks with our own checksums.
 
@@ -295,7 +295,7 @@ class Stream:
             raise self._failure
 
     def seal(self, apart: Sequence[tuple[int, int]]) -> None:
-        """Append the digest of the file, leaving out ranges that have their own checksums."""
+        """Append the digest of the file without the ranges that have their own checksums."""
         size = self.seek(0, os.SEEK_END)
         line = seal(self, size, apart)
         self.seek(size)
@@ -440,7 +440,8 @@ def require_contained(file: Any, place: Path) -> None:
     """Require that all data of an open HDF5 file are stored in that file and fit its size.
 
     HDF5 reads other files if a data set has external storage, if a virtual data set has another source than
-    this file ("."), or through external links. A recording has none of these; a crafted file could expose others.
+    this file ("."), or through external links. A recording has none of these; a crafted file could use them to read
+    other files.
 
     Raises:
         ValueError: Data are stored in another file, or a data set is larger than a file of this size can hold.
@@ -520,7 +521,7 @@ def _open(place: Path, stream: FileIO) -> Any:
 def _left_open(place: Path) -> bool:
     """Tell whether the file is marked as open for writing and has not been truncated.
 
-    Read from the HDF5 superblock, version 3. HDF5's SWMR reader waits forever for the missing bytes of a
+    The mark is in the HDF5 superblock, version 3. HDF5's SWMR reader waits forever for the missing bytes of a
     truncated file, so such a file must not be opened in that mode.
     """
     with place.open("rb") as file:

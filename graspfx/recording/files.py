@@ -122,7 +122,7 @@ def recording_path(path: str | PathLike[str], name: str = "recording") -> Path:
 def recording_file(path: str | PathLike[str]) -> Path:
     """Return the file to read for a path: the recording, or its part if there is no recording.
 
-    A folder means the recording.h5 in it; `latest` may be a file that contains a folder's name.
+    For a folder, the file is the recording.h5 in it. `latest` may be a file that contains the folder's name.
     """
     place = recording_path(path)
     if place.name == LATEST and place.is_file() and place.stat().st_size <= LONGEST_NAME:
@@ -198,7 +198,7 @@ def release(file: FileIO, path: Path) -> None:
     file.close()
 
 
-# The digest in the last line of a file: how changed bytes are found before HDF5 looks at them -------------------------
+# The digest in the last line of a file: changed bytes are detected before HDF5 reads them -----------------------------
 
 
 class Readable(Protocol):
@@ -255,7 +255,7 @@ def has_digest(path: Path) -> bool:
 
 
 def _digest(file: Readable, edges: Sequence[int], where: bytes) -> bytes:
-    """Compute the digest of `where` and of the byte ranges whose begins and ends alternate in `edges`."""
+    """Compute the digest of `where` and of the byte ranges whose starts and ends alternate in `edges`."""
     digest = sha256(where)
     for start, end in zip(edges[::2], edges[1::2], strict=True):
         file.seek(start)

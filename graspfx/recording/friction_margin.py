@@ -17,7 +17,9 @@ BoolArray = NDArray[np.bool_]
 def grip(
     normal: FloatArray, force: FloatArray, touching: BoolArray, friction: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Compute min_i mu_i f_n - |f_t| over touching fingers (r,) [N], NaN without any, and |f_t| / f_n of each (n, r).
+    """Compute the friction margin (r,) [N], and the coefficient |f_t| / f_n that each finger needs (n, r).
+
+    The margin is the smallest mu_i f_n - |f_t| of the touching fingers, NaN if none touches.
 
     Args:
         normal: Unit normals into the object, (n, d, r).
@@ -34,7 +36,7 @@ def grip(
 
 
 def coefficients(header: Header, changes: Sequence[KeyChange], fingers: int) -> list[tuple[int, FloatArray]]:
-    """List the fingers' coefficients of friction (n,) with the row from which they hold; NaN for stick or zero."""
+    """List the fingers' coefficients of friction (n,) with the row from which they hold; NaN for zero or stick."""
     table = header.scene_table
     common = _coefficient(table.get("coupling", {}).get("friction", 0.0))
     tables: Sequence[Mapping[str, Any]] = _listed(table.get("finger", ()))

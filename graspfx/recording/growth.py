@@ -38,8 +38,8 @@ FloatArray = NDArray[np.float64]
 LEAST_SIZE = 1e-9  # [m]
 MOST_GROWTH = 600.0  # largest log amplitude, bounded by the range of numbers
 LASTING = 8  # number of windows in which a grown motion continues
-ALIKE = 0.2  # of a frequency
-MOST_OF_IT = 0.6  # of the largest growth
+ALIKE = 0.2  # largest relative difference of frequencies of one mode
+MOST_OF_IT = 0.6  # fraction of the largest growth
 SHAKEN_ROWS = 1 << 16  # rows in which the content of tremor and noise is analysed
 
 
@@ -106,9 +106,9 @@ def growths(recording: History) -> list[Growth]:
     """Find the strongest loss of stability of each touched object; none for a run that appears stable.
 
     An interval of a run counts as growth if, in one octave of frequency, the fingers' displacement relative to the
-    object grows exponentially by e^2 over eight cycles, one pole explains this motion, and the hands do not intend it.
-    Operators' motions, contact changes, sliding and noise fail at least one of these criteria. Only recorded data are
-    used.
+    object grows exponentially by e^2 over eight cycles, one pole explains this motion, and the hands' intended motion
+    does not. Operators' motions, contact changes, sliding and noise fail at least one of these criteria. Only recorded
+    data are used.
     """
     with np.errstate(all="ignore"):  # non-finite positions are not growth
         both = [(_grown(grasp) or _rung(grasp)) for grasp in grasps(recording)]
@@ -160,7 +160,7 @@ def _is_alike(growth: Growth, other: Growth) -> bool:
 
 
 def _rung(grasp: GraspView) -> Growth | None:
-    """Find sustained oscillations that grew too fast for the growth to be observed."""
+    """Find a sustained oscillation that grew too fast for its growth to be observed; None without one."""
     layout = grasp.recording.layout
     period = grasp.recording.row_period
     hands: Drive | None = None
@@ -184,7 +184,7 @@ def _rung(grasp: GraspView) -> Growth | None:
 
 
 def _shaken(grasp: GraspView, growth: Growth, hands: Drive) -> bool:
-    """Tell whether tremor or noise of the hands may cause the growth, by its final size.
+    """Tell from the final size of the growth whether tremor or noise of the hands may cause it.
 
     A grasp responds to a tremor, through the hand's spring, as to intended motion. Noise is a force at the fingertip:
     an undamped oscillation driven at its own frequency grows by pi N times its drive in N cycles.
@@ -195,7 +195,7 @@ def _shaken(grasp: GraspView, growth: Growth, hands: Drive) -> bool:
 
 
 def _shaking(grasp: GraspView, hands: Drive, begin: float, end: float) -> tuple[FloatArray, FloatArray]:
-    """Compute tremor and noise of the hands by row, (r, c) each [m]; for a long interval, only its end."""
+    """Compute tremor and noise of the hands by row, (r, c) each [m]; for a long interval, only rows at its end."""
     period = grasp.recording.row_period
     times = (begin + period * np.arange(max(math.ceil((end - begin) / period), 1)))[-SHAKEN_ROWS:]
     return hands.tremor(times), hands.noise(times, grasp.depth(0, grasp.rows))
@@ -418,15 +418,15 @@ def _square(x: NDArray[np.complex128]) -> float:
 
 # Evidence that a stretch of an octave grows by itself: one pole, enough cycles, no alias, no noise, and no hand -----
 
-LEAST_CYCLES = 8.0  # a transient has fewer
+LEAST_CYCLES = 8.0  # a transient has fewer cycles
 LEAST_SHARE = 0.8  # fraction of an interval, after removal of growth, that one oscillation must explain
 LEAST_SHARE_OF_TWO = 0.97
 INSIDE = 0.4  # fraction of half the sampling rate; an octave begins at 0.5
 AGREEMENT = (0.6, 1.6)  # allowed ratios of the pole's rate to the growth of the windows
-FAR = 20.0  # of log amplitude
+FAR = 20.0  # difference of log amplitude
 NEW = 1.0  # required excess of log amplitude over all earlier windows
-CERTAIN = 4.5  # log amplitude that noise gives a mode once in 1e4 independent windows, and not along a line
-SMALL = 0.1  # of the displacement at rest
+CERTAIN = 4.5  # log amplitude by which noise grows in a mode once in 1e4 independent windows, but not along a line
+SMALL = 0.1  # fraction of the displacement at rest
 FLAGGING = 0.6  # fraction of the first half's rate that the second half must keep; a transient t^k exp(-s t) keeps less
 BENDING = 0.6  # largest second difference of the phases of three thirds, zero for a single frequency [rad]
 OVER_DRIVE = 30.0  # required ratio to the hands' motion at the pole; a driven resonance stays below
@@ -444,7 +444,7 @@ def coherent_pole(octave: Octave, stretch: Stretch) -> complex | None:
     for rank, least in ((2, LEAST_SHARE), (4, LEAST_SHARE_OF_TWO)):
         z_i, share = poles(y, growth, rank)
         upper = [complex(z) for z in z_i if z.imag > 0.0]
-        if not upper and octave.is_highest:  # it alternates
+        if not upper and octave.is_highest:  # an alternating motion has a real pole
             upper = [complex(z_i[np.argmax(np.abs(z_i))])]
         # a component that is much larger or smaller at one end is outside the interval
         upper = [z for z in upper if abs(math.log(max(abs(z), TINY)) - growth) * len(y) < FAR]
@@ -493,7 +493,7 @@ def is_steady(octave: Octave, logs: FloatArray, stretch: Stretch, z: complex) ->
 def is_alias(octave: Octave, above: Octave, stretch: Stretch) -> bool:
     """Tell whether growth is an alias of a motion above the octave; an alias is as large in the octave above.
 
-    A motion at half the octave's sampling rate appears twice as large in it as in the octave above.
+    A motion at half the octave's sampling rate appears twice as large in the octave as in the octave above.
     """
     end = octave.time(stretch.first + stretch.length)
     return 2.0 * above.size_before(end) > octave.size_before(end)
@@ -502,8 +502,8 @@ def is_alias(octave: Octave, above: Octave, stretch: Stretch) -> bool:
 def stands_out(logs: FloatArray, stretch: Stretch) -> bool:
     """Tell whether the growth ends above all earlier values, or exceeds noise in a lightly damped mode.
 
-    The amplitude of such a mode fluctuates: it returns from near zero, on any curve and with constant phase, to no more
-    than its earlier values.
+    The amplitude of such a mode fluctuates. After it was near zero, it grows along any curve and with constant phase,
+    but not above its earlier values.
     """
     before = float(logs[: stretch.first].max(initial=-math.inf))
     end = float(logs[stretch.first + stretch.length - 1])
@@ -511,15 +511,15 @@ def stands_out(logs: FloatArray, stretch: Stretch) -> bool:
 
 
 def stops(grasp: GraspView, logs: FloatArray, stretch: Stretch, end_time: float, size: float) -> bool:
-    """Tell whether a motion that has grown a little stops without a limit.
+    """Tell whether a motion that has grown a little stops although no contact changes.
 
     The motion stops at a small size, like noise, or decays again, like a transient.
 
     Args:
         grasp: Moving grasp.
-        logs, stretch: Windows.
+        logs, stretch: Log amplitudes of the windows, and the windows with growth.
         end_time: End of the stretch [s].
-        size: Amplitude of the motion then [m].
+        size: Amplitude of the motion at that time [m].
     """
     rest = logs[stretch.first + stretch.length :]
     after = rest[: stretch.length]
@@ -534,12 +534,12 @@ def stops(grasp: GraspView, logs: FloatArray, stretch: Stretch, end_time: float,
 
 
 def calms(grasp: GraspView, ring: Ringing, size: float) -> bool:
-    """Tell whether fingers keep contact for as long after an oscillation, with a smaller motion at the end.
+    """Tell whether, after an oscillation, fingers keep contact for as long as it lasted and finally move less.
 
     Args:
         grasp: Moving grasp.
         ring: Observed oscillation.
-        size: Amplitude of the motion then [m].
+        size: Amplitude of the oscillation [m].
     """
     on = grasp.recording.touching[ring.stop : grasp.rows, grasp.fingers]
     changes = np.flatnonzero((on[1:] != on[:-1]).any(axis=1))

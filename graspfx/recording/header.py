@@ -41,7 +41,7 @@ class Header:
         machine: platform, processor and Python.
         frames: pose of the mesh file's frame for each object with a mesh, in the recorded frame at the centre of mass
             along the principal axes: `position` (3,) [m] and `orientation`, a quaternion x, y, z, w.
-        split: data of P of each object's grasp in addition to the columns, a `SplitRule` as a table. Empty in
+        split: data that define P of each object's grasp, in addition to the columns: a `SplitRule` as a table. Empty in
             recordings of formats 1 and 2.
         every: number of ticks from one row to the next; row k belongs to tick k `every`.
         settled: for a run with hardware, contact data of each finger by name at the start: `position` (d,) [m], and
@@ -102,10 +102,10 @@ class Outcome:
     complete: bool = True
     fade_shortfall: float = 0.0  # largest distance by which free fingers began to fade too close to the surface [m]
     engine: str = (
-        ""  # engine of the ticks: generic, compiled, compiled after some of them, or interpreted; empty if unknown
+        ""  # engine of the ticks: generic, compiled, compiled after some ticks, or interpreted; empty if unknown
     )
     fade_needed: float = 0.0  # required start of the fade [m]; 0 if it was sufficient
-    blended: int = 0  # samples with a rotation in the blend's band, for the object with most
+    blended: int = 0  # samples with a rotation in the blend's band, for the object with the most such samples
     ticks: int = 0  # number of ticks; equal to the number of rows if every tick has a row
     changes: tuple[KeyChange, ...] = ()  # changes of keys, and OF_THE_RUN; the header contains the tables at the start
     cause: str = ""  # cause of an early end: a signal's name, or an exception; empty if unknown
@@ -151,7 +151,7 @@ def _platform() -> str:
     return "-".join([here.sysname, here.release, here.machine, *(["with", library] if library else [])])
 
 
-# Attributes of a file, the same ones in a part and in HDF5 ----------------------------------------------------------
+# Attributes of a file, the same in a part and in HDF5 ---------------------------------------------------------------
 
 
 def description(layout: Layout, header: Header) -> dict[str, str | float]:

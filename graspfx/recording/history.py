@@ -40,7 +40,7 @@ class Event(NamedTuple):
 
 
 class Named(Mapping[str, T]):
-    """Parts by name, created on access; the error for an unknown name lists the known ones.
+    """Parts by name, created on access; the error for an unknown name lists the known names.
 
     Args:
         kind: Kind of the parts, for the error message.
@@ -104,7 +104,7 @@ class History:
         layout: Columns of the rows.
         header: Facts known before the run.
         outcome: Facts known after the run.
-        start: Number of the first row, if the recording is a part of another one.
+        start: Number of the first row, if the recording is a part of another recording.
     """
 
     def __init__(
@@ -191,7 +191,7 @@ class History:
         """Require that columns are recorded, if the scene has them.
 
         Raises:
-            RecordingError: If the scene's `record` omits some; the message names them.
+            RecordingError: If the scene's `record` omits some of the columns; the message names these columns.
         """
         missing = [column for column in columns if column in self.layout.omitted]
         if missing:
@@ -244,7 +244,7 @@ class History:
 
     @cached_property
     def external_force(self) -> FloatArray:
-        """External part P f of the fingers' forces f on the object, which moves it, (N, n, d) [N].
+        """External part P f of the fingers' forces f, which moves the object, (N, n, d) [N].
 
         Raises:
             RecordingError: If a recording of an earlier format does not define P.
@@ -372,7 +372,7 @@ class History:
     def energy(self) -> Mapping[str, Mapping[str, FloatArray]]:
         """Energy ledgers of the objects by name: quantities (N, 3) by mode (internal, translation, rotation), or (N,).
 
-        Empty unless the scene asks for it (`coupling.passivity`). The names are those of `graspfx.loop.columns`.
+        Empty unless the scene sets `coupling.passivity`. The names are those of `graspfx.loop.columns`.
         """
         ledgers: dict[str, dict[str, str]] = {}
         for column in self.layout.columns:
@@ -462,7 +462,7 @@ class History:
 
     @property
     def changes(self) -> tuple[KeyChange, ...]:
-        """Values of the scene that changed during the run: tick, key and value; its table has the first ones."""
+        """Changes of the scene's values during the run: tick, key and value. The header has the initial values."""
         return tuple(change for change in self.outcome.changes if change.key not in OF_THE_RUN)
 
     @property

@@ -56,7 +56,7 @@ class Octave:
         self.logs = self._sizes(highest)
 
     def fast(self, first: int, stop: int) -> FloatArray:
-        """Compute sixth differences over 64 at the samples `first` to `stop` - 1, as far as they exist."""
+        """Compute sixth differences divided by 64 at the samples `first` to `stop` - 1, as far as they exist."""
         x = self._rows(max(first - ORDER // 2, 0), min(stop + ORDER // 2, self.size))
         return np.diff(x, ORDER, axis=0) / 2.0**ORDER
 
@@ -174,7 +174,7 @@ def poles(y: FloatArray, growth: float, rank: int) -> tuple[NDArray[np.complex12
 
 
 def amplitudes(y: FloatArray, z: complex, others: Sequence[complex] = ()) -> NDArray[np.complex128]:
-    """Fit c (c,) of y_k = Re(c z^k + c_1 z_1^k + ...), (M, c), by least squares of y_k |z|^-k; no z_i far from z."""
+    """Fit c (c,) of y_k = Re(c z^k + c_1 z_1^k + ...), (M, c), by least squares of y_k |z|^-k; all z_i are near z."""
     k = np.arange(len(y), dtype=float)
     phases = np.stack([(each / abs(z)) ** k for each in (z, *others)], axis=1)
     basis = np.concatenate([phases.real, -phases.imag], axis=1)
@@ -287,7 +287,7 @@ def ringing(displacement: FloatArray, first: int, count: int, noise: float) -> R
 
     Args:
         displacement: displacement (M, c) in the rows from `first` on.
-        count: number of touches in them.
+        count: number of touches in these rows.
         noise: RMS noise of the measured positions.
     """
     x = displacement[-MOST_ROWS:]
@@ -308,5 +308,5 @@ def ringing(displacement: FloatArray, first: int, count: int, noise: float) -> R
 
 
 def _slow(rows: int, count: float) -> float:
-    """Compute 2 sin(pi f) of the slowest possible cycles, from the smallest number of touches or `CYCLES`."""
+    """Compute 2 sin(pi f) for the smallest possible number of cycles, from `LEAST_TOUCHES` and `CYCLES`."""
     return float(2.0 * np.sin(np.pi * min(max(LEAST_TOUCHES / 2, count / CYCLES) / rows, 0.25)))

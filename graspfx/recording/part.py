@@ -94,7 +94,7 @@ class PartWriter:
         return BlockRows(self.path, os.dup(self.file.fileno()), self.wide, self._pieces)
 
     def write(self, rows: FloatArray, faults: Sequence[RunFault], changes: Sequence[KeyChange] = ()) -> None:
-        """Append rows (r, wide), and faults and changes since the last call; they are flushed once a second.
+        """Append rows (r, wide), and faults and changes since the last call; the file is flushed once a second.
 
         Raises:
             OSError: the rows do not fit on the disk; as many rows as fit, and all earlier blocks, are kept.
@@ -119,7 +119,7 @@ class PartWriter:
         Raises:
             OSError: the outcome does not fit on the disk.
         """
-        self._append(OUTCOME, json.dumps(conclusion(replace(outcome, changes=()))).encode())  # these stand there
+        self._append(OUTCOME, json.dumps(conclusion(replace(outcome, changes=()))).encode())  # changes precede it
         if self.is_synced:
             self.sync()
 
@@ -189,7 +189,7 @@ def read_part(path: Path) -> Content:
 
     Raises:
         RecordingError: there are no blocks, or a block was changed.
-        ValueError: a later version of GraspFX has written it.
+        ValueError: a later version of GraspFX has written the part.
     """
     attributes: dict[str, Any] = {}
     ending: dict[str, Any] = {"wall_time": "nan", "complete": 0}

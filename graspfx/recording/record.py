@@ -68,14 +68,14 @@ class Drawing(Protocol):
 class Recording(Carded, History):
     """Data of a run tick by tick: row k of each array belongs to the time k T.
 
-    A row has the readings of that tick and the quantities computed from them.
+    A row contains the readings of its tick and the quantities computed from them.
 
     Args:
         rows: Rows (N, width), read-only afterwards; or a store from which they are read on demand.
         layout: Columns of the rows.
         header: Facts known before the run.
         outcome: Facts known after the run.
-        start: Number of the first row, if the recording is a part of another one.
+        start: Number of the first row, if the recording is a part of another recording.
     """
 
     def __new__(cls, rows: object = None, *args: object, **kwargs: object) -> Self:
@@ -98,7 +98,7 @@ class Recording(Carded, History):
             raise AttributeError(f"a recording has no {name!r}; {remedy}")
 
     def __reduce__(self) -> tuple[Callable[..., Recording], tuple[Any, ...]]:
-        """Pickle or copy as the bytes of a file; the copy has its rows in memory."""
+        """Pickle or copy the recording as the bytes of a file; the copy has its rows in memory."""
         return from_bytes, (type(self), to_bytes(self.save), self.start)
 
     def _card(self) -> Card:
@@ -124,8 +124,8 @@ class Recording(Carded, History):
     ) -> Drawing:
         """Plot the run over time, side by side with other recordings on the same axes.
 
-        The figure has positions, displacements and forces with their internal part (squeeze) and external part
-        (push), and the rotation of the object. docs/how-to/figures.md explains it.
+        The figure shows positions, displacements and forces with their internal part (squeeze) and external part
+        (push), and the rotation of the object. docs/how-to/figures.md explains the figure.
 
         Args:
             others: Recordings to plot beside this one.
@@ -160,10 +160,10 @@ class Recording(Carded, History):
 
         Returns:
             Drawing, which notebooks show; `.save(path)` writes it, `.figure` is the matplotlib figure, and `.notes`
-            lists what could not be drawn.
+            lists the parts that could not be drawn.
 
         Raises:
-            InputError: The recording has no ticks, the time is outside of it, or the width is unknown.
+            InputError: The recording has no ticks, the time is outside of the recording, or the width is unknown.
         """
         from graspfx.show.drawing import picture
 

@@ -63,9 +63,9 @@ class RowSplit:
         return self._columns[name]
 
     def external_forces(self, force: FloatArray | None = None) -> tuple[FloatArray, FloatArray | None]:
-        """Compute P f [N], (n, d, r), and the moments with it [N m], (n, 3, r); None for fingers that exert none.
+        """Compute P f [N], (n, d, r), and its moments [N m], (n, 3, r); None if fingers exert no moments.
 
-        If a file has these forces, they are read.
+        Forces that a file contains are read.
 
         Args:
             force: Forces to use instead of the fingers' forces on the object, (n, d, r) [N].
@@ -201,8 +201,8 @@ def work(
     """Compute the work done so far on each fingertip by a displayed force, (N, n) [J], as a tick does.
 
     The work of a sample is its force times the fingertip's motion up to the next sample. No work is added after a
-    fault. If the fault came before the tick added its work, the sample of the fault adds none either, which shows in an
-    unchanged `device_energy`.
+    fault. The sample of the fault adds no work either if the fault occurred before its tick added the work; then
+    `device_energy` does not change.
 
     Args:
         force: Displayed forces, (N, n, d) [N].

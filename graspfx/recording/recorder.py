@@ -43,8 +43,8 @@ class Recorder:
         layout: layout of the rows that ticks write.
         header: header of the recording.
         sinks: receivers of blocks.
-        block: number of rows per block. By default a run of known length in memory is one block; others have about 1
-            MB.
+        block: number of rows per block. By default a run of known length in memory has one block, and
+            other runs have blocks of about 1 MB.
         keep: whether to keep rows in memory, so that `finish` can return a recording; otherwise only the sinks get the
             rows.
         ticks: number of ticks of the whole run, if known.
@@ -107,12 +107,12 @@ class Recorder:
         return 8 * self.layout.width * self._size * self._courier.waiting
 
     def space(self) -> tuple[FloatArray, int, int]:
-        """Return a block of rows (r, width), the index in it of the next tick, and the number of ticks that still fit.
+        """Return a block of rows (r, width), the next tick's index in the block, and the number of ticks that fit.
 
         The tick at index r writes row r. With one row every m ticks, that tick writes row r / m if m divides r.
 
         Raises:
-            RecordingError: a sink cannot take rows before.
+            RecordingError: a sink cannot write earlier rows.
         """
         if self.used == self._size:
             self._send()
@@ -138,13 +138,13 @@ class Recorder:
         """Send blocks that are full or a second old; call it between ticks.
 
         Raises:
-            RecordingError: a sink cannot take rows before.
+            RecordingError: a sink cannot write earlier rows.
         """
         if self._sinks and (self.used == self._size or time.monotonic() - self._time >= SECOND):
             self._send()
 
     def flush(self) -> None:
-        """Write all rows so far, and wait until the system has them."""
+        """Write all rows so far, and wait until the operating system has received them."""
         try:
             self._send()
         finally:

@@ -241,8 +241,8 @@ def rows_sum(rows: FloatArray) -> bytes:
     """Compute the checksum of contiguous rows (r, width): BLAKE2b of their CRC-32 and a weighted sum of each column.
 
     Sums are over 64-bit integers modulo 2^64, with an odd weight per row. A change of one number always changes its
-    column's sum, and the CRC detects changes that cancel there. A cryptographic digest of all rows would take several
-    times as long as the ticks.
+    column's sum, and the CRC detects changes that cancel in the sum. A cryptographic digest of all rows would take
+    several times as long as the ticks.
     """
     digest = blake2b(crc32(memoryview(rows).cast("B")).to_bytes(4, "little"), digest_size=SIZE)
     weights = _weights(1 << len(rows).bit_length())[: len(rows)]

@@ -66,7 +66,7 @@ class FileSink:
         compression: compression of the recording: "none", "lzf" or "gzip".
 
     Raises:
-        RecordingError: a file is there, another run is writing there, or it cannot be written.
+        RecordingError: the file exists, is being written by another run, or cannot be written.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class FileSink:
         """Append rows (r, width), faults and key changes; a change precedes the rows to which it applies.
 
         Raises:
-            RecordingError: the disk takes no more, or the part was removed; the error says where the rows are.
+            RecordingError: the rows cannot be written, or the part was removed; the error states where the rows are.
         """
         if self._failure is not None:
             raise self._failure
@@ -116,7 +116,7 @@ class FileSink:
         """Write the outcome, and convert the part to the recording; do nothing after a failure in `write`.
 
         Raises:
-            RecordingError: the disk takes no more, or the part was removed; the error says where the rows are.
+            RecordingError: the rows cannot be written, or the part was removed; the error states where the rows are.
         """
         if self._failure is not None:
             self._part.file.close()
@@ -145,7 +145,7 @@ class FileSink:
         return f"the {rows} rows before that can be read there" if rows else "no row was written"
 
     def _rescue(self, outcome: Outcome) -> None:
-        """Save the rows of a removed part, which exist while it is open, to the nearest existing folder."""
+        """Save the rows of a removed part to the nearest existing folder; they exist while the part is open."""
         from tempfile import gettempdir, mkdtemp
 
         text = f"{self._home}: was removed or moved while a run wrote there"
@@ -187,7 +187,7 @@ def save(
     """Write a complete recording.
 
     Raises:
-        RecordingError: a file is there, another run is writing there, or it cannot be written.
+        RecordingError: the file exists, is being written by another run, or cannot be written.
     """
     from graspfx.recording.file import write_recording
 

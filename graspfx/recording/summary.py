@@ -29,8 +29,9 @@ def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[s
         touching: Fraction of ticks in which each finger touches.
         internal_deformation_mean, internal_deformation_peak: Squeeze of touching fingers,
             sqrt(mean |e - mean e|^2) with e = p - c, which is (I - P) e with the object's rotation locked, eq. (3);
-            motion of the whole hand relative to the object does not count [m].
-        invasion_mean, invasion_peak: Penetration depth of touching fingers along the normal [m]; None if attached.
+            motion of the whole hand relative to the object is not included [m].
+        invasion_mean, invasion_peak: Penetration depth of touching fingers along the normal [m]; None for attached
+            fingers.
         finger_distance_mean, finger_distance_least: Distance of two fingers [m]; None for other numbers of fingers.
         tracking_error: RMS distance between an object's centre and the centre of its fingers [m].
         peak_force: Peak force of each finger [N].
@@ -39,16 +40,18 @@ def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[s
         force_vibration: RMS over fingers and ticks of a finger's force above 5 Hz [N].
         internal_force_peak, external_force_peak: Peak of each finger while it touches [N].
         internal_force_mean, external_force_mean: Mean magnitude over fingers and ticks with contact [N].
-        internal_force_vibration, external_force_vibration: Like `force_vibration` [N]; these six are None for a
-            recording of an earlier format, which does not define the split of its forces.
+        internal_force_vibration, external_force_vibration: Like `force_vibration` [N]; all six quantities of internal
+            and external forces are None for a recording of an earlier format, which does not define the split of its
+            forces.
         internal_moment: Peak moment sum e_i x f_i of the internal forces f at the fingertips, relative to the peak of
             |f| r, with r the contacts' RMS distance from their mean; None if forces react at the contacts or no object
             turns.
-        finger_vibration: RMS over fingers and ticks of a fingertip's position above 5 Hz, true if known [m].
+        finger_vibration: RMS over fingers and ticks of a fingertip's position above 5 Hz [m]; of the true position
+            if known.
         object_vibration: RMS over objects and ticks of an object's position above 5 Hz [m].
         port_energy: Total work of each finger's device on the fingertip [J].
-        fade_shortfall: Largest distance by which `coupling.fade` began too close for the forces [m]; None if it did
-            not.
+        fade_shortfall: Largest distance by which the fade of `coupling.fade` began too close to the surface [m]; None
+            if it never did.
         blended: Fraction of samples in which a rotation of a grasp was in the band of `coupling.blend`, where forces
             are not those of eq. (4); None without such samples.
         associated: Fraction of samples in which an object's forces satisfy the associated law instead of Coulomb's;
@@ -60,7 +63,8 @@ def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[s
         leak: Largest energy of each mode generated beyond friction, the maximum over objects [J].
         braking: Largest damping that control added to each mode [N s/m]; None without control.
         braked: Total energy of each mode dissipated by control [J]; None without control.
-        ledger_gap: Largest gap of an object's ledger over its largest entry; these four are None unless observed.
+        ledger_gap: Largest gap of an object's ledger relative to its largest entry; this and the previous three are
+            None unless energies are observed.
         growth: A table for each object with a detected loss of stability; empty without one. It has `object`, `mode` as
             named in certificates, `rate` of the log amplitude [1/s], `frequency` [Hz], `begin` and `end` of the
             interval [s], `first` and `last` amplitude of a fingertip relative to the object [m], `sustained` if it
@@ -250,8 +254,8 @@ class Tally:
     def _add_moments(self, block: RowSplit, grasp: GraspRows, force: FloatArray) -> None:
         """Add the moment of internal forces on one object, and its reference |f| r.
 
-        If fingers act on the object at their tips, internal forces, which have no moment about the contact points, turn
-        it by this moment. It is omitted if forces react at the contact points or no object turns.
+        Internal forces at the contact points have no resultant moment. If fingers act on the object at their tips, the
+        same forces have this moment. It is omitted if forces react at the contact points or no object turns.
         """
         rows, rule, thing, fingers = grasp
         if rule.reaction == "contact" or not any(rule.rotations):

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 VIBRATION_FROM = 5.0  # [Hz]: an operator's own motion stays below
-FINEST = 1e-3  # [s]: beyond it the smoother's equations are singular to rounding
-REACH = 100.0  # over 2 sin(pi f T), in samples: the smoother's response beyond it is below 1e-16
+FINEST = 1e-3  # [s]: with shorter periods the smoother's equations are singular up to rounding
+REACH = 100.0  # the smoother's response is below 1e-16 beyond REACH / (2 sin(pi f T)) samples
 CORE = 1 << 14  # minimum number of samples smoothed together
 ORDER = 4  # order of the differences
 FEW = 64  # number of equations below which they are solved directly
@@ -23,8 +23,8 @@ TOGETHER = 50_000  # numbers filtered together, so that they fit the processor's
 def vibration(signal: FloatArray, period: float, above: float = VIBRATION_FROM) -> float | None:
     """Compute the RMS of |x - s| over ticks and rows of x, s minimising |x - s|^2 + q |D s|^2, D fourth differences.
 
-    x - s of Whittaker's smoother equals a Butterworth high-pass of order 4 run forwards and backwards, with the gain
-    1/(1 + (above/f)^8), but it removes polynomials up to the third degree exactly and needs no samples beyond the ends
+    x - s of Whittaker's smoother has the gain 1/(1 + (above/f)^8) of a Butterworth high-pass of order 4 that is run
+    forwards and backwards. Moreover, it removes polynomials up to degree 3 exactly and needs no samples beyond the ends
     (E. T. Whittaker, On a new method of graduation, Proc. Edinburgh Math. Soc. 41, 1923; P. H. C. Eilers, A perfect
     smoother, Analytical Chemistry 75(14), 2003). Ticks shorter than 1 ms are first averaged over 1 ms.
 
@@ -98,7 +98,7 @@ class Vibration:
         return np.asarray(self._squares / self._count)
 
     def _count_up(self, stop: int) -> None:
-        """Evaluate the samples of the buffer up to one; keep those that influence later ones."""
+        """Evaluate the samples of the buffer before `stop`; keep the samples that influence later ones."""
         assert self._buffer is not None
         rough = roughness(self._buffer[:, : self._used], self._q)[:, self._first : stop]
         squares = _squares(rough)
@@ -141,8 +141,9 @@ def roughness(x: FloatArray, q: float) -> FloatArray:
 def _solve(q: float, b: FloatArray) -> FloatArray:
     """Solve (q D D' + I) z = b for signals (k, n); return z with four zeros at either end, (k, n + 8).
 
-    The matrix is a section of a circulant one, which the Fourier transform inverts. The circulant acts on z like the
-    section if z vanishes in four samples at either end, for which the right-hand side is chosen there.
+    The matrix is a section of a circulant matrix, which the Fourier transform inverts. The circulant matrix acts on z
+    like the section if z vanishes in four samples at either end; the right-hand side in these samples is chosen
+    accordingly.
     """
     k, n = b.shape
     if n < FEW:
@@ -159,9 +160,9 @@ class Inverse(NamedTuple):
     """Inverse of the circulant q D D' + I.
 
     Attributes:
-        gain: Its factors of the frequencies.
+        gain: Factors of the inverse by frequency.
         ends, near: Indices of four samples at either end, and of the samples within their reach.
-        among, between: Its entries of the ends' rows, in the columns `ends` and `near`.
+        among, between: Entries of the inverse in the rows `ends` and in the columns `ends` and `near`.
     """
 
     gain: FloatArray
@@ -182,5 +183,5 @@ def _inverse(q: float, n: int, size: int) -> Inverse:
 
 
 def fast_size(least: int) -> int:
-    """Return a size of fast Fourier transforms, 2^a k, that is at least `least`."""
+    """Return a size 2^a k for which Fourier transforms are fast, at least `least`."""
     return min(k << max(0, ceil(log2(least / k))) for k in (1, 3, 5, 9, 15))

@@ -14,7 +14,7 @@ Key = tuple[str | int, ...]
 PART = re.compile(r'"([^"]*)"|([^.]+)')
 
 LISTS = ("object", "finger", "device", "hand", "obstacle")  # tables that a scene may have several times
-NAMES = ("label", "name")  # keys that name such a table, in order: the `name` of a device is its driver's
+NAMES = ("label", "name")  # keys that name such a table, in order; the `name` of a device is that of its driver
 
 
 def dotted(key: Sequence[str | int]) -> str:
@@ -58,12 +58,12 @@ def as_faults(data: Mapping[str, Any], findings: Iterable[tuple[Key, str]]) -> l
 
 
 def reaches(keys: tuple[str, ...], key: str) -> bool:
-    """Tell whether a key in its general form is one of these keys, or lies below one."""
+    """Tell whether a key in its general form is, or lies below, one of these keys."""
     return any(key == each or key.startswith(f"{each}.") or each.startswith(f"{key}.") for each in keys)
 
 
 def general(key: str) -> str:
-    """Write a key for all numbers of a list: `finger.0.start` is `finger.*.start`, `object.mass` `object.*.mass`."""
+    """Write a key for all tables of a list: `finger.0.start` as `finger.*.start`, `object.mass` as `object.*.mass`."""
     first, *rest = key.split(".")
     if first in ("object", "finger", "device", "hand", "obstacle"):
         rest = ["*", *(rest[1:] if rest and (rest[0] == "*" or rest[0].isdecimal()) else rest)]

@@ -140,8 +140,8 @@ class Scene(Carded, SceneTable):
         """Linearise small motions about the scene's grasp at rest, for use with `gx.stability`.
 
         Args:
-            at: State about which to linearise: "squeezed", the rest with hands that do not move, closed to their
-                largest squeeze; "start", the state in which the fingers first meet the object, without force; or
+            at: State about which to linearise: "squeezed", the rest in which the hands do not move and are closed to
+                their largest squeeze; "start", the state in which the fingers first meet the object, without force; or
                 "provisional", one linear step of squeezing from the start. `certificate.linearise` also returns the
                 assumptions.
 
@@ -162,8 +162,8 @@ class Scene(Carded, SceneTable):
         """Write a page that runs the scene in a browser: one file, without an installation, a server or a network.
 
         The page computes the ticks of the scene in WebAssembly. Users drag fingertips with the mouse or by touch.
-        Sliders change numbers; their stability limits were computed when the page was made. `gx.Recording.load` opens
-        recordings of the page.
+        Sliders change values of the scene, whose stability limits are computed when the page is written.
+        `gx.Recording.load` opens recordings of the page.
 
         Args:
             path: Path of the file, which ends in .html; the file appears when it is complete.
@@ -171,8 +171,8 @@ class Scene(Carded, SceneTable):
             overwrite: Whether to replace an existing file.
 
         Raises:
-            InputError: If the path does not end in .html; a part of the scene is plain Python, PyBullet, MuJoCo or
-                hardware; a preset has a key without a slider, or a value beyond its range.
+            InputError: If the path does not end in .html; if a part of the scene is plain Python, PyBullet, MuJoCo or
+                hardware; or if a preset has a key without a slider, or a value outside the slider's range.
             RecordingError: If the file exists or cannot be written.
             MissingPackageError: If `ziglang` is not installed in a checkout.
         """
@@ -188,7 +188,7 @@ class Scene(Carded, SceneTable):
 
 
 def without_object(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the tables of a scene with a host; an object that never moves replaces the host's object."""
+    """Add an object that never moves, for the host's object, and a coupling to the tables of a scene with a host."""
     d = table.get("dimensions")
     thing = {**OBJECT, "free": (False,) * WIDTHS.get(d, 1) if isinstance(d, int) else ()}
     return {"object": thing, "coupling": dict(COUPLING), **table}

@@ -68,7 +68,7 @@ def overridden(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> tuple[d
 
 
 def replacing(data: Mapping[str, Any], overrides: Mapping[str, Any], key: Key) -> str | None:
-    """Find the override that replaced a key or a table around it, or an invalid override of that name; else None."""
+    """Find the override, valid or invalid, that refers to a key or to an enclosing table; None without one."""
     for name, value in overrides.items():
         if name == dotted(key) or is_within(key, overridden(data, {name: value})[1]):
             return name
@@ -76,7 +76,7 @@ def replacing(data: Mapping[str, Any], overrides: Mapping[str, Any], key: Key) -
 
 
 def is_within(key: Key, replaced: AbstractSet[Key]) -> bool:
-    """True if a key, or a table around it, was replaced."""
+    """True if a key, or a table that contains it, was replaced."""
     return any(key[:length] in replaced for length in range(1, len(key) + 1))
 
 
@@ -132,7 +132,7 @@ def _replace_item(items: list[Any], at: Key, part: str, rest: list[str], value: 
 
 
 def _names_lone(part: str, rest: list[str], item: Any, value: Any) -> bool:
-    """True if part of a key is the name of the only table of its list, and not one of its keys."""
+    """True if part of a key is the name of the only table of a list, and not a key of that table."""
     if not isinstance(item, dict) or part in item or number_of(part, [item]) is None:
         return False
     return bool(rest) or isinstance(value, Mapping)

@@ -46,15 +46,15 @@ class Source:
 
     @property
     def is_trusted(self) -> bool:
-        """True if all files that the scene names may be used: the scene is Python code, or the user allows it."""
+        """True if all files that the scene names may be used: the scene is Python code, or the user allows them."""
         return self.path is None or self.path.suffix == ".py" or environment.is_granted()
 
     def is_of_user(self, text: str) -> bool:
-        """True if an override names this text."""
+        """True if the value of an override contains this text."""
         return text in texts_in(self.overrides)
 
     def holds(self, text: str) -> bool:
-        """True if a path, with links resolved, lies in the folder of the scene's file, or an override names it.
+        """True if a path, with links resolved, is in the folder of the scene's file, or if an override contains it.
 
         Raises:
             InputError: If the path does not exist.

@@ -1,4 +1,4 @@
-"""Server whose clients claim items to control them: an item belongs to its claimant until release, exit or silence."""
+"""Server whose clients claim items to control them: a client keeps its items until release, exit or silence."""
 
 from __future__ import annotations
 
@@ -37,17 +37,17 @@ class Claims:
         return tuple(self._owners)
 
     def claim(self, finger: int, client: int) -> bool:
-        """Claim a finger for a client; return whether the client has it now."""
+        """Claim a finger for a client; return whether the finger now belongs to the client."""
         if self._owners[finger] is None:
             self._owners[finger] = client
         return self._owners[finger] == client
 
     def is_of(self, finger: int, client: int) -> bool:
-        """Tell whether a client has a finger."""
+        """Tell whether a finger belongs to a client."""
         return self._owners[finger] == client
 
     def release(self, finger: int, client: int) -> bool:
-        """Release a finger; return whether the client had it."""
+        """Release a finger; return whether the finger belonged to the client."""
         if self._owners[finger] != client:
             return False
         self._owners[finger] = None
@@ -248,7 +248,7 @@ class ClaimServer(SocketThread):
                 self.counts["fault"] += 1
 
     async def _watch(self) -> None:
-        """Release the items of silent clients; time during which this loop was blocked is not silence."""
+        """Release the items of silent clients; time during which this loop was blocked is not counted as silence."""
         before = self.gate.clock()
         while True:
             await asyncio.sleep(LOOK)

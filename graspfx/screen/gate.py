@@ -1,8 +1,8 @@
 """Access control of pages and streams: Host and Origin checks, tokens and cookies.
 
 On this machine a request needs the page's own Host and Origin: another site has a different Origin, and DNS rebinding
-leads to a different Host. In a network a token is required too. It is part of the printed address, is valid for one
-request within ten minutes, and is exchanged for a cookie. The page's socket and all later requests need the cookie.
+leads to a different Host. In a network a token is required too. The token is part of the printed address, is valid for
+one request within ten minutes, and is exchanged for a cookie. The page's socket and all later requests need the cookie.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class Gate:
             target: Path and query.
             headers: Headers of the request; a repeated header must not be reduced to its first value.
             peer: Address of the sender.
-            is_socket: Whether it opens a WebSocket, for which every browser sends the Origin.
+            is_socket: Whether the request opens a WebSocket, for which every browser sends the Origin.
         """
         if reason := refusal(headers, is_socket=is_socket, names=self.names, port=self.port):
             return Admission(HTTPStatus.FORBIDDEN, reason)
@@ -200,7 +200,7 @@ class StreamGate(Gate):
             target: Path and query, with the token.
             headers: Headers of the request; a repeated header must not be reduced to its first value.
             peer: Address of the sender.
-            is_socket: Whether it opens a WebSocket; programs send no Origin.
+            is_socket: Whether the request opens a WebSocket; programs send no Origin.
         """
         own = {name: value for name, value in headers.items() if name != "Origin" or value not in self.origins}
         if reason := refusal(own, is_socket=False, names=self.names, port=self.port):

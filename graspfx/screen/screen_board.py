@@ -1,6 +1,6 @@
 """Memory shared by a touch-screen device and the process that serves its page; neither side ever waits.
 
-One side writes each half and the other reads it. A counter in each half is odd while its numbers change.
+Each half is written by one side and read by the other. A counter in each half is odd while the half's numbers change.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Server of a stream: sends the newest state to each client, and receives goals, from one client per guide."""
+"""Server of a stream: sends the newest state to each client, and accepts the goals of one client per guide."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def _refuse(word: str) -> float:
 SOCKET = "/stream"
 RATE, BURST = 500.0, 200.0  # limits for a client's orders [1/s], at once
 UNSENT = 1 << 16  # send buffer of a client in bytes; newer states replace states that wait for space
-KINDS = {"alive": Kind.ALIVE, "goal": Kind.PRESS, "release": Kind.LIFT}  # a goal claims its guide, as a touch a finger
+KINDS = {"alive": Kind.ALIVE, "goal": Kind.PRESS, "release": Kind.LIFT}  # a goal claims a guide
 
 
 class Led(Protocol):

@@ -1,4 +1,4 @@
-"""Orders of the touch-screen page: binary messages of fixed length with finger positions; invalid ones are dropped."""
+"""Orders of a touch-screen page: binary messages of fixed length with finger positions; invalid orders are dropped."""
 
 from __future__ import annotations
 

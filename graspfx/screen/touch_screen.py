@@ -1,4 +1,4 @@
-"""Touch screen for device drivers: which fingers touch it and where, read without waiting."""
+"""Touch screen for device drivers: states and positions of the touching fingers, read without waiting."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ class TouchScreen:
             self._board.show(time.monotonic(), positions[:, :2], forces[:, :2])
 
     def close(self) -> None:
-        """Close the page; safe to call twice, and after its process has ended."""
+        """Close the page, without an error if the page is already closed or its process has ended."""
         process, self._process, self._board = self._process, None, None
         if process is None:
             return

@@ -70,7 +70,8 @@ class TouchServer(ClaimServer):
         note: Function called with the client, every well-formed order, and its outcome.
 
     Attributes:
-        counts: Also "lost", the number of missing orders, and the number of fingers released from lost screens.
+        counts: As in `ClaimServer`, with "lost", the number of missing orders, and the number of fingers released from
+            lost screens.
         last: Number of the last order received.
 
     Raises:
@@ -92,7 +93,7 @@ class TouchServer(ClaimServer):
         return any(owner is not None for owner in self._claims.owners)
 
     def show(self, picture: bytes) -> None:
-        """Send a picture to every screen; a slow screen gets the newest one when it is ready."""
+        """Send a picture to every screen; a slow screen gets the newest picture when it is ready."""
         self._post(self._set_picture, picture)
 
     def describe(self, scenery: str) -> None:

@@ -47,7 +47,7 @@ def limits_figure(
 
 
 def limits_sheet(limits: SweptLimits, title: str = "", *, width: str = "screen") -> Sheet:
-    """Draw what `limits_figure` writes."""
+    """Draw the figure that `limits_figure` writes."""
     with style.look(width):
         drawing = _curves(limits, width) if len(limits.sweeps) == 1 else _maps(limits, width)
         drawing.title(plain(title))
@@ -170,7 +170,7 @@ def bode(loci: Loci, width: str = "screen", title: str = "") -> Drawing:
 
 
 def _mark(loci: Loci, upper: Axes, lower: Axes, sheet: Sheet) -> None:
-    """Draw the margins as distances to the lines of -1."""
+    """Draw the margins as distances to the magnitude and the phase of -1."""
     marks = []
     if not math.isinf(loci.gain_margin):
         ends = [1.0 / loci.gain_margin, 1.0]
@@ -188,7 +188,7 @@ def _mark(loci: Loci, upper: Axes, lower: Axes, sheet: Sheet) -> None:
 
 
 def nyquist(loci: Loci, width: str = "screen", title: str = "") -> Drawing:
-    """Draw the loci near -1, as solid lines for positive frequencies and mirrored for negative ones."""
+    """Draw the loci near -1: solid lines for positive frequencies, and mirrored lines for negative frequencies."""
     with style.look(width):
         sheet = style.figure([3.4], width=width)
         ax = sheet.panels[0, 0]
@@ -277,7 +277,7 @@ def operators_sheet(answer: OperatorCertificate, width: str = "screen") -> Sheet
 
 
 def gains_sheet(answer: OperatorCertificate, width: str = "screen") -> Sheet:
-    """Draw the share of hands in which each pair of gains is stable, and mark the scene's gains."""
+    """Draw the share of hands with which each pair of gains is stable, and mark the scene's gains."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 

@@ -94,7 +94,7 @@ def quantities(recording: Recording, works: Mapping[str, NDArray[Any]] | None = 
 
     Args:
         recording: Complete recording, or a part.
-        works: `works_of` the complete recording in the rows of a part, because they accumulate from the beginning.
+        works: For a part, its rows of `works_of` the complete recording, because works accumulate from the beginning.
     """
     layout = recording.layout
     for column in layout.columns.values():

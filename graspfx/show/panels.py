@@ -65,7 +65,7 @@ class View:
 
     @property
     def touching(self) -> BoolArray:
-        """(N, n)."""
+        """Whether each finger touches, (N, n)."""
         return self.recording.touching[:, self.fingers]
 
     @property
@@ -187,7 +187,7 @@ def rows(columns: Sequence[View], strokes: Mapping[str, Stroke]) -> list[Row]:
 def _axes_worth_showing(ranges: Sequence[FloatArray]) -> list[int]:
     """Select the axes along which a view moves by more than a fraction of the largest motion, or else the first axis.
 
-    Views share an ordinate, on which a small motion looks flat even if it is large for its view.
+    Views share an ordinate, on which the largest motion of a view may still be too small to be seen.
     """
     farthest = max((float(each.max()) for each in ranges), default=0.0)
     axes = {int(a) for each in ranges for a in np.flatnonzero(each >= SHARE * farthest)}
@@ -225,7 +225,7 @@ def pushes(parts: Sequence[Modes | None]) -> list[int]:
 def _parts(
     label: str, columns: Sequence[View], parts: Sequence[Modes | None], axes: Sequence[int], scale: float
 ) -> list[Row]:
-    """Plot the squeeze, for more than two fingers as mean and range, and the push along each noticeable axis."""
+    """Plot the squeeze (of more than two fingers, its mean and range) and the push along each noticeable axis."""
     if not any(parts):
         return []
     crowded = any(len(view.fingers) > 2 for view in columns)
@@ -248,7 +248,7 @@ def _forces(view: View, strokes: Mapping[str, Stroke]) -> tuple[Curve, ...]:
 
 
 def _grip(view: View) -> tuple[Curve, ...]:
-    """Plot the friction margin of the view's fingers, if any touch with a coefficient of friction."""
+    """Plot the friction margin of the view's fingers, if any of them touches with a coefficient of friction."""
     try:
         margin = view.recording.grip_margin_of(view.fingers)
     except RecordingError:  # without some columns
@@ -294,7 +294,7 @@ def _rotation_vector(orientation: FloatArray | None) -> FloatArray:
 
 
 def _changes(row: Row) -> Row:
-    """Return the row, or, if lines would look straight, the changes since the first tick, labelled with the start."""
+    """Replace a row whose lines would look straight by the changes since the first tick, labelled with the start."""
     curves = [curve for panel in row.panels for curve in panel]
     ends = [_ends(values) for curve in curves for values in (curve.values, curve.many)]
     span = max((high for _, high in ends), default=0.0) - min((low for low, _ in ends), default=0.0)

@@ -1,4 +1,4 @@
-"""Recordings as bags of ROS 1 and ROS 2: poses, velocities and wrenches with their times, as standard messages."""
+"""Recordings as ROS 1 and ROS 2 bags: poses, velocities and wrenches with their times, as standard messages."""
 
 from __future__ import annotations
 
@@ -48,10 +48,9 @@ class Topic(NamedTuple):
 def topics(recording: Recording) -> Iterator[Topic]:
     """Yield the topics of a recording; messages with NaN are omitted.
 
-    Fingers have their position (a pose without rotation), their velocity, and their force on the object: total,
-    internal
-    and external. Objects have their pose, twist and received wrench. All data are in space: a line becomes the x axis,
-    and a plane the plane of x and y.
+    The topics of a finger contain its position (a pose without rotation), its velocity, and its total, internal and
+    external force on the object. The topics of an object contain its pose, twist and received wrench. All data are in
+    space: a line becomes the x axis, and a plane the plane of x and y.
     """
     rows, columns = len(recording), recording.layout.columns
     unturned = np.tile([0.0, 0.0, 0.0, 1.0], (rows, 1))
@@ -190,7 +189,7 @@ def _word(name: str) -> str:
 
 
 def _spatial(spin: FloatArray) -> FloatArray:
-    """Convert angular quantities to vectors (N, 3); in the plane, about z."""
+    """Convert angular quantities to vectors (N, 3), in the plane along z."""
     if spin.ndim == 2 and spin.shape[1] == 3:
         return spin
     vectors = np.zeros((len(spin), 3))

@@ -193,7 +193,8 @@ def sheet(
     more fingers are shown by their mean and range. Internal parts are drawn while at least two fingers touch, external
     parts while at least one does.
 
-    In brief, the figure has three rows: mean and range of the fingers' penetration depth, the squeeze, and the push.
+    With `brief`, the figure has three rows: mean and range of the fingers' penetration depth, the squeeze, and the
+    push.
 
     Panels of columns that the scene's `record` omits are omitted, and the title says so.
 
@@ -209,7 +210,7 @@ def sheet(
 
     Raises:
         InputError: If there are no recordings, a recording has no ticks, the number of titles or labels differs, or the
-            width is unknown; or, in brief, a recording has an earlier format without internal and external forces.
+            width is unknown; or, with `brief`, a recording has an earlier format without internal and external forces.
     """
     for each in recordings:
         if not isinstance(each, Recording):

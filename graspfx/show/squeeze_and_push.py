@@ -18,8 +18,8 @@ class Modes(NamedTuple):
 
     Attributes:
         squeeze: Internal part of each finger towards the centre of the contacts (N, n); NaN for a free finger, or if no
-            other finger touches. For two fingers it is that of Kawai and Yoshikawa's eqs. (16) and (19),
-            (e_1 - e_2)/2 along the line from finger 1 to finger 2, and equal for both.
+            other finger touches. For two fingers the squeeze is that of Kawai and Yoshikawa's eqs. (16) and (19),
+            (e_1 - e_2)/2 along the line from finger 1 to finger 2, which is equal for both fingers.
         push: Mean of the touching fingers' external parts (N, d), as in eqs. (13) and (15); NaN if none touches.
     """
 

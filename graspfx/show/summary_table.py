@@ -75,7 +75,7 @@ def _widest(texts: Iterable[str]) -> int:
 
 
 def _folded(text: str, width: int) -> list[str]:
-    """Wrap into lines of at most `width`, between words, and within a word only if it is longer."""
+    """Wrap a text into lines of at most `width`, between words; only a word that is longer is split."""
     lines = []
     for line in text.split("\n"):
         full = ""
@@ -159,7 +159,7 @@ BRIEF: tuple[Row, ...] = (
 
 
 def columns(recordings: Sequence[Recording], titles: Sequence[str] | None = None) -> list[Column]:
-    """Return the columns: row names, one column per recording, for two the relative change, and units.
+    """Return the columns: row names, one column per recording, the relative change of two recordings, and units.
 
     Args:
         recordings: One or more recordings.

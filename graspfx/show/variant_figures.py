@@ -1,4 +1,4 @@
-"""Figures of measures over keys of variants: curves over one key, maps over two, slices of more, or marginals.
+"""Figures of measures over keys: curves over one key, maps over two keys, and slices or marginals over more keys.
 
 A variant with a failure or a fault is shown as a cross without a number.
 """
@@ -46,7 +46,7 @@ WORDS = {  # longest shown name of a measure
 
 
 class Surface(NamedTuple):
-    """One number per variant in the grid's shape, name (such as `finger_force.peak`), unit, and growing runs."""
+    """A measure: name (such as `finger_force.peak`), unit, values in the grid's shape, and mask of growing runs."""
 
     name: str
     unit: str

@@ -49,7 +49,7 @@ VERDICT = ("vibration", "unstable")  # statistics of the quantity RUN
 
 
 class SweepError(GraspFXError):
-    """Error of a sweep: its folder has another sweep, or a worker has other files or another GraspFX version."""
+    """Error of a sweep: the folder contains another sweep, or a worker has other files or another GraspFX version."""
 
 
 @dataclass(frozen=True)

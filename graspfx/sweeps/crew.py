@@ -277,7 +277,7 @@ class ChunkLoop:
         return result
 
     def _bury(self, dead: list[Chunk], flying: dict[Future[Any], Chunk]) -> None:
-        """Repair a crew; one of the running chunks killed a process, so run each of these chunks alone."""
+        """Repair the crew, and run each of the running chunks alone, because one of them killed a process."""
         tries = 0  # dask has already made its attempts
         if self.crew.mends:
             dead += flying.values()
@@ -300,7 +300,7 @@ class ChunkLoop:
             raise SweepError(BORN_DEAD) from error
 
     def _alone(self, chunk: Chunk, tries: int, *, told: bool = False) -> ChunkResult:
-        """Run a chunk alone; if it kills its worker, run its halves; a single such variant becomes a failure."""
+        """Run a chunk alone, or its halves if it kills its worker; a single variant that kills it becomes a failure."""
         for _ in range(tries):
             result = self._result(self._submit(chunk))
             if result is not None:

@@ -141,7 +141,7 @@ def sweep(
 
 
 def _size(count: int, prospect: Prospect, crew: Crew) -> int:
-    """Choose the number of variants per chunk: enough to amortise their building, and few enough for all workers."""
+    """Choose the number of variants per chunk: enough for their set-up time, and few enough to occupy all workers."""
     suits = (TICKS if prospect.native else ALONE) // prospect.ticks
     share = -(-count // (LEAST_SHARE * crew.workers))
     return max(1, min(suits, max(share, suits // LEAST_SHARE)))

@@ -120,7 +120,7 @@ class SweepResult(Batch):
                 are too short.
 
         Returns:
-            Full name of the measure, and the numbers; NaN for missing ones.
+            Full name of the measure, and the numbers; NaN for missing numbers.
 
         Raises:
             UnknownNameError: If the measure does not exist.

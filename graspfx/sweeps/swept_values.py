@@ -41,7 +41,7 @@ class Range:
     log: bool = False
 
     def grid(self) -> NDArray[np.float64]:
-        """Give evenly spaced values."""
+        """Return the values of the range in a grid."""
         return (
             self.at(np.linspace(0.0, 1.0, self.count)) if self.log else np.linspace(self.first, self.last, self.count)
         )
@@ -90,7 +90,7 @@ def read_values(text: str, argument: str) -> Range | list[Any]:
 
 
 def as_values(key: str, values: Any) -> Range | Values:
-    """Convert a key's values from a list, an array, a range, or the text of one.
+    """Convert a key's values from a list, an array, a range, or the text of a list or range.
 
     Raises:
         InputError: If the values have another form.
@@ -200,7 +200,7 @@ def make_grid(values: Mapping[str, Any], *, zip: bool, sample: str, seed: int) -
     """Make the variants of a sweep.
 
     Args:
-        values: List, range, or text of one, by dotted key.
+        values: List, range, or text of a list or range, by dotted key.
         zip: Whether to combine the first values of all keys, then the second values, and so on.
         sample: "lhs:N" for N variants of a Latin hypercube; empty for all combinations.
         seed: Seed of the sample.

@@ -31,14 +31,14 @@ def start(
 ) -> subprocess.Popen[bytes]:
     """Start a process that calls `main` of a module.
 
-    The process has its own group, so Ctrl-C in a terminal reaches only the parent, which passes it on.
+    The process has its own group, so that Ctrl-C in a terminal reaches only the parent, which passes the signal on.
 
     Args:
         module: Module of this package.
         arguments: Arguments of `main`; their `repr` must be valid Python.
         descriptors: Descriptors of shared files.
         inputs, outputs: Stdin and stdout of `subprocess.Popen`.
-        environment: Environment of the process; None for this one's.
+        environment: Environment of the process; None for that of this process.
 
     Raises:
         GraspFXError: If this system does not support such processes.

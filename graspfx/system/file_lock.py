@@ -17,7 +17,7 @@ PAUSE = 0.05  # interval between attempts [s]
 
 
 def lock(descriptor: int, *, lockless: bool = True) -> bool:
-    """Lock an open file; return False if it is locked by another.
+    """Lock an open file; return False if another program has locked the file.
 
     Args:
         descriptor: Descriptor of the file.
@@ -48,7 +48,7 @@ def lock(descriptor: int, *, lockless: bool = True) -> bool:
 
 @contextmanager
 def alone(folder: Path | None, name: str) -> Iterator[bool]:
-    """Exclude other processes within the block; yield whether another one held the lock, and may have done the work.
+    """Exclude other processes within the block; yield whether another process held the lock and may have done the work.
 
     Args:
         folder: Folder of the lock; None, or a folder that is not writable, excludes no other process.

@@ -11,12 +11,12 @@ from subprocess import Popen
 from graspfx.system import c_library
 
 ASK = int(signal.SIGTERM)  # lets the program clean up
-KILL = int(getattr(signal, "SIGKILL", signal.SIGTERM))  # ends it at once; on Windows both do
+KILL = int(getattr(signal, "SIGKILL", signal.SIGTERM))  # ends the program at once; on Windows both signals do
 DEATH = 1  # PR_SET_PDEATHSIG
 
 
 def die_with_parent(number: int) -> None:
-    """Make the end of the parent's thread send this process a signal, on Linux."""
+    """On Linux, let the system send a signal to this process when the parent's thread ends."""
     c_library.call("prctl", DEATH, number, 0, 0, 0)
 
 

@@ -44,7 +44,7 @@ def be_nice(number: int) -> None:
 def set_fifo(priority: int) -> str:
     """Give this thread a real-time priority (SCHED_FIFO); return the resulting policy.
 
-    Threads that it starts do not inherit the priority.
+    Threads that this thread starts do not inherit the priority.
     """
     fifo = getattr(os, "SCHED_FIFO", None)
     if fifo is None or not hasattr(os, "sched_setscheduler"):
@@ -61,7 +61,7 @@ def set_policy(policy: Any, priority: int) -> bool:
 
 
 def real_time_policy() -> tuple[Any, int] | None:
-    """Return the real-time policy and priority of this thread; None if it has none."""
+    """Return the real-time policy and priority of this thread; None without a real-time policy."""
     if not hasattr(os, "sched_getscheduler"):
         return None
     policy = os.sched_getscheduler(0) & ~getattr(os, "SCHED_RESET_ON_FORK", 0)
@@ -97,7 +97,7 @@ def lock_memory() -> str:
 
 
 def leave_no_core() -> None:
-    """Disable core dumps: until one is written, nothing can zero the force."""
+    """Disable core dumps, because nothing can set the force to zero while a core dump is written."""
     with suppress(ImportError, OSError, ValueError):
         import resource
 

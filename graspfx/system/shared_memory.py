@@ -14,7 +14,7 @@ from graspfx.system.file_lock import lock
 def create(name: str, size: int) -> int:
     """Create zeroed shared memory; return its descriptor. The memory is freed with the last process that uses it.
 
-    On Linux it has no file. On other systems it is a file without a directory entry.
+    On Linux the memory has no file. On other systems it is a file without a directory entry.
 
     Args:
         name: Name shown by tools that inspect the process.
@@ -38,10 +38,11 @@ def file_of(name: str) -> Path:
 class Named:
     """Zeroed memory that other programs of this user find by its name, once it is published.
 
-    Its owner holds a lock on the file as long as it lives, so that a name whose owner was killed is free again.
+    The owner of the memory holds a lock on the file until its process ends, so that the name of a killed owner is free
+    again.
 
     Args:
-        name: Its name.
+        name: Name of the memory.
         size: Size in bytes.
 
     Attributes:
@@ -57,7 +58,7 @@ class Named:
         self._is_published = False
 
     def publish(self) -> bool:
-        """Assign its name; return False if another owner has it."""
+        """Assign the name to the memory; return False if the name has another owner."""
         if self._is_published:
             return True
         assert self._temporary is not None

@@ -23,8 +23,8 @@ def terminal_keys(press: Callable[[str], object], end: Callable[[], object]) -> 
     """Report keys within the block, from a separate thread; the terminal does not echo them.
 
     Args:
-        press: Function called with each key. In input from a file or pipe, each line is the key of its first
-            letter, and an empty line is Enter.
+        press: Function called with each key. In input from a file or pipe, each line stands for the key of its first
+            letter, and an empty line for Enter.
         end: Function called once when the input ends, such as when the terminal is closed.
     """
     over = threading.Event()
@@ -53,7 +53,7 @@ def terminal_keys(press: Callable[[str], object], end: Callable[[], object]) -> 
 
 
 def _quiet(file: int) -> Any:
-    """Make a terminal report each key at once without echo; Ctrl-C works as before."""
+    """Let a terminal report each key at once without echo; Ctrl-C has its usual effect."""
     with suppress(ImportError):
         import termios
         import tty

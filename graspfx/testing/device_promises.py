@@ -65,29 +65,30 @@ def check_device(
     force: float = 0.1,
     start: ArrayLike | None = None,
 ) -> DeviceReport:
-    """Check the observable promises of a `graspfx.protocols.Device`; raise ConformanceError at the first broken one.
+    """Check the observable promises of a `graspfx.protocols.Device`; raise ConformanceError if one is broken.
 
-    For every device, the kit checks features before opening, with None for unknown ones; shape, finiteness and
+    For every device, the kit checks features before opening, with None for unknown features; shape, finiteness and
     ownership of positions and velocities; non-decreasing time; acceptance of forces, with DeviceError for non-finite
-    ones; stop, repeated close, and the context manager. The kit cannot observe actuators or the meaning of numbers:
+    forces; stop, repeated close, and the context manager. The kit cannot observe actuators or the meaning of numbers:
     hardware passes even if it never limits its force, keeps the force after `stop`, and reports millimetres.
 
     For a simulated device, moved by its own plant, the kit also checks that every finger receives its own force and
-    moves in its direction; that a reported force limit holds; that no force remains after a non-finite one, after stop
-    and after close; that the device is at rest alone and follows a hand; and that two runs are identical. With a
+    moves in its direction; that a reported force limit holds; that no force remains after a non-finite force, after
+    stop and after close; that the device is at rest alone and follows a hand; and that two runs are identical. With a
     factory, the kit checks that two devices in one process are independent.
 
     With a wire, which is an emulator of the hardware to which the device's settings lead, the kit also checks the
-    motors: zero force after `stop`, `close`, exceptions and non-finite forces; the limit; newtons, metres and seconds
-    if the emulator knows the mechanism; removal of the force after the program is killed, by a watchdog or by the
-    driver's `quench`; and the driver's response to every failure of the wire. With a factory, it checks that a second
-    device is refused. This takes some seconds.
+    motors: zero force after `stop`, `close`, exceptions and non-finite forces; the force limit; the units newton, metre
+    and second if the emulator knows the mechanism; removal of the force after the program is killed, by a watchdog or
+    by the driver's `quench`; and the driver's response to every failure of the wire. With a factory, it checks that a
+    second device is refused. This takes some seconds.
 
     The report lists whether each promise has passed, is not visible, or needs a person. `print` shows it.
 
     Args:
         device: Device, not yet open, or a function without arguments that creates one. It is closed afterwards.
-        wire: Wire of `graspfx.testing.wire`, inside its `with`; the device is connected with its `settings`.
+        wire: Wire of `graspfx.testing.wire`, inside its `with` block; the device is connected with the wire's
+            `settings`.
         period: Sampling period [s].
         force: Largest force written to real hardware [N].
         start: Initial positions of the fingers of a simulated device (k, d) or (d,) [m]; by default the middle of its
@@ -129,7 +130,7 @@ def _blind_spots(bench: _Bench, *, factory: bool) -> Iterator[BlindSpot]:
 
 
 class _Bench:
-    """A device on the bench, alone; a simulated device has its plant, placed and ready to be moved."""
+    """A device tested alone; a simulated device is connected to its plant, which is placed at the start."""
 
     def __init__(self, device: Device, promises: Promises, period: float, start: ArrayLike | None) -> None:
         self.device, self.promises, self.period = device, promises, period
@@ -344,7 +345,7 @@ def _check_motion(bench: _Bench, force: float) -> None:
 
 
 def _run(bench: _Bench, ticks: int, forces: FloatArray, hand: Hand | None = None) -> FloatArray:
-    """Place and open, then move under these forces; return all readings and the true end."""
+    """Place and open the device, and move it under these forces; return all readings and the true final motion."""
     plant, rows = cast("Plant", bench.plant), []
     bench.device.close()
     plant.place(bench.start)

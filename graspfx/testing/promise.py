@@ -17,7 +17,7 @@ class ConformanceError(GraspFXError, AssertionError):
 
 
 class Promise:
-    """A promise under test; any other error also breaks it.
+    """A promise under test; an error of any kind breaks the promise.
 
     Args:
         text: Text of the promise.

@@ -82,7 +82,8 @@ def emulator(driver: str) -> ModuleType:
 class Wire(Resource):
     """An emulator of hardware: it answers a driver, shows the motors' torques, and fails on demand.
 
-    It is a context manager: inside `with`, `settings` are settings of the driver's `connect` that lead to it.
+    The emulator is a context manager. Inside its `with` block, the driver's `connect` reaches the emulator with
+    `settings`.
 
     Args:
         clock: Clock of the hardware and of the conformance kit; by default the system's.
@@ -138,10 +139,10 @@ class Wire(Resource):
         Args:
             kind: "late": answers are `number` seconds late. "drop": one answer in `number` is lost. "flip": a bit of an
                 answer is changed with the probability `number`. "cut": only `number` bytes of an answer are
-                transmitted; with -1 the number of bytes follows the count of answers, so that every byte is the last at
-                some time. "garbage": `number` random bytes precede every answer. "wrong-id": answers come from another
-                device. "unplugged": the cable is unplugged. "blocked": the board neither reads nor answers, and its
-                motors continue.
+                transmitted; with -1 the number of bytes changes from answer to answer, so that every byte is the last
+                at some time. "garbage": `number` random bytes precede every answer. "wrong-id": answers come from
+                another device. "unplugged": the cable is unplugged. "blocked": the board neither reads nor answers, and
+                its motors continue.
             number: Parameter of the failure; the default is in NUMBERS.
 
         Raises:
@@ -297,7 +298,7 @@ class SerialWire(Wire):
             self._plug.remove()
 
     def _insert(self) -> None:
-        self._master, self._slave = terminal.pseudo_terminal()  # an own descriptor of the slave keeps the line open
+        self._master, self._slave = terminal.pseudo_terminal()  # a separate descriptor of the slave keeps the line open
         os.set_blocking(self._master, False)  # a driver may flush bytes after `select` has reported them
         self._plug.lead(os.ttyname(self._slave))
 

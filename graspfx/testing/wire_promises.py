@@ -144,7 +144,7 @@ class _Bench:
     def becomes(
         self, state: Callable[[], bool], act: Callable[[], Any] | None = None, within: float | None = None
     ) -> bool:
-        """Tell whether the wire reaches a state in time, while `act` ticks the device or it is left alone."""
+        """Tell whether the wire reaches a state in time while `act` ticks the device, or while nothing does if None."""
         wait = within if within is not None else PATIENCE if act is not None else self.patience
         deadline, looks = self.wire.clock.now() + wait, 0
         while True:
@@ -158,11 +158,11 @@ class _Bench:
             self.wire.clock.sleep(min(self.period, 1e-3))
 
     def place_error(self, seen: FloatArray) -> float:
-        """Return the largest distance of read positions from the true positions [m]; the wire must know them."""
+        """Return the largest distance of read positions from the true positions [m], which the wire must know."""
         return float(np.abs(seen - np.asarray(self.wire.position, dtype=float)).max())
 
     def force_error(self, forces: FloatArray) -> float:
-        """Return the largest difference of forces on the wire from the written forces [N]; the wire must know them."""
+        """Return the largest difference of forces on the wire, which must know them, from the written forces [N]."""
         return float(np.abs(np.asarray(self.wire.force, dtype=float) - forces).max())
 
     def is_quiet(self) -> bool:

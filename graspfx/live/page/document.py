@@ -1,4 +1,4 @@
-"""HTML document of a recording, or of a scene that it runs: one file that loads nothing and runs its own script."""
+"""HTML document of a recording, or of a scene that the document runs: one file that loads no other files."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SCRIPTS = {  # scripts of a page in loading order, by the source of its frames
 def page_text(
     recording: Recording, folder: Path | None = None, run: Callable[[int], dict[str, Any]] | None = None
 ) -> str:
-    """Return a recording as an HTML page, or its scene as a page that runs it.
+    """Return a recording as an HTML page, or an HTML page that runs the recording's scene.
 
     Args:
         recording: Recording of a run.
@@ -53,7 +53,7 @@ def document(story: Mapping[str, Any], source: Source = "recording", connects: s
     """Assemble the HTML document of a page.
 
     Args:
-        story: Data of the page, from `story_of`; of a run with its entry "run".
+        story: Data of the page, from `story_of`; for a page that runs a scene, with the entry "run".
         source: Source of the page's frames.
         connects: Address of the WebSocket that sends the frames, such as ws://127.0.0.1:8080; empty for none.
     """
@@ -157,6 +157,6 @@ def _read(name: str) -> str:
 
 
 def _script(name: str) -> str:
-    """Read a script without lines of comment and indentation, which browsers do not need."""
+    """Read a script without comment lines and indentation, which browsers do not need."""
     lines = (line.strip() for line in _read(name).splitlines())
     return "\n".join(line for line in lines if line and not line.startswith("//"))

@@ -146,7 +146,7 @@ def _arena(numbers: FloatArray) -> dict[str, str]:
 
 
 def _row(layout: Layout, header: Header) -> dict[str, Any]:
-    """Return the positions in a row of a frame's quantities, as `live.frame` reads them."""
+    """Return the positions of a frame's quantities in a row, as `live.frame` reads them."""
     columns = layout.columns
 
     def place(*names: str) -> int:
@@ -292,7 +292,7 @@ def _fit(
 
 
 def _slider(slider: Slider, others: Sequence[Slider], scene: Scene, servo: Servo, start: FloatArray) -> dict[str, Any]:
-    """Return the entries that a slider writes into the arena: its value itself, or numbers of a table by stops.
+    """Return the entries that a slider writes into the arena: its value, or numbers tabulated at stops of its range.
 
     The page writes the same bits as `Session.set`.
     """

@@ -104,7 +104,7 @@ def story_of(recording: Recording, folder: Path | None = None, *, source: Source
         recording: Recording of a run.
         folder: Folder of relative mesh paths; None for the scene's folder.
         source: Source of the page's frames: the recording; a run of its own; or a live run of the program that serves
-            it. A run produces its own frames and charts, so that the recording's motion is omitted.
+            the page. A run produces its own frames and charts, so that the recording's motion is omitted.
 
     Raises:
         InputError: If the recording has no ticks.
@@ -287,7 +287,7 @@ def _forces(name: str, motion: Motion, source: Source) -> list[dict[str, Any]]:
     lines = [(_push(axis, motion.dimensions), push[:, axis]) for axis in axes]
     if not is_recorded or np.isfinite(squeeze).any():
         lines.insert(0, (_line("squeeze", SQUEEZE.colour, SQUEEZE.width), squeeze))
-    margin = motion.margin.get(name) if source != "own" else None  # a page that runs by itself does not compute it
+    margin = motion.margin.get(name) if source != "own" else None  # not computed by a page that runs a scene
     if margin is not None and (not is_recorded or np.isfinite(margin).any()):
         lines.append((_line("grip margin", "", MARGIN.width, (1.0, 2.0)), margin))
     return [line | (_values(values) if is_recorded else {}) for line, values in lines]

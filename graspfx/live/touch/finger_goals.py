@@ -62,9 +62,9 @@ LONGEST = 0.02  # longest time step [s], so that a goal does not jump after a re
 class GoalWalk:
     """Goal of one finger.
 
-    The goal moves to the touched position, no faster than `speed`. A touch far from the fingertip therefore moves it
-    there gradually, and forces of the hand's damper and of collisions on the way stay realistic. Slower motions are
-    followed without delay.
+    The goal moves to the touched position, no faster than `speed`. A touch far from the fingertip therefore moves the
+    goal there gradually, and forces of the hand's damper and of collisions on the way stay realistic. Slower motions
+    are followed without delay.
 
     Args:
         speed: Highest speed [m/s].

@@ -88,7 +88,7 @@ class CertificatePanel:
                 order.set_exception(error)
 
     def _ask_for_now(self) -> None:
-        """After the last pending order, request a result for the run's values if the newest request was for others.
+        """After the last pending order, request a result for the run's values if the newest request had other values.
 
         A result for values that the run has not accepted does not describe the run. If orders fail, the newest request
         may be for such values.

@@ -46,7 +46,7 @@ class FrameFeed:
 
     def __init__(self, run: LiveRun) -> None:
         self._run = run
-        self._apart = scenery(run.scene).apart if run.layout.dimensions == 1 else 0.0  # which is that of a line alone
+        self._apart = scenery(run.scene).apart if run.layout.dimensions == 1 else 0.0  # used on a line only
         self._scene, self._header = run.scene, _header(run)
         self.ticks = rows_per_frame(run.period)
         self._number, self._next, self._tick = -1, 0, -1
@@ -68,7 +68,7 @@ class FrameFeed:
             return None
         since = max(self._next, self._begin(newest - int(LONGEST / run.period)))
         tick, rows = run.rows(since)
-        late = self._begin(tick + self.ticks - 1) - tick  # rows of a frame that has lost its first ones
+        late = self._begin(tick + self.ticks - 1) - tick  # rows of a frame that has lost its first rows
         if len(rows) <= late:
             return None
         tick, rows = tick + late, rows[late:]

@@ -204,7 +204,7 @@ class LivePage(Resource):
     def _say(self, text: str) -> None:
         self._remark = text
 
-    # When it shows it ---------------------------------------------------------------------------------------------
+    # When the page changes ----------------------------------------------------------------------------------------
 
     def _sleep(self, began: float) -> None:
         """Wait for the next frame, or for an order and the row that shows its effect."""
@@ -313,8 +313,8 @@ def margin_bars(verdict: Verdict | None, loose: Mapping[str, float]) -> dict[str
 
     Args:
         verdict: Result for the grasp as held by its hands; None before the first.
-        loose: Objects that are not held, with the gap to the nearest finger [m], from `Frames.loose`; they are never
-            green.
+        loose: Objects that are not held, with the gap to the nearest finger [m], from `Frames.loose`; their results are
+            never green.
     """
     boxes = []
     if loose:
@@ -390,7 +390,7 @@ class SliderOrders:
         self._lock = threading.Lock()
         self.sliders = list(sliders)
         self.values = {slider.key: slider.value for slider in sliders}
-        self.shown = dict(self.values)  # also by orders that are pending: factors on one stiffness go together
+        self.shown = dict(self.values)  # with pending orders: factors on one stiffness are set together
         self._newest = dict.fromkeys(self.values, 0)
 
     def told(self) -> list[tuple[float, float, float, float]]:
@@ -403,7 +403,7 @@ class SliderOrders:
             self.sliders = [widened(each, verdict) for each in self.sliders]
 
     def accepts(self, number: int, value: float) -> bool:
-        """Tell whether a slider has this number, and the value is within its range."""
+        """Tell whether there is a slider with this number, and its range includes the value."""
         return number < len(self.sliders) and self.sliders[number].least <= value <= self.sliders[number].most
 
     def set(self, key: str, value: float) -> None:

@@ -95,12 +95,12 @@ def _is_finite(value: object) -> bool:
 
 
 class Shown(Protocol):
-    """What a server shows. The methods are called in threads of the server."""
+    """Content of a server. The methods are called in threads of the server."""
 
     def document(self, path: str, host: str) -> str | None:
-        """Return the document at a path, for a browser that calls this machine `host`; None for an unknown path.
+        """Return the document at a path, for a browser that addresses this machine as `host`; None for an unknown path.
 
-        It may be slow.
+        The method may be slow.
         """
 
     def order(self, order: Order) -> bool:
@@ -110,8 +110,8 @@ class Shown(Protocol):
 class PageServer(ClaimServer):
     """Server of pages; listens from its creation, and serves within a `with` block.
 
-    A slow browser delays no other one: frames that it has not taken are sent together later, and the oldest are left
-    out.
+    A slow browser does not delay other browsers: frames that it has not received are sent together later, without the
+    oldest ones.
 
     Args:
         shown: Content that the server shows.

@@ -33,7 +33,7 @@ ROUNDING = 1e-12  # relative tolerance for symmetric and positive semidefinite m
 
 
 class NotValid(AttributeError):
-    """A field of a draft that is invalid, so that nothing that depends on it can be checked."""
+    """An invalid field of a draft; nothing that depends on this field can be checked."""
 
 
 class Table(BaseModel):
@@ -211,7 +211,7 @@ Gain = Annotated[
 def by_kind(
     kinds: tuple[str, ...], *, field: str, implied: Mapping[str, str] | None = None
 ) -> tuple[BeforeValidator, Discriminator]:
-    """Make the choice among tables by the key `kind`: report one fault of the kind, or else faults of the chosen table.
+    """Choose among tables by the key `kind`; report a fault of the kind, or the faults of the chosen table.
 
     A table without a kind, but with one of the keys in `implied`, gets the kind that `implied` assigns to the key.
     """

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from graspfx.scene.tables.fields import Name, NotNegative, Positive, Table
 
-# Tables of the object and the coupling that stand in a scene with a host: the host has the object.
+# Object and coupling of a scene with a host: placeholders, because the host simulates the object.
 OBJECT: Mapping[str, Any] = {"name": "host", "mass": 1.0, "viscosity": 0.0}
 COUPLING: Mapping[str, Any] = {"contact": "attached", "external": {"stiffness": 0.0}, "internal": {"stiffness": 0.0}}
 

@@ -79,7 +79,7 @@ def apart_on_a_line(count: int) -> FloatArray:
 
 
 def colours_of(names: Sequence[str], movable: Sequence[str]) -> list[str]:
-    """Assign colours to objects and obstacles: cyclic ones to movable objects, one to all others."""
+    """Assign colours: cyclically repeated colours to movable objects, one colour to all other objects and obstacles."""
     return [THINGS[movable.index(name) % len(THINGS)] if name in movable else FIXED for name in names]
 
 
@@ -108,7 +108,7 @@ class Thing:
 
     Attributes:
         name: Name in the scene.
-        surface: Surface in the world, or a part of an infinite one.
+        surface: Surface in the world, or a part of an infinite surface.
         fixed: Whether the thing is an obstacle, or an object that cannot move.
         endless: Whether the surface is a plane or half-space.
         path: Path of the centre so far (k, d) [m].
@@ -171,7 +171,7 @@ def instant(recording: Recording, time: float | None = None, folder: Path | None
         folder: Folder of relative mesh paths; by default the scene's folder.
 
     Raises:
-        InputError: If the recording has no ticks, or the time is outside it.
+        InputError: If the recording has no ticks, or the time is outside the recording.
     """
     k = _tick(recording, time)
     d = max(recording.layout.dimensions, 2)

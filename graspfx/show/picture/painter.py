@@ -45,7 +45,7 @@ class Layer:
         self.colour = np.zeros((height, width, 3), dtype=np.float32)
 
     def add(self, corners: FloatArray, normals: FloatArray, colour: tuple[float, float, float]) -> None:
-        """Add triangles: corners in view coordinates (f, 3, 3) [m], and surface normals there (f, 3, 3)."""
+        """Add triangles: corners in view coordinates (f, 3, 3) [m], and surface normals at the corners (f, 3, 3)."""
         flat = (corners[..., :2] - self.low) / self.cell - 0.5  # pixel k has its middle at k
         height, width = self.depth.shape
         first = np.maximum(np.ceil(flat.min(axis=1)).astype(int), 0)
@@ -73,7 +73,7 @@ class Layer:
         self.colour[fresh] = colour
 
     def shaded(self) -> NDArray[np.float32]:
-        """Shade by Blinn and Phong: ambient, diffuse and gloss; (h, w, 4), transparent pixels without a surface."""
+        """Shade by the Blinn-Phong model, (h, w, 4); pixels without a surface are transparent."""
         light = np.array(LIGHT, dtype=np.float32) / np.float32(np.linalg.norm(LIGHT))
         half = light + np.array([0.0, 0.0, 1.0], dtype=np.float32)
         half /= np.linalg.norm(half)
@@ -98,7 +98,7 @@ class Layer:
         return depth
 
     def copy(self) -> Layer:
-        """Copy the layer, to add more to it."""
+        """Copy the layer, so that more triangles can be added to the copy."""
         other = Layer.__new__(Layer)
         other.low, other.high, other.cell = self.low, self.high, self.cell
         other.depth, other.normal, other.colour = self.depth.copy(), self.normal.copy(), self.colour.copy()
@@ -218,7 +218,7 @@ class Painter:
         self._layer = self._clear = self._all = None
 
     def bounds(self) -> FloatArray:
-        """Lower and upper corner (2, 2) of all surfaces, to the right and up; lines may exceed them."""
+        """Lower and upper corner (2, 2) of all surfaces, to the right and up; lines may extend beyond these corners."""
         flat = np.concatenate([self.camera.project(solid.vertices)[:, :2] for solid, *_ in self._solids])
         return np.array([flat.min(axis=0), flat.max(axis=0)])
 
@@ -249,7 +249,7 @@ class Painter:
         """Cut a line through points (k, 3) into pieces in view coordinates (j, 3), each with its visibility.
 
         Args:
-            before_all: Whether solids that hide no lines hide this one.
+            before_all: Whether solids that hide no other lines hide this line.
         """
         layer, clear = self._all if before_all and self._all else self._things()
         return self._cut(points, layer, clear, SHORTEST * self.extent)
@@ -350,7 +350,7 @@ def best_view(contacts: FloatArray, out: FloatArray, extent: float) -> tuple[flo
 
     Args:
         contacts: Points to show (n, 3) [m].
-        out: Outward directions of the object there (n, 3).
+        out: Outward directions of the object at these points (n, 3).
         extent: Size of the drawing [m].
 
     Returns:

@@ -82,7 +82,7 @@ def outward(now: Instant) -> FloatArray:
 
 
 def arrows(now: Instant, scale: float, forces: Forces, flat: FloatArray) -> list[Arrow]:
-    """Place the arrows outside the object; an arrow ends at a pushing force and begins at a pulling one.
+    """Place arrows outside the object: an arrow ends at the contact if the force pushes, or begins there if it pulls.
 
     Two arrows of one finger that would overlap in the view are placed side by side.
 
@@ -211,7 +211,8 @@ def picture(
     """Draw one instant of a recording to scale, in space or in the plane, and write the picture.
 
     The arrows show the forces of the fingers on the object, as internal and external parts or in total. Arrows are
-    outside the object: an arrow ends at a pushing force and begins at a pulling one. Parts behind an object are dashed.
+    outside the object: an arrow ends at the contact if its force pushes, or begins there if it pulls. Parts behind an
+    object are dashed.
 
     Args:
         recording: Recording of a run.
@@ -227,7 +228,7 @@ def picture(
         Sentences about omitted parts.
 
     Raises:
-        InputError: If the recording has no ticks, the time is outside it, or the width or the suffix is unknown.
+        InputError: If the recording has no ticks, the time is outside the recording, or the width or suffix is unknown.
     """
     style.require_form(form or Path(fspath(path)).suffix[1:].lower(), path)
     drawing, notes = portrait(recording, time, view=view, folder=folder, forces=forces, width=width)
@@ -389,7 +390,7 @@ def _fit(axes: Axes, now: Instant, low: FloatArray, high: FloatArray, text: floa
 
 
 def _dots(axes: Axes, now: Instant, flat: FloatArray, visible: NDArray[np.bool_]) -> None:
-    """Draw contact points of touching fingers, except balls, which show their contact themselves."""
+    """Draw contact points of touching fingers, except for spherical fingertips, whose contact is visible anyway."""
     dots = visible & now.touching & (now.radii == 0.0)
     axes.scatter(flat[dots, 0], flat[dots, 1], s=9.0, color="white", edgecolors=INK, linewidths=0.7, zorder=5)
 

@@ -91,7 +91,7 @@ def ball(radius: float, turn: int = 24) -> Surface:
 
 
 def _arc(radius: float, begin: float, end: float, steps: int) -> tuple[FloatArray, FloatArray]:
-    """List radii and heights of an arc, angles from the pole."""
+    """List radii and heights along an arc; angles are measured from the pole."""
     angle = np.linspace(begin, end, steps + 1)
     r = radius * np.sin(angle)
     return np.where(r > POLE * radius, r, 0.0), radius * np.cos(angle)
@@ -210,7 +210,7 @@ def _stadium(shape: Mapping[str, Any], _: float) -> Surface:
 
 
 def _ground(shape: Mapping[str, Any], extent: float) -> Surface:
-    """Build a strip of ground below a plane; for a sheet, a line."""
+    """Build a strip of ground below a plane, or a line for a sheet."""
     w = np.zeros(2)
     w[: len(shape["normal"])] = shape["normal"]
     w /= np.linalg.norm(w)
