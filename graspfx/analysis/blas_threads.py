@@ -37,7 +37,7 @@ def one_blas_thread() -> Iterator[None]:
 
 @lru_cache(maxsize=1)
 def _libraries(modules: tuple[bool, ...]) -> ThreadpoolController:
-    """Find the loaded libraries, in 1 ms; repeated only after a module has been imported that may load one."""
+    """Find the loaded libraries in 1 ms; the search is repeated only after the import of a module that may load one."""
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()

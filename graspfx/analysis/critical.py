@@ -17,7 +17,7 @@ FloatArray = NDArray[np.float64]
 How = Literal["pair", "-1", "+1"]
 
 TRIM = 1e-12  # relative to the largest: smaller leading coefficients are rounding
-REAL = 1e-4  # |Im y|/|y| up to which a root counts as real; an extra gain does no harm, a missing one would
+REAL = 1e-4  # |Im y|/|y| up to which a root counts as real; an extra gain does no harm, a missing gain would
 LEAST = 1e-13  # relative to m/T^2: smaller gains are zero
 WIDTH = 1e-9  # relative to an interval's upper end: narrower intervals are rounding
 
@@ -128,7 +128,7 @@ def critical_gains(D: FloatArray, N: FloatArray) -> tuple[FloatArray, FloatArray
     """Find gains k and half-tangents y = tan^2(theta/2) with D + k N = 0 at exp(j theta), (c, ...); non-finite if none.
 
     On |z| = 1, w = j sqrt(y) and y = (1 - cos theta)/(1 + cos theta): Im(N conj D)/sin theta is a polynomial in cos
-    theta, here in y, which keeps its digits near z = 1 for slow loops. The last two are z = 1 and z = -1.
+    theta, here in y, which keeps its digits near z = 1 for slow loops. The last two entries belong to z = 1 and z = -1.
 
     Args:
         D, N: Coefficients in ascending powers of s = z - 1, (n + 1, ...).
@@ -246,7 +246,8 @@ def is_hurwitz(a: FloatArray) -> NDArray[np.bool_]:
 
 
 def edges(D: FloatArray, N: FloatArray, unit: FloatArray | float) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Bound the intervals from 0 to inf: half-tangents there, (c + 2, ...), and which are stable, (c + 1, ...).
+    """Divide the gains from 0 to inf into intervals: ends and half-tangents (c + 2, ...), stable intervals (c + 1,
+    ...).
 
     Args:
         D, N: Coefficients as for `critical_gains`.

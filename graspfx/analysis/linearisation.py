@@ -112,7 +112,7 @@ class OperatorMatrices:
         )
 
     def on(self, basis: FloatArray, forces: FloatArray) -> OperatorMatrices:
-        """Return the operator for motions x = B y, with forces B'f, if `alike`: limbs move by B too.
+        """Return the operator for motions x = B y, with forces B'f, if `alike`: limbs are transformed by B too.
 
         Args:
             basis: Matrix B (m, k).
@@ -331,7 +331,7 @@ class Linearisation(Carded):
 
 @runtime_checkable
 class Linearisable(Protocol):
-    """A scene, as seen by the analysis."""
+    """Protocol of a scene that the analysis can linearise."""
 
     def linearise(self) -> Linearisation:
         """Linearise small motions about the grasp at rest."""
@@ -341,7 +341,7 @@ Subject = Linearisation | Linearisable | str | PathLike[str]
 
 
 def linear_of(subject: Subject, recording: object = None) -> Linearisation:
-    """Return a linearisation itself, or that of a scene, or of the scene with a name or path.
+    """Return a linearisation unchanged, or linearise a scene, which may be given by its name or path.
 
     Args:
         subject: `Linearisation`, scene, or name or path of a scene.

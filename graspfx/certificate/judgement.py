@@ -229,7 +229,7 @@ def hand_course(scene: Scene, index: int) -> HandCourse:
 
 
 def loads(scene: Scene, index: int, loop: Linearised, course: HandCourse) -> FloatArray:
-    """Compute the wrenches (k, r) that fingers exert about the object's centre: m (a - g) + b v, moments zero."""
+    """Compute the wrenches (k, r) that fingers exert about the object's centre: m (a - g) + b v, without moments."""
     table, d = scene.object[index], scene.dimensions
     free = scene.free(table)
     shifts = int(sum(free[:d]))
@@ -325,8 +325,8 @@ class Change:
 def change_of(scene: Scene, name: str, values: Mapping[str, Any]) -> Change | None:
     """Return the change of an object's loop if these values, by live key, are set in the scene.
 
-    The result is None if `Change` cannot describe the change: matrices, gains from zero, other keys of objects, hands
-    or devices.
+    The result is None if `Change` cannot describe the change, because a gain is a matrix or zero at present, or because
+    another key of an object, a hand or a device changes.
 
     Raises:
         InputError, UnknownNameError: If the scene does not have a key.

@@ -73,11 +73,11 @@ class Linearised:
         standing: Ground of each object at the start, not included in `linear`; None for an object in the air.
         fade: For each object, gap at which the fade begins, and gap that the forces at rest require [m]; None for no
             fade.
-        stiffness: Function of (a, b, c) that returns K (m, m): external gains times a, of rotations times b, internal
-            times c.
+        stiffness: Function of (a, b, c) that returns K (m, m): gains of external translations times a, of external
+            rotations times b, internal gains times c.
         damping: Function of (a, b) that returns D (m, m): external damping times a, internal damping times b.
         gains: K of shifts, of rotations and of internal displacements (m, m). `stiffness` scales and adds these; None
-            if it is not such a sum.
+            if `stiffness` is not such a sum.
         conventional: Function of k that returns K (m, m) if every finger has the stiffness k.
         compliance: Compliance of the dampers in series (m,) [m/(N s)], if damping grows with depth; zero at full depth.
         pads: Normals (m, p) of compliant fingertips, and their stiffness at rest (p,) [N/m]; None if there are none.
@@ -341,7 +341,7 @@ def _unsqueezed(grip: Grip, K: FloatArray, contacts: FloatArray, R: FloatArray) 
 
 
 def _integrator(parts: Parts, table: Object, assumed: list[str]) -> str:
-    """Return the integrator of an object's body; for a plug-in, the one that its module states, or an assumption.
+    """Return the integrator of an object's body; for a plug-in, the one stated by its module, else an assumed one.
 
     Raises:
         InputError: If a plug-in states an integrator that its kind of body does not have.
@@ -372,7 +372,7 @@ def _joined(parts: Parts, shares: Sequence[_ObjectMatrices], recording: Recordin
     for share in shares:
         position[share.fingers] = share.grip.grasped.finger_position
         force[share.fingers] = np.nan_to_num(share.force)
-    # only stiffness and damping of the hands are needed here, which do not depend on where they close to
+    # only stiffness and damping of the hands are needed here, which do not depend on the targets of the hands
     hands = list(still_hands(parts, np.zeros_like(position)))
     devices = mechanics(parts, position, hands)
     operator, stiffer, damper = operated(parts, hands, force)

@@ -198,8 +198,8 @@ def operator_set(scene: Scene, ranges: Ranges | None = None) -> OperatorSet:
         ranges: Ranges by key, (low, high) or (low, high, law); or texts "KEY=FROM:TO" and `OperatorRange`s.
 
     Raises:
-        InputError: If there are no ranges, a key twice, too many, or invalid ranges; or the scene has no simulated
-            hand.
+        InputError: If there are no ranges or too many, a range is invalid, a key occurs twice, or the scene has no
+            simulated hand.
         UnknownNameError, SceneError: If the scene does not have a key.
     """
     source = "as asked for"

@@ -190,7 +190,7 @@ def exchange_times(recording: Recording) -> tuple[float, float] | None:
 def lateness_ends(mechanics: Mechanics, recording: Recording | None) -> FloatArray:
     """Return the smallest and the largest lateness of each finger, (2, n) [s].
 
-    With a recording, the recorded times of reading and writing replace the round trip in the measures of hardware.
+    For hardware, the times of reading and writing in a recording replace the measured round trip.
     """
     times = None if recording is None else exchange_times(recording)
     if times is None:

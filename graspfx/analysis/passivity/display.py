@@ -194,10 +194,10 @@ def worst_motion(H: object, damping: ArrayLike, period: float, samples: int) -> 
         H: (A, B, C, D), an object with them, or a stiffness; not a function of z.
         damping: Damping of the device, a number, (n,) or (n, n) [N s/m].
         period: Period T [s].
-        samples: Number N of samples. The work grows as (N n)^3, and N n may be at most 5000.
+        samples: Number N of samples. The computing time grows as (N n)^3, and N n may be at most 5000.
 
     Raises:
-        InputError: If h is a function of z, or `samples` is zero or too large.
+        InputError: If H is a function of z, or `samples` is zero or too large.
     """
     system = display(H, period)
     if not isinstance(system, StateSpace):

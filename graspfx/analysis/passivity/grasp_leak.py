@@ -43,8 +43,8 @@ def external_limit(damping: float, period: float, object_viscosity: float, *, co
 
     The spring generates T/2 k per D^2/T, D its stretch in a sample, which two dampings in series dissipate. Below this
     stiffness the system is passive at the device's port for every operator and all masses of device and object. Above
-    it, without ked, a sufficiently heavy object generates energy. The object must move exactly under a held force
-    (integrator "exact"), without delay.
+    this stiffness, without ked, a sufficiently heavy object generates energy. The object must move exactly under a held
+    force (integrator "exact"), without delay.
 
     Args:
         damping: Damping b of the device [N s/m].

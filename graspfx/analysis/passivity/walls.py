@@ -199,8 +199,8 @@ def z_width(
 ) -> ZWidth:
     """Compute the largest stiffness of a wall K x + B (x_k - x_(k-1))/T over B (Colgate and Brown 1994).
 
-    Passive: `guaranteed_wall_limit`, for every operator. Stable: `gx.stability.wall_limit`, for a device that nobody
-    holds, which depends on its mass.
+    `passive` is the limit of `guaranteed_wall_limit`, for every operator. `stable` is the limit of
+    `gx.stability.wall_limit` for a device that nobody holds, and depends on the device's mass.
 
     Args:
         damping: Damping b of the device [N s/m].

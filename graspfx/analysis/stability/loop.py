@@ -26,12 +26,12 @@ DRIFT = 1e-10  # relative to the largest stiffness: motions that stretch springs
 
 @one_blas_thread()
 def spectral_radius(linear: Subject, recording: object = None, *, drift: bool = False) -> float:
-    """Compute the largest |z| of the sampled closed loop about a grasp at rest; the loop is stable if it is below 1.
+    """Compute the largest |z| of the sampled closed loop about a grasp at rest; the loop is stable if |z| < 1.
 
     Args:
         linear: `Linearisation`, scene, or name or path of a scene.
         recording: Recording of the scene, or its path: the loop is linearised about the rest at its end. A recording of
-            hardware also provides the lateness of forces, of whose 1st and 99th percentile the worse is used.
+            hardware also provides the lateness of forces; the less stable of its 1st and 99th percentiles is used.
         drift: Include motions of fingers and object together that change no force (without an operator's spring).
     """
     return radius_of(linear_of(linear, recording), drift=drift)
@@ -77,9 +77,9 @@ class OpenLoop(NamedTuple):
 
 
 def open_loop(subject: Subject) -> OpenLoop:
-    """Open the loop between forces and plants: s_(k+1) = A s_k + B u_k, f_k = C s_k; with u = f it is `loop_matrix`.
+    """Open the loop between forces and plants: s_(k+1) = A s_k + B u_k, f_k = C s_k; u = f gives `loop_matrix`.
 
-    With "implicit", the coupling's own prediction of the object stays inside C.
+    With "implicit", the coupling's own prediction of the object is part of C.
 
     Args:
         subject: Grasp: a `Linearisation`, a scene, or the name or path of one.

@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 
 SAME = 1e-9  # relative tolerance for equal and for zero properties of modes
 COMMUTING = 1e-8  # relative off-diagonal rest of commuting matrices in their common axes
-FAINT = 1e-9  # relative: smaller arms and preloads change a limit, by their square, by less than rounding
+FAINT = 1e-9  # relative: smaller arms and preloads, whose squares enter a limit, change it by less than rounding
 NOTHING = 1e-11  # relative: a smaller coupling changes a limit by less than rounding
 SHORTEST = 1e-3  # smallest arm of an object's coordinate [m]
 ALIKE = 1e-12  # relative difference of gains, devices and hands up to which motions are equal
@@ -57,7 +57,8 @@ class Mode:
         object_mass, object_viscosity: Object that its device moves [kg, N s/m]; 0 for "internal", matrices for
             "coupled".
         spectral_radius: Spectral radius of its closed loop.
-        motions: Orthonormal device motions, (m, count), each times the square root of its mass over their mean.
+        motions: Orthonormal device motions, (m, count), each entry times the square root of the device's mass over the
+            mean mass.
         limits: Limits of its stiffness at its present damping; None for "coupled".
     """
 
@@ -78,7 +79,8 @@ def modes(linear: Subject) -> list[Mode]:
     There are m - r equal internal modes "device + wall k_ip", and r external modes "device + object", where M_i are the
     eigenvalues of (G G')^-1/2 M_o (G G')^-1/2, and b_i and k_i likewise; if those matrices do not commute, they form
     one coupled block. Devices with different masses count as identical if friction, springs and gains are proportional
-    to the masses, as with a mass metric: each is measured in units of the square root of its mass over their mean.
+    to the masses, as with a mass metric: each device is measured in units of the square root of its mass over the mean
+    mass.
 
     Args:
         linear: `Linearisation`, scene, or name or path of a scene.
@@ -221,7 +223,8 @@ def parts_of(linear: Linearisation, gains: Sequence[FloatArray] = ()) -> list[Pa
 
     Args:
         linear: Loop.
-        gains: Symmetric matrices (m, m) of which its stiffness is a linear combination; only its stiffness if empty.
+        gains: Symmetric matrices (m, m) of which its stiffness is a linear combination; if there are none, only the
+            loop's own stiffness.
     """
     m, r = linear.coordinates
     if m <= r:

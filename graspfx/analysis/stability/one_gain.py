@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 
 DECADES = -6, 3  # range of log10(b T/m) in which a friction is searched
 GRID = 361  # number of frictions of the first grid, 40 per decade
-REFINED = 65, 6  # frictions between two neighbours, and number of refinements: to 1e-12
+REFINED = 65, 6  # number of frictions between two neighbours, and number of refinements, down to a width of 1e-12
 
 
 def _on_wall(mass: ArrayLike, damping: ArrayLike, period: ArrayLike, wall_damping: Any = 0.0, **options: Any) -> Plant:
@@ -196,7 +196,7 @@ def stable_intervals(
 
 @dataclass(frozen=True)
 class Gains:
-    """Stiffnesses [N/m]: k_ep and k_ip of the split, and k_p of the conventional method, the smaller limit."""
+    """Stiffnesses [N/m]: k_ep and k_ip of the split, and k_p of the conventional method, the smaller of the two."""
 
     external: float
     internal: float
@@ -218,7 +218,8 @@ def largest_gains(
     """Compute gains that may grow by `margin`, like all smaller gains, before n fingers along one axis become unstable.
 
     k_ip is the wall's limit over the margin, and k_ep that of an object of mass m_v/n. With `pushing`, k_ep is lowered
-    until any s of the n fingers may push alone: they see 1/[(1 - s/n)/k_ip + (s/n)/k_ep] and an object of mass m_v/s.
+    until any s of the n fingers may push alone: the stiffness is then 1/[(1 - s/n)/k_ip + (s/n)/k_ep], and the object's
+    mass is m_v/s.
 
     Args:
         margin: Safety factor; above 1.

@@ -17,7 +17,7 @@ from graspfx.numeric import finite
 FloatArray = NDArray[np.float64]
 Limit = Literal["elliptic", "independent"]
 
-FLAT = 1e-6  # smallest singular value of the cones' wrenches; below it some wrench is missing
+FLAT = 1e-6  # smallest singular value of the cones' wrenches; below this value some wrench is missing
 BOUNDARY = 1e-7  # an equilibrium whose evenly spread share is smaller lies on the boundary of the cones
 ROUNDS = 200
 

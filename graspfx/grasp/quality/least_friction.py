@@ -28,11 +28,11 @@ STEPS = 60  # largest number of Newton steps per centre
 def least_friction(grasp: GraspMatrix, wrench: ArrayLike | None = None, *, normal_force: float | None = None) -> float:
     """Find the least mu, |f_t| <= mu f_n at every contact, for which a grasp has force closure, or exerts a wrench.
 
-    Without a wrench, it is the infimum of the coefficients for which `Grasp.force_closure` holds. With a wrench w, it
-    is the least for which contact forces f in the cones, with f_n <= L, satisfy G f = w. The bound L is required: as L
-    grows the coefficient goes to zero, because larger normal forces transmit more. mu f_n is bilinear in mu and f, so
-    that mu is found by bisection. Each step minimises s, with |f_t|/mu <= f_n + s and f_n <= L + s at each contact, by
-    a barrier method in the internal forces.
+    Without a wrench, the result is the infimum of the coefficients for which `Grasp.force_closure` holds. With a wrench
+    w, the result is the least coefficient for which contact forces f in the cones, with f_n <= L, satisfy G f = w. The
+    bound L is required: as L grows the coefficient goes to zero, because larger normal forces transmit more. mu f_n is
+    bilinear in mu and f, so that mu is found by bisection. Each step minimises s, with |f_t|/mu <= f_n + s and f_n <= L
+    + s at each contact, by a barrier method in the internal forces.
 
     Args:
         grasp: Grasp of hard contacts with normals.

@@ -35,8 +35,8 @@ class VirtualLinkage:
     length over the contacts' radius. The linkage needs no torsion length and does not depend on the unit of length. P
     is then not symmetric: use it for analysis, not for a coupling.
 
-    Actuators alone form a linkage unless the contacts lie on a line, or four or more lie in a plane in space. There
-    `coordinates` adds bendings.
+    Actuators alone form a linkage unless the contacts lie on a line, or four or more lie in a plane in space. In these
+    cases `coordinates` adds bendings.
 
     Args:
         grasp: Contacts.
