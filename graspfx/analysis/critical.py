@@ -246,8 +246,8 @@ def is_hurwitz(a: FloatArray) -> NDArray[np.bool_]:
 
 
 def edges(D: FloatArray, N: FloatArray, unit: FloatArray | float) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Divide the gains from 0 to inf into intervals: ends and half-tangents (c + 2, ...), stable intervals (c + 1,
-    ...).
+    """Divide gains from 0 to inf into intervals; return ends and half-tangents, (c + 2, ...), and a mask of the stable
+    ones.
 
     Args:
         D, N: Coefficients as for `critical_gains`.

@@ -186,7 +186,7 @@ def grip_margins(grasped: GraspedObject) -> FloatArray:
 
 
 def edge_directions(grasped: GraspedObject, fingers: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-    """Return T and V (n d, fingers) in world axes: a contact slides along t, during which V'f = f_t - mu f_n = 0."""
+    """Return T and V (n d, fingers) in world axes: while a contact slides along t, V'f = f_t - mu f_n = 0."""
     n, d = grasped.fingers, grasped.dimensions
     R = grasped.body_state[body.ROTATION : body.ROTATION + 9].reshape(3, 3)
     forces = list(_forces(grasped))

@@ -92,7 +92,7 @@ def cone_slope(face: Face, mu: float, theta: float, x: Vector4) -> Vector4:
 
 @kernel
 def ball_slope(force: Vector4, width: int, limit: float, x: Vector4) -> Vector4:
-    """Compute the derivative of `shorten` at y times x: limit/|y| (x - y y'x/|y|^2), or x if y is within the limit."""
+    """Compute the derivative of `shorten` at y, times x: limit/|y| (x - y y'x/|y|^2), or x if y is within the limit."""
     size = force_size(force, width)
     if not size > limit:
         return x

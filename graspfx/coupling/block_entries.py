@@ -107,7 +107,7 @@ def recorded_entries(grasp: GraspState) -> dict[str, Index]:
         return np.array(entries_of(record, name, at=at), dtype=np.intp)
 
     def of_fingers(name: str) -> Index:
-        width = len(entries_of(FingerState, name))  # an empty array needs it explicitly
+        width = len(entries_of(FingerState, name))  # an empty array needs the width explicitly
         entries = [entries_of(FingerState, name, at=finger.offset) for finger in grasp.fingers]
         return np.array(entries, dtype=np.intp).reshape(len(entries), width)
 

@@ -274,7 +274,7 @@ def force_of_modes(grasp: GraspState, problem: FrictionProblem, gains: Gains, co
 
 @kernel
 def pose_problem(grasp: GraspState, problem: FrictionProblem, touching: bool) -> None:
-    """Write weights, coefficients, limits and which fingers carry force: all, or with `touching` the touching ones."""
+    """Write weights, coefficients and limits, and mark fingers that carry force: all, or the touching if `touching`."""
     for i, finger in enumerate(grasp.fingers):
         contact = problem.contacts[i]
         contact.weight = finger.weight

@@ -308,7 +308,7 @@ class GraspedObject:
 
 
 def share_of_object(grasp: GraspState, name: str) -> FloatArray:
-    """Compute an object gain's matrix on the contacts, (m, m) in the object's axes; overwrites K in the block."""
+    """Compute an object gain's matrix on the contacts, (m, m) in the object's axes; K in the block is overwritten."""
     if grasp.mixed:
         turn_axes(grasp)
     refactor(grasp)

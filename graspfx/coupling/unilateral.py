@@ -95,7 +95,8 @@ def project(grasp: GraspState) -> int:
         unresolved = complement(
             grasp.square, grasp.vector, grasp.diagonal, grasp.engaged, contacts, attempt == 0, scale
         )
-        # releasing a sticking finger as a whole is not a projection on a cone, so pivoting may cycle: then only release
+        # if sticking fingers are released as a whole, this is no projection on a cone, and pivoting may cycle: then
+        # only release contacts
         if unresolved == 0 or not grasp.stick:
             break
     if grasp.dense and not grasp.stick:
@@ -153,7 +154,7 @@ def damp(grasp: GraspState) -> int:
     for i, finger in enumerate(grasp.fingers):
         for a in range(c):
             p = i * c + a
-            # the entry of a clamped normal is a rate, while its tangents are still forces; others carry no force
+            # the entry of a clamped normal is a rate, while its tangents are still forces; other entries carry no force
             if not carries(grasp, finger, a) or (a == 0 and grasp.engaged[i] == 0.0):
                 grasp.vector[p] = 0.0
             elif a == 0:

@@ -59,8 +59,8 @@ class ContactSplitState(Record):
     touching: int  # number of touching fingers
     time: float  # [s]
     before: float  # time of the previous sample [s]
-    largest: float  # plausible component of a force [N]
-    fade: float  # time over which a change of contacts is faded [s]
+    largest: float  # largest plausible component of a force [N]
+    fade: float  # time over which the jump of forces at a change of contacts is faded out [s]
     grip: float  # [N]
     grip_offset: float
     changed: float  # time of the last sample before contacts changed [s]

@@ -25,7 +25,7 @@ MORE = 1.01  # factor on the objective for the verification
 NEAR = 2e-3  # a constraint with a larger slack is not active
 FRESH = 32  # number of random operators for the verification
 SAME = 1e-6  # smaller relative increases of the objective are rounding
-TIGHTEST = 6  # number of hands for which the objective 1 % larger is judged
+TIGHTEST = 6  # number of hands for which a 1 % larger objective is judged
 EDGE = 1e-6  # distance from the end of a range, relative to the range
 
 
@@ -44,7 +44,7 @@ def tune(
     hand for these gains in the whole box. The worst hand is added to the few hands, until no hand violates a constraint
     (Blankenship and Falk 1976). For one key, roots are bracketed by a grid; several keys use sequential quadratic
     programming from points that sample the box. Each judgement is a certificate at the rest with the judged values. New
-    judgements verify the result, including judgements for random hands and with the objective 1 % larger.
+    judgements verify the result, including judgements for random hands and with a 1 % larger objective.
 
     Names are `margin`, `margin.internal`, `margin.external`, `margin.external_translation`, `margin.external_rotation`,
     `margin.standing`, `margin.pushing`, `grip`, `depth` [m], `squeeze` [N], `force` [N], `frequency` [Hz],

@@ -62,7 +62,7 @@ class ConstraintValue:
 
 @dataclass(frozen=True)
 class Check:
-    """Verification beyond the optimum, with the objective 1 % larger.
+    """Verification beyond the optimum, with a 1 % larger objective.
 
     Attributes:
         values: Judged values by key.

@@ -5,9 +5,9 @@ A loop s_(k+1) = A s_k + B h_k, h_k,i = -(C s_(k - n_i))_i has as eigenvalues th
     T(z) = z I + B diag(z^-n) C - A,
 
 whose number is that of states plus delayed samples. The function det(T(z)/z) tends to 1 for large z and has no poles
-outside. By the argument principle, the number of eigenvalues outside a circle |z| = rho is the number of times that the
-function winds clockwise around zero along the circle. The function is computed from the Schur form A = U S U^H with
-diagonal entries l_i:
+except at z = 0. By the argument principle, the number of eigenvalues outside a circle |z| = rho is the number of times
+that the function winds clockwise around zero along the circle. The function is computed from the Schur form A = U S U^H
+with diagonal entries l_i:
 
     det(T(z)/z) = prod_i (1 - l_i/z) det(I + diag(z^-n) H(z)),  H(z) = C U (z I - S)^-1 U^H B.
 """
@@ -225,7 +225,7 @@ def _even(angle: FloatArray) -> FloatArray:
 def _is_uneven(angle: FloatArray) -> NDArray[np.bool_]:
     """True for each step that is much wider than a neighbour.
 
-    A multiple root is passed with a phase change of 2 pi, which shows only in the steps on either side.
+    Within a step past a multiple root, the phase may change by 2 pi; only the steps on either side reveal this.
     """
     step = np.diff(angle)
     beside = np.minimum(np.append(step[1:], np.inf), np.insert(step[:-1], 0, np.inf))
@@ -250,7 +250,7 @@ def _farthest(loop: LateLoop, radius: float, angle: FloatArray, size: FloatArray
 def root_near(loop: LateLoop, z: complex) -> complex | None:
     """Apply the method of successive linear problems, T x = m T'x, from z; return an eigenvalue, or None.
 
-    It converges equally fast to eigenvalues that are multiple by symmetry.
+    The method converges equally fast to eigenvalues that are multiple by symmetry.
     """
     at = np.array([z], dtype=complex)
     for _ in range(STEPS):

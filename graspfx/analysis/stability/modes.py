@@ -26,7 +26,7 @@ ALIKE = 1e-12  # relative difference of gains, devices and hands up to which mot
 
 
 def common_axes(matrices: Sequence[FloatArray], tolerance: float) -> FloatArray | None:
-    """Find orthonormal columns that diagonalise all of the matrices within a relative tolerance; None if none do."""
+    """Find orthonormal columns that diagonalise all matrices within a relative tolerance; None if there are none."""
     sizes = [max(float(np.abs(A).max(initial=0.0)), 1e-300) for A in matrices]
     if any(np.abs(A - A.T).max(initial=0.0) > tolerance * size for A, size in zip(matrices, sizes, strict=True)):
         return None
@@ -108,7 +108,7 @@ def modes(linear: Subject) -> list[Mode]:
 
 
 def _device(linear: Linearisation) -> tuple[Plant, FloatArray]:
-    """Return the device to which all devices are equal in units of mass, and the roots of masses over the mean."""
+    """Return the device to which all are equal in units of mass, and the square roots of masses over the mean mass."""
     if linear.preload is not None and linear.preload.any():
         raise InputError("preload", linear.preload, "none", "a squeezed grasp has no separate modes")
     if not np.allclose(linear.G, linear.G_displacement, rtol=0.0, atol=SAME * np.abs(linear.G).max(initial=0.0)):
