@@ -18,7 +18,7 @@ BRINGS_BLAS = ("numpy.linalg", "scipy.linalg")  # modules that may load a BLAS l
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Limit numpy's and scipy's BLAS to one thread within the context or decorated function; then restore it.
+    """Limit numpy's and scipy's BLAS to one thread within the context or decorated function; then restore the number.
 
     Contexts may be nested, and the setting is also restored after exceptions. A library has one number of threads per
     process: if several threads use this function at once, the first thread limits and restores the number, and the

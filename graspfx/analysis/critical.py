@@ -246,8 +246,7 @@ def is_hurwitz(a: FloatArray) -> NDArray[np.bool_]:
 
 
 def edges(D: FloatArray, N: FloatArray, unit: FloatArray | float) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Divide gains from 0 to inf into intervals; return ends and half-tangents, (c + 2, ...), and a mask of the stable
-    ones.
+    """Return ends and half-tangents, (c + 2, ...), of the intervals from 0 to inf, and the mask of stable intervals.
 
     Args:
         D, N: Coefficients as for `critical_gains`.
@@ -269,7 +268,7 @@ def edges(D: FloatArray, N: FloatArray, unit: FloatArray | float) -> tuple[Float
 
 
 def first_loss(k: FloatArray, y: FloatArray, stable: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
-    """Find the end of the stable gains that start at zero, and its half-tangent; 0 if there are none."""
+    """Find the end of the stable gains that start at zero, and its half-tangent; the end is 0 if there are none."""
     limit, where = np.zeros(k.shape[1:]), np.zeros(k.shape[1:])
     going = np.ones(k.shape[1:], dtype=bool)
     for low, high, at, ok in zip(k[:-1], k[1:], y[1:], stable, strict=True):

@@ -17,7 +17,7 @@ from graspfx.errors import InputError
 FloatArray = NDArray[np.float64]
 
 LATEST = 20  # largest delay [samples]; beyond, roots lose digits (4e-9 of |z| at 20, 1e-4 at 25)
-BLOCK = 8192  # points of a map whose intermediate arrays fit into the processor's cache
+BLOCK = 8192  # number of points of a map whose intermediate arrays fit into the processor's cache
 UNITS = {
     "mass": "kg", "damping": "N s/m", "period": "s", "spring": "N/m", "spring_damping": "N s/m",
     "coupling_damping": "N s/m", "object_mass": "kg", "object_damping": "N s/m", "fingers": "fingers", "gain": "N/m",
@@ -171,7 +171,7 @@ class Plant:
     def blocks(self) -> Iterator[tuple[int, Plant]]:
         """Divide the common shape into blocks of consecutive points: the first index of each block, and its plant.
 
-        Numbers stay numbers, and only one block is expanded at a time.
+        Parameters that are numbers remain numbers, and only one block is expanded at a time.
         """
         shape = self.shape or (1,)
         total = int(np.prod(shape, dtype=np.int64))

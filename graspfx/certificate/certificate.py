@@ -84,7 +84,7 @@ class Certificate(Carded):
 
     Attributes:
         object: Name of the object.
-        at: "squeezed", "recorded", "provisional" or "start".
+        at: State that is judged: "squeezed", "recorded", "provisional" or "start".
         spectral_radius: Spectral radius of the loop with the present gains, stable up to 1 within rounding
             (`is_stable`); nan if no finger touches the object, so that nothing is judged.
         limits: Limits of all modes.
@@ -95,8 +95,8 @@ class Certificate(Carded):
             friction.
         edge: Names of the fingers whose forces lie on the edges of their cones; they are treated as sticking.
         notes: Possible consequences if the fingers of `edge` slide, and the geometric stiffness of the squeeze.
-        fade: Gap at which free fingers begin to fade out of the split, and gap that the forces at rest require [m]; or
-            None.
+        fade: Gap at which free fingers begin to fade out of the split, and gap that the forces at rest require [m];
+            None without a fade.
         gap: Distance from the object to the nearest finger [m]; nan if a finger touches the object.
     """
 

@@ -103,7 +103,7 @@ def certify(
     Raises:
         InputError: If `quick` is neither True nor False, or True with a recording; the recording is of another scene,
             or a device does not state its mass or friction.
-        NoRestError: If no rest of a grasp is found, or the recording ends without one.
+        NoRestError: If no rest of a grasp is found, or the grasp is not at rest at the end of the recording.
         SceneError: If a scene that is loaded has faults.
         RecordingError: If the path leads to no recording.
     """

@@ -161,7 +161,7 @@ class OperatorCertificate(Carded):
         return gain_region(self._made_of, [one.values for one in self.population], points, span)
 
     def plot(self, path: str | PathLike[str] | None = None, width: str = "screen") -> Any:
-        """Plot the distribution of margins and the region over the first two ranges; save it if a path is given."""
+        """Plot the distribution of margins, and the region over the first two ranges; a given path saves the figure."""
         from graspfx.show.certificate_figures import plot
 
         return plot(self, path, width)
@@ -404,8 +404,8 @@ def gain_region(scene: Scene, hands: Sequence[Mapping[str, float]], points: int 
     """Compute on a grid of gains the share of hands in which the whole loop is stable.
 
     Each hand is brought to rest once, with the scene's gains. For other gains, contacts are kept, and the squeeze is
-    computed from hand and k_ip in series (`judgement.altered`). Therefore each hand is linearised once, not once per
-    pair of gains.
+    computed from the stiffnesses of hand and k_ip in series (`judgement.altered`). Therefore each hand is linearised
+    once, not once per pair of gains.
 
     Args:
         scene: Scene; the grid's ends are multiples of its gains.

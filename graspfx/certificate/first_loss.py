@@ -146,7 +146,7 @@ class Family:
         return (line.still + s * line.slope for line in self.lines)
 
     def roots(self, factors: FloatArray) -> NDArray[np.complex128]:
-        """Compute the eigenvalues for each factor, (f, states), without duplicates or force-free motions."""
+        """Compute the eigenvalues for each factor, (f, states), without duplicates and motions that change no force."""
         stacks = [A for A in self.matrices(factors.tolist()) if A.size]
         return np.concatenate([np.linalg.eigvals(A).astype(complex) for A in stacks], axis=1)
 
@@ -187,7 +187,7 @@ class Family:
 
 @dataclass(frozen=True)
 class Reach:
-    """Largest stable factor of a gain, and frequency of the oscillation that begins there [Hz]; inf and nan if none."""
+    """Largest stable factor of a gain, and frequency of the oscillation there [Hz]; inf and nan without a limit."""
 
     factor: float
     frequency: float

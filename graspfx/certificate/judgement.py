@@ -252,8 +252,8 @@ def grip_of(scene: Scene, index: int, loop: Linearised, course: HandCourse) -> f
     Torsion of soft fingers is ignored.
 
     Returns:
-        1 if the squeeze just suffices; inf if none is needed, or contacts are attached; 0 if no squeeze along f_i holds
-        the load; nan without forces at rest.
+        1 if the squeeze just suffices; inf if no squeeze is needed, or contacts are attached; 0 if no squeeze along f_i
+        holds the load; nan without forces at rest.
     """
     if scene.coupling.contact == "attached":
         return float("inf")
@@ -370,14 +370,14 @@ def altered(scene: Scene, loop: Linearised, change: Change) -> Linearisation:
     if change.mass is not None and table.mass is not None:
         ratio = change.mass / table.mass
         inertia[:shifts, :shifts] *= ratio
-        if table.inertia is None:  # the moment of a solid shape is proportional to its mass
+        if table.inertia is None:  # the moment of inertia of a solid shape is proportional to its mass
             inertia[shifts:, shifts:] *= ratio
     arrays: dict[str, np.ndarray] = {"inertia": inertia}
     for value, old, first, last in (
         (change.viscosity, table.viscosity, 0, shifts),
         (change.rotational_viscosity, table.rotational_viscosity, shifts, len(viscosity)),
     ):
-        if value is not None:  # the part from torsion stays
+        if value is not None:  # the part from torsion is unchanged
             places = np.arange(first, last)
             viscosity[places, places] += value - (old or 0.0)
     arrays["viscosity"] = viscosity

@@ -79,7 +79,7 @@ class Sweep:
 
 @dataclass(frozen=True, eq=False)
 class SweptLimits:
-    """Limits [N/m] of the shape of the sweeps' values, (n,) or (n1, n2); inf if no gain is too large.
+    """Limits [N/m] at all values of the sweeps, (n,) or (n1, n2); inf if no gain is too large.
 
     Attributes:
         sweeps: One or two sweeps; none for the unchanged scene.
@@ -128,8 +128,8 @@ def swept_limits(scene: Scene, sweeps: Sequence[Sweep], at: str = "squeezed") ->
     points at once. Otherwise a scene is created and linearised for each point.
 
     Raises:
-        InputError: If there are more than two sweeps, a key twice, too many points, gains that are matrices, or several
-            objects.
+        InputError: If there are more than two sweeps, too many points or several objects; a key occurs twice; or gains
+            are matrices.
         SceneError: If the scene does not accept a key, or a value at an end of its range.
     """
     if not 1 <= len(sweeps) <= 2:

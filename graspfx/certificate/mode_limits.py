@@ -61,7 +61,7 @@ def mode_limits(scene: Scene, loop: Linearised, *, halves: bool = True, compare:
 
 
 def reduced(loop: Linearised) -> dict[str, tuple[float, float]]:
-    """Return limit [N/m] and frequency [Hz] of each separate mode, the weakest of its name; empty if there is none."""
+    """Return limit [N/m] and frequency [Hz] of the weakest separate mode of each name; empty if there is none."""
     if loop.pads is not None:
         return {}  # a compliance in series with a gain: the stiffness of the mode is not proportional to the gain
     try:
@@ -80,7 +80,7 @@ def reduced(loop: Linearised) -> dict[str, tuple[float, float]]:
 
 
 def _parts(loop: Linearised) -> Iterator[tuple[str, tuple[bool, bool, bool]]]:
-    """Yield the modes, with masks of the gains (translations, rotations, squeezing) that each scales."""
+    """Yield names of modes, with masks of the gains to scale for each: translations, rotations, squeezing."""
     m, _ = loop.linear.coordinates
     rank = sum(split.rank for split in loop.splits)
     d = loop.contacts.shape[1]

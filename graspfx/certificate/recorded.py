@@ -31,7 +31,7 @@ FloatArray = NDArray[np.float64]
 LAST = 0.1  # time during which forces at rest must not change [s]
 CALM = 1e-3  # largest change of a force in that time, relative to the largest force
 SAME = 1e-3  # relative to the largest force: largest difference of recorded forces from those of the scene's gains
-BORNE = 1e-2  # relative to the forces on the object: smallest wrench that something else balances
+BORNE = 1e-2  # relative to the forces on the object: larger remaining wrenches are balanced by something else
 ENDS = (1.0, 99.0)  # percentiles of the samples
 COLUMNS = ("late", "io")  # columns of a real-time run
 

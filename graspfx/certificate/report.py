@@ -240,7 +240,7 @@ def _certificates(scene: Readable) -> dict[str, Certificate] | str:
 
 
 def whole_scene(scene: Any) -> Scene:
-    """Return a scene itself, but rebuild a cached scene from its tables."""
+    """Return a scene unchanged, except that a cached scene is rebuilt from its tables."""
     from graspfx.scene.model import Scene
 
     return scene if isinstance(scene, Scene) else Scene(scene.source, **scene.to_dict())

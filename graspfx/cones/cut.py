@@ -43,7 +43,7 @@ def force_size(force: Vector4, width: int) -> float:
 
 @kernel
 def limit_width(coefficient: float, d: int) -> int:
-    """Return the number of coordinates that the limit bounds: d in a friction cone, else (mu < 0) the force's."""
+    """Return the number of coordinates that the limit bounds: d in a friction cone, those of the force if mu < 0."""
     return d if coefficient >= 0.0 else min(d, 3)
 
 

@@ -24,7 +24,7 @@ Pair = Literal["stiffness", "damping"]
 
 LOOP_RADIUS = 0.005  # radius of the closed motion whose energy the warning states [m]
 FLOAT = np.dtype(np.float64)
-MOST_HEADS = 64  # grasp sizes and tolerances that a coupling caches
+MOST_HEADS = 64  # largest number of pairs of grasp size and tolerance that a coupling caches
 GROWN = 10.0  # growth that causes another warning; while a finger fades in, the skew part grows from a small value
 
 

@@ -127,7 +127,7 @@ class Tuning(Carded):
 
     @property
     def pushing(self) -> Limit | None:
-        """The weakest set of fingers that push without the others, in that hand; None if no set can push alone."""
+        """The weakest set of fingers that push without the others in `certificates`; None if no set can push alone."""
         rows = [row for each in self.certificates for row in each.limits if row.mode.startswith(PUSHING)]
         return min(rows, key=lambda row: row.margin, default=None)
 

@@ -171,7 +171,7 @@ def grasp_display(
     damping: ArrayLike | None = None,
     integrator: Integrator = "exact",
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Compute H(z) at the devices of an object behind eq. (4), as (A, B, C, D), for example for `required_damping`.
+    """Compute H(z) at the devices of an object coupled by eq. (4), as (A, B, C, D), for example for `required_damping`.
 
     f = K e + D (e - e_{k-1})/T, e = x - G'q, M_o q'' + B_o q' = G f held over a sample, with states q, q', e_{k-1}. The
     result is exact for this object, while `leak_margin` is valid for every mass. Contacts are fixed in the object,

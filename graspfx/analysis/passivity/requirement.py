@@ -13,7 +13,7 @@ from graspfx.analysis.passivity.display import Display, StateSpace, display, nev
 FloatArray = NDArray[np.float64]
 
 SLOW = 10.0 ** np.arange(-6.0, -1.4, 0.25)  # candidates for the start of the grid [rad]
-PARTED = 100.0  # factor on the smallest difference so far
+PARTED = 100.0  # factor on the smallest difference so far, above which extrapolations count as separate
 ROUNDS = 60  # largest number of bisections of an interval, and of levels of the pencil
 STEP = 1e-10  # relative distance of the next level above a value that is known to be attained
 NEAR = 1e-4  # distance from the unit circle up to which eigenvalues are examined; an extra eigenvalue only costs time

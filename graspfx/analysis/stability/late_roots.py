@@ -4,10 +4,10 @@ A loop s_(k+1) = A s_k + B h_k, h_k,i = -(C s_(k - n_i))_i has as eigenvalues th
 
     T(z) = z I + B diag(z^-n) C - A,
 
-whose number is that of states plus delayed samples. The function det(T(z)/z) tends to 1 for large z and has no poles
-except at z = 0. By the argument principle, the number of eigenvalues outside a circle |z| = rho is the number of times
-that the function winds clockwise around zero along the circle. The function is computed from the Schur form A = U S U^H
-with diagonal entries l_i:
+whose number is the number of states plus the number of delayed samples. The function det(T(z)/z) tends to 1 for large z
+and has no poles except at z = 0. By the argument principle, the number of eigenvalues outside a circle |z| = rho is the
+number of times that the function winds clockwise around zero along the circle. The function is computed from the Schur
+form A = U S U^H with diagonal entries l_i:
 
     det(T(z)/z) = prod_i (1 - l_i/z) det(I + diag(z^-n) H(z)),  H(z) = C U (z I - S)^-1 U^H B.
 """
@@ -167,7 +167,7 @@ def _walk(loop: LateLoop, radius: float) -> tuple[int, FloatArray, FloatArray]:
 
 
 def _points(loop: LateLoop, radius: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Choose angles so dense that det(T/z) changes little between them; return its phase and log magnitude too."""
+    """Choose angles so dense that det(T/z) changes little between them; also return its phase and log magnitude."""
     angle, phase, size = _start(loop, radius)
     for _ in range(ROUNDS):
         wide = (_turns(phase) > TURN) | (np.abs(np.diff(size)) > TURN) | _is_uneven(angle)

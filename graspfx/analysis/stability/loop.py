@@ -333,7 +333,7 @@ class LoopRows:
 
 
 def _groups(parts: FloatArray) -> Sequence[tuple[float, NDArray[np.intp]]]:
-    """Return each positive part of a sample, and the indices that have it."""
+    """Return each positive part of a sample, and the indices of the coordinates with this part."""
     return [(part, np.flatnonzero(parts == part)) for part in np.unique(parts[parts > 0.0]).tolist()]
 
 

@@ -81,7 +81,7 @@ def external_limit(
     object_damping: float,
     **options: Unpack[ObjectOptions],
 ) -> float:
-    """Compute k_ep at which fingers that move an object first become unstable as it grows from zero [N/m]; or inf.
+    """Compute the smallest k_ep at which fingers that move an object are unstable [N/m]; inf if all k_ep are stable.
 
     n equal fingers along one axis are equivalent to one device of mass m and an object of mass m_v/n and viscosity
     b_v/n:

@@ -16,7 +16,7 @@ from graspfx.numeric import finite, number
 
 FloatArray = NDArray[np.float64]
 
-TOLERANCE = 1e-10  # of the coefficient
+TOLERANCE = 1e-10  # error of the coefficient, relative or absolute
 SLACK = 1e-10  # fraction of the largest normal force that counts as zero
 RANK = 1e-9  # relative, of G
 LEAST = 1e-7  # smaller coefficients count as zero, because such tangential forces are below rounding
