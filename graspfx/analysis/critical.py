@@ -55,7 +55,7 @@ class Limits:
 
     @property
     def limit(self) -> float:
-        """Smallest gain at which stability is lost [N/m]: 0 if no small gain is stable, inf if every gain is."""
+        """Smallest gain at which stability is lost [N/m]: 0 if no small gain is stable, inf if every gain is stable."""
         return self.intervals[0][1] if self.intervals and self.intervals[0][0] == 0.0 else 0.0
 
     @property

@@ -121,10 +121,10 @@ class Plant:
     def polynomials(self) -> tuple[FloatArray, FloatArray]:
         """Return D and N of the loop's characteristic polynomial D + k N, in ascending powers of s = z - 1.
 
-        On a wall it is z^L [den + z^-delay (k + B (1 - 1/z)/T) num], with the device num/den under zero-order hold,
-        delayed by `latency` seconds more. The object's velocity is its state; "implicit" uses position and velocity at
-        the end of the sample. Without a spring, no force opposes a common motion, which is a root z = 1 of D and N; it
-        is moved to z = 0, where it does not matter.
+        On a wall the polynomial is z^L [den + z^-delay (k + B (1 - 1/z)/T) num], with the device num/den under
+        zero-order hold, delayed by `latency` seconds more. The object's velocity is its state; "implicit" uses position
+        and velocity at the end of the sample. Without a spring, no force opposes a common motion, which is a root z = 1
+        of D and N; it is moved to z = 0, where it does not matter.
         """
         friction = self.damping + self.spring_damping
         late, numerator, denominator = late_device(self.mass, friction, self.spring, self.period, self.latency)

@@ -89,7 +89,7 @@ class Certificate(Carded):
             (`is_stable`); nan if no finger touches the object, so that nothing is judged.
         limits: Limits of all modes.
         assumed: Assumptions, as sentences.
-        passive: Largest gains that are passive for every operator, or None.
+        passive: Largest gains that are passive for every operator; None if passivity is not judged.
         why_not_passive: Short reason if `passive` is None.
         grip: Ratio f_t/(mu f_n) at rest by finger name, 1 on the cone's edge, for fingers with a coefficient of
             friction.

@@ -387,7 +387,7 @@ def altered(scene: Scene, loop: Linearised, change: Change) -> Linearisation:
 
 
 def _squeeze_ratio(scene: Scene, linear: Linearisation, change: Change) -> float:
-    """Return the ratio of the new to the old squeeze: hand and internal stiffness in series, with the same closing."""
+    """Return the ratio of the new to the old squeeze: hand and internal stiffness in series, for equal closing."""
     gain = scene.coupling.internal.stiffness
     if change.internal == 1.0 or not _is_number(gain):
         return 1.0

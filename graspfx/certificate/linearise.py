@@ -45,7 +45,7 @@ from graspfx.scene.tables.part_tables import Object
 FloatArray = NDArray[np.float64]
 
 WHERE = ("squeezed", "start", "provisional", "recorded")
-TOLD = ("explicit", "semi-implicit", "exact", "bullet")  # integrators of plug-ins; implicit ones need their forces
+TOLD = ("explicit", "semi-implicit", "exact", "bullet")  # integrators of plug-ins; "implicit" would need their forces
 STIFFEST = 1e-6  # relative to the largest stiffness: smaller effects of a preload are rounding of difference quotients
 
 
@@ -199,7 +199,7 @@ class _ObjectMatrices:
 
 def _share(parts: Parts, index: int, where: str, recording: Recording | None) -> _ObjectMatrices:
     scene, part, start = parts.scene, parts.objects[index], parts.start
-    # forces as functions of the pose; with "implicit" of the predicted pose, which the analysis inserts
+    # forces are functions of the pose; with "implicit", of the predicted pose, which the analysis inserts
     grasped, fingers = part.grasped(predicts=False), part.fingers
     state = grasped.body_state
     state[body.VELOCITY : body.VELOCITY + 3] = state[body.ANGULAR_VELOCITY : body.ANGULAR_VELOCITY + 3] = 0.0

@@ -137,7 +137,7 @@ def _devices(parts: Parts) -> dict[int, Spring]:
 
 
 def _springs(scene: Scene) -> tuple[dict[int, Spring], dict[int, Spring]]:
-    """Find for each finger the softest arm and grip along an axis; the spring of a hand with one finger is both."""
+    """Find each finger's softest arm and grip along an axis; the spring of a one-finger hand is both arm and grip."""
     arms: dict[int, Spring] = {}
     grips: dict[int, Spring] = {}
     for holding in holdings(scene):

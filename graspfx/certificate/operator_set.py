@@ -330,8 +330,8 @@ def worst_operator(
     """Search the box of a set of operators for the smallest figure of merit.
 
     The search judges all corners of up to six ranges, the centre, and 16 points per range that fill the box. From the
-    two worst of these points it descends by the method of Nelder and Mead (1965) within the box. Each operator is
-    judged in full. Nothing is known about operators between the points: a worse operator may lie in a dip that is
+    two worst of these points the search descends by the method of Nelder and Mead (1965) within the box. Each operator
+    is judged in full. Nothing is known about operators between the points: a worse operator may lie in a dip that is
     narrower than the distance of the points.
 
     Args:

@@ -122,7 +122,7 @@ def set_contacts(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) ->
 
 
 def set_torsions(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) -> None:
-    """Rotate the anchors of soft fingers so that their torsions are the recorded ones."""
+    """Rotate the anchors of soft fingers so that their torsions equal the recorded torsions."""
     moments = recording.finger_moment
     rows = grip.grasped.rows
     state = grip.grasped.body_state

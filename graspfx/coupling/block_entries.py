@@ -93,7 +93,7 @@ def compliant_entry(problem: FrictionProblem) -> int:
 
 
 def has_problems(grasp: GraspState) -> bool:
-    """Return whether the block has friction problems; if not, both references point to the same entry."""
+    """Return whether the block has friction problems; if not, both problems refer to the same entry."""
     return grasp.problem.offset != grasp.damping_problem.offset
 
 

@@ -85,7 +85,7 @@ class ContactSplitState(Record):
     place: Table = table("fingers", "3")  # point of each finger's force [m]
     load: Table = table("fingers", "3")  # force on each finger [N]
     inward: Table = table("fingers", "3")  # unit normal into the object, zero without one
-    external_offset: Table = table("fingers", "3")  # offset of the last change, which fades
+    external_offset: Table = table("fingers", "3")  # offset of forces at the last change of contacts, which fades out
     internal_offset: Table = table("fingers", "3")
     grasp: PointGrasp = room("grasp_entries")
 

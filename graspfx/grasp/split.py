@@ -314,7 +314,7 @@ class Split(Carded):
         return self.stretch((self.stretch(forces, inverse=True) @ U) @ _transposed(U))
 
     def stretch(self, x: FloatArray, *, inverse: bool = False) -> FloatArray:
-        """Compute L x for rows x (..., m), L = M^(1/2) symmetric; or L^-1 x."""
+        """Compute L x, or L^-1 x, for rows x (..., m), where L = M^(1/2) is symmetric."""
         L = self._root
         if L is None:
             return x

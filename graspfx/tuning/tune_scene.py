@@ -62,7 +62,8 @@ def tune(
         seed: Seed of the random hands of the verification.
 
     Returns:
-        A `Tuning`. If the problem is infeasible, it contains the nearest point and reports this.
+        A `Tuning`. If the problem is infeasible, the result contains the nearest point and states that no point
+        satisfies the constraints.
 
     Raises:
         InputError: If an expression, a range or the objective is invalid, or the seed is not a non-negative integer.

@@ -99,7 +99,7 @@ class Tuning(Carded):
         more: Verification 1 % beyond the optimum, for each key that increases the objective.
         certificates: Full certificates of each object at the optimum, in the hand that comes nearest to violating a
             constraint; empty without a rest.
-        end: Range at whose end the optimum lies, or None.
+        end: Range at whose end the optimum lies; None if the optimum lies inside all ranges.
         operators: Set of operators; None for the scene's own operator.
         hands: Operators used in the search.
         reach: For an infeasible problem, the best left side of each constraint on its own, by the constraint's text.

@@ -41,10 +41,10 @@ class CouplingLimits:
 def external_limit(damping: float, period: float, object_viscosity: float, *, coupling_damping: float = 0.0) -> float:
     """Compute k = (2/T) (b B/(b + B) - ked): a device and a viscous object at the two ends of a held spring [N/m].
 
-    The spring generates T/2 k per D^2/T, D its stretch in a sample, which two dampings in series dissipate. Below this
-    stiffness the system is passive at the device's port for every operator and all masses of device and object. Above
-    this stiffness, without ked, a sufficiently heavy object generates energy. The object must move exactly under a held
-    force (integrator "exact"), without delay.
+    If the spring stretches by D in a sample, it generates T/2 k per D^2/T, which two dampings in series dissipate.
+    Below this stiffness the system is passive at the device's port for every operator and all masses of device and
+    object. Above this stiffness, without ked, a sufficiently heavy object generates energy. The object must move
+    exactly under a held force (integrator "exact"), without delay.
 
     Args:
         damping: Damping b of the device [N s/m].

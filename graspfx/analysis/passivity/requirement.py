@@ -23,8 +23,8 @@ def required_damping(H: object, period: float) -> float:
     """Compute sup over w in (0, pi/T] of T/(2 (1 - cos wT)) Re{(1 - e^{-jwT}) H(e^{jwT})} [N s/m].
 
     A device with mass and damping b that displays H through a hold is passive for every operator if and only if b
-    exceeds this value (Colgate and Schenkel 1997). For n channels it is the largest eigenvalue of the Hermitian part,
-    for devices of equal b.
+    exceeds this value (Colgate and Schenkel 1997). For n channels the value is the largest eigenvalue of the Hermitian
+    part, for devices of equal b.
 
     Matrices are searched without a grid, to about 1e-9 (`PositiveReal`). A function of z is searched on an adaptive
     grid, to about 1e-9 if H has no time constant above 10000 samples and no resonance much narrower than pi/256.

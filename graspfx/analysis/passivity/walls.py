@@ -79,7 +79,7 @@ class QuantisedWall:
     Attributes:
         viscous: Ratio b/(K T); 1/2 + t_d/T or more is enough.
         coulomb: Ratio f_c/(K Delta); 1/2 or more is enough.
-        passive: True if both are enough, so that no motion gains energy.
+        passive: True if both ratios are large enough, so that no motion gains energy.
         calm_below: Speed [m/s] below which no motion gains energy, because Coulomb friction also dissipates the energy
             that the hold creates; inf if viscous friction dissipates this energy.
         calm_above: Speed [m/s] above which no motion gains energy, because viscous friction also dissipates the energy

@@ -153,7 +153,7 @@ def _gain_margin(loop: OpenLoop, frequency: FloatArray, response: ComplexArray) 
 
 
 def _edge(loop: OpenLoop, factor: float, frequency: float) -> tuple[float, float]:
-    """Bisect for the factor of the forces, nearest to a known one, at which the number of growing motions changes."""
+    """Bisect for the factor of forces nearest to a known factor at which the number of growing motions changes."""
 
     def growing(each: float) -> int:
         return int((np.abs(np.linalg.eigvals(loop.A + each * loop.B @ loop.C)) > 1.0 + GROWING).sum())

@@ -447,7 +447,7 @@ def object_matrices(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Compute (p, q, r, s) of q+ = q + p w + q F, w+ = r w + s F under a wrench F held over T, each (r, r).
 
-    With "implicit", the force is solved for with q and s too.
+    With "implicit", q and s also serve to solve for the force.
     """
     figures = (np.ascontiguousarray(each, dtype=float).tobytes() for each in (inertia, viscosity))
     return _object_matrices(integrator, len(inertia), *figures, T)

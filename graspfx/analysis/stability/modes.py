@@ -52,7 +52,7 @@ class Mode:
     Attributes:
         kind: "internal" (a device on a wall), "external" (a device that moves an object) or "coupled" (external motions
             that do not separate).
-        count: Number of motions: equal internal ones are counted together; for "coupled" the size of the block.
+        count: Number of motions: equal internal motions are counted together; for "coupled" the size of the block.
         stiffness, damping: Stiffness and damping of the mode's coupling [N/m, N s/m]; (count, count) for "coupled".
         object_mass, object_viscosity: Object that its device moves [kg, N s/m]; 0 for "internal", matrices for
             "coupled".
@@ -74,7 +74,7 @@ class Mode:
 
 
 def modes(linear: Subject) -> list[Mode]:
-    """List the modes of a grasp of identical devices without preload, internal ones first.
+    """List the modes of a grasp of identical devices without preload, internal modes first.
 
     There are m - r equal internal modes "device + wall k_ip", and r external modes "device + object", where M_i are the
     eigenvalues of (G G')^-1/2 M_o (G G')^-1/2, and b_i and k_i likewise; if those matrices do not commute, they form

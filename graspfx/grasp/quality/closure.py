@@ -122,7 +122,7 @@ class ForceClosure:
     """Whether pushing contacts can exert every wrench, with the proof.
 
     Attributes:
-        closed: True if they can.
+        closed: True if the contacts can exert every wrench.
         squeeze: Primal proof if closed, else None: contact forces (m,) strictly inside their cones whose wrench is
             zero; the normal forces sum to 1 N.
         separating: Dual proof if not closed, else None: a wrench direction u (w,), forces before moments divided by the
@@ -212,7 +212,7 @@ def closure_of(cones: PushingWrenches) -> tuple[ForceClosure, FloatArray]:
             total = np.zeros((n, forces.shape[1]))
             np.add.at(total, contact, weights[:, None] * forces)
             return ForceClosure(True, cones.components(total), None, share), generators
-        # centre of all separating directions; a corner of them usually violates the curved sides of the cones
+        # centre of all separating directions; a corner of their set usually violates the curved sides of the cones
         slack = np.column_stack([generators, np.sqrt((generators**2).sum(axis=1))])
         middle = linprog(
             -np.eye(w + 1)[w], A_ub=slack, b_ub=np.zeros(len(slack)), bounds=[(-1.0, 1.0)] * w + [(0.0, None)]

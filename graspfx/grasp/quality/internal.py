@@ -20,7 +20,7 @@ Candidates = list[tuple[str, FloatArray]]
 
 FLAT = 1e-6  # relative to the contacts' spread: contacts closer than this to a line or plane lie on it
 DEPENDENT = 1e-6  # smallest part of a unit force that counts as independent of those already chosen
-TIED = 1e-9  # relative: candidates that add equally much; the first of them is taken
+TIED = 1e-9  # relative difference up to which candidates count as equal; the first of these is taken
 AXES = "xyz"
 
 
@@ -225,7 +225,7 @@ def _circuits(grasp: GraspMatrix, A: FloatArray, units: FloatArray, rank: int, f
 
 
 def _extended(rows: Candidates, candidates: Candidates, target: int, units: FloatArray) -> Candidates:
-    """Select the candidates of largest volume; exchange them until every other one has coefficients <= 1."""
+    """Select the candidates of largest volume; exchange them until every other candidate has coefficients <= 1."""
     want = target - len(rows)
     if want <= 0 or not candidates:
         return rows
@@ -254,7 +254,7 @@ def _exchanged(X: FloatArray, picks: list[int]) -> list[int]:
 
 
 def _pivots(X: FloatArray, count: int, least: float = 0.0) -> list[int]:
-    """Select up to `count` columns of X, each the one with the largest part orthogonal to the previous ones."""
+    """Select up to `count` columns of X, each with the largest part orthogonal to the previous columns."""
     R = X.copy()
     picks: list[int] = []
     for _ in range(min(count, *X.shape)):

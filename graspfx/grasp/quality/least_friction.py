@@ -40,7 +40,8 @@ def least_friction(grasp: GraspMatrix, wrench: ArrayLike | None = None, *, norma
         normal_force: Bound L of the normal forces [N], with a wrench.
 
     Returns:
-        Coefficient, with an error of 1e-9 of itself or of 1; zero below 1e-7, infinite if none suffices.
+        Coefficient, with an error of 1e-9 relative to the coefficient or to 1, whichever is larger; zero below 1e-7,
+        infinite if no coefficient suffices.
 
     Raises:
         InputError: If contacts are not hard or have no normals, or the wrench has no bound or another size.
