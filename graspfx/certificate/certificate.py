@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 STABLE, NOT_STABLE, NOT_GRASPING = "stable", "NOT STABLE", "not grasping"
 STANDING, PUSHING = "standing on", "pushing with "
-MOST = 12  # limits shown on a card
+MOST = 12  # largest number of limits shown on a card
 MOST_PUSHING = 3  # largest number of lines about single pushing fingers; more are joined to one line of ranges
-MOST_GRIPS = 8  # fingers whose margins are shown one by one
+MOST_GRIPS = 8  # largest number of fingers whose margins are shown one by one
 ROUNDING = 1e-11  # excess of |z| over 1 that rounding causes in a motion of constant size
 PLACES = {
     "squeezed": "squeezed",

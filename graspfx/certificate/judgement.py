@@ -132,7 +132,7 @@ class Judge:
         return scene, [linearise(scene, "squeezed", scene.object[i].name) for i in self._touched]
 
     def judge(self, values: Mapping[str, Any], *, pushing: bool = False) -> Judgement:
-        """Judge the scene with these values in full; fingers that push alone only on request.
+        """Judge the scene with these values in full; judge fingers that push alone only on request.
 
         Raises:
             SceneError: If the scene does not accept a key or a value.

@@ -117,12 +117,12 @@ def linearise(
 ) -> Linearised:
     """Linearise a scene's small motions about its grasp at rest.
 
-    "squeezed" is the rest with hands that neither move nor rotate, closed to their largest squeeze. It is computed with
-    the contacts, split and cones of a run, and with gravity. "start" is the state in which the fingers first meet the
-    object, without force. A finger on hardware may be moved anywhere; if such a finger does not touch at rest, "start"
-    replaces the rest, and `assumed` reports this. "provisional" is one linear step of squeezing from the start, and
-    "recorded" is the last row of a recording. A touching contact is treated as sticking, even if it has slid before or
-    its force lies on the edge of the friction cone.
+    "squeezed" is the rest with hands that neither move nor rotate, closed to their largest squeeze. This rest is
+    computed with the contacts, split and cones of a run, and with gravity. "start" is the state in which the fingers
+    first meet the object, without force. A finger on hardware may be moved anywhere; if such a finger does not touch at
+    rest, "start" replaces the rest, and `assumed` reports this. "provisional" is one linear step of squeezing from the
+    start, and "recorded" is the last row of a recording. A touching contact is treated as sticking, even if it has slid
+    before or its force lies on the edge of the friction cone.
 
     Args:
         at: "squeezed", "start", "provisional" or "recorded".

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from graspfx.scene.model import Scene
     from graspfx.scene.tables.reading import Readable
 
-MOST_STEPS, MOST_FAULTS = 12, 8  # numbers shown on a card
+MOST_STEPS, MOST_FAULTS = 12, 8  # largest number of values shown on a card
 NOT_JUDGED = "not judged"
 
 

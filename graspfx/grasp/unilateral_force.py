@@ -22,7 +22,7 @@ from graspfx.numeric import SMALLEST, finite
 from graspfx.spatial import Vector
 
 FloatArray = NDArray[np.float64]
-MOST = 8  # fingers shown on a card
+MOST = 8  # largest number of fingers shown on a card
 
 Status = Literal["free", "stick", "slide"]
 Law = Literal["frictionless", "stick", "coulomb", "associated"]

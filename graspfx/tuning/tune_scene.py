@@ -57,8 +57,8 @@ def tune(
         subject_to: Comparisons of formulas by >= or <=, as one comma-separated text or a sequence.
         over: Ranges of the keys that may change, {"internal.stiffness": (50.0, 2000.0)} or "KEY=FROM:TO". By default
             the gains of the objective, from a hundredth to a hundred times their values.
-        operators: Set of operators as for `certify_operators`; "own" for the scene's own operator. By default the table
-            [operators] of the scene, or the usual ranges.
+        operators: Set of operators as for `certify_operators`; "own" for the scene's own operator. By default, the
+            ranges of the scene's table [operators], or else the usual ranges.
         seed: Seed of the random hands of the verification.
 
     Returns:

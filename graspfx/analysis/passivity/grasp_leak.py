@@ -114,8 +114,8 @@ def leak_matrix(K: ArrayLike, G: ArrayLike, period: float, *, damping: ArrayLike
     at least y' diag(B_d, B_o) y/T. Device, coupling and object together are therefore passive in every sample if
     diag(B_d, B_o) - L >= 0; without D this condition is also necessary for sufficiently heavy objects.
 
-    K must be symmetric positive semidefinite. Without D, frictionless fingers that touch and let go generate no more,
-    because their force is the gradient of a convex energy that is at most as stiff as K.
+    K must be symmetric positive semidefinite. Without D, frictionless fingers that touch and let go generate no more
+    energy, because their force is the gradient of a convex energy that is at most as stiff as K.
 
     Args:
         K: Stiffness, (m, m) [N/m].

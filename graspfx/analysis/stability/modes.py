@@ -292,7 +292,7 @@ def _closure(rows: FloatArray, matrices: Sequence[FloatArray]) -> FloatArray | N
 
 
 def _part(linear: Linearisation, root: FloatArray, columns: FloatArray, with_object: bool) -> Part:
-    """Restrict a loop to orthonormal columns of its devices' coordinates, each times the root of its mass."""
+    """Restrict a loop to orthonormal columns of its devices' coordinates, each entry times the root of its mass."""
     m, r = linear.coordinates
     k, q = columns.shape[1], r if with_object else 0
     B, forces = columns / root[:, None], columns * root[:, None]  # x = B y, and the part's own f

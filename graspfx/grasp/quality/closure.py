@@ -123,8 +123,8 @@ class ForceClosure:
 
     Attributes:
         closed: True if the contacts can exert every wrench.
-        squeeze: Primal proof if closed, else None: contact forces (m,) strictly inside their cones whose wrench is
-            zero; the normal forces sum to 1 N.
+        squeeze: Primal proof if closed, else None: contact forces (m,) with zero wrench, strictly inside their cones;
+            the normal forces sum to 1 N.
         separating: Dual proof if not closed, else None: a wrench direction u (w,), forces before moments divided by the
             length, with u.w <= 0 for every wrench of the contacts. Also None if 200 rounds prove neither answer.
         share: Fraction of the squeeze that can be spread evenly over the cones, in (0, 1]; 0 if not closed.
