@@ -213,7 +213,7 @@ def _cubic(monic: FloatArray) -> NDArray[np.complex128]:
 
 
 def _polished(monic: FloatArray, y: FloatArray, steps: int = 3) -> FloatArray:
-    """Apply Newton steps to positive roots if they reduce |h|; this restores digits that cancel in a closed form."""
+    """Apply Newton steps to positive roots if they reduce |h|; this restores digits that a closed form loses."""
     h = np.concatenate([monic, np.ones((1, monic.shape[1]))])
     slope: FloatArray = h[1:] * np.arange(1.0, len(h))[:, None]
     with np.errstate(all="ignore"):

@@ -252,8 +252,8 @@ def certify_operators(
         `OperatorCertificate`, whose `.sentence` states in whose hands the scene is stable.
 
     Raises:
-        InputError: If ranges are invalid, a device does not state its mass or friction, samples are below 1, or the
-            seed is not a non-negative integer.
+        InputError: If ranges are invalid, a device does not state its mass or friction, the number of samples is below
+            1, or the seed is not a non-negative integer.
         SceneError: If the scene does not accept a key or a value.
     """
     scene_ = to_scene(scene)

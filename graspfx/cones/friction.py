@@ -106,9 +106,9 @@ def approach(problem: FrictionProblem, d: int, count: int, gains: Gains) -> Answ
     """Solve the associated law for a zero gain, by repeated searches with the gain raised by E.
 
     Each search subtracts the force that E exerted in the previous search: f = f0 + (K + E)(e + s) - E (e + s'), with s'
-    of the previous search. This is the proximal point method (Rockafellar 1976). It converges to f = f0 + K (e + s),
-    the limit of small gains. Each search reduces the error along a direction to the fraction eps / (eps + lambda),
-    where lambda is the contacts' resistance in that direction and eps the size of E.
+    of the previous search. This is the proximal point method (Rockafellar 1976). The method converges to f = f0 + K (e
+    + s), the limit of small gains. Each search reduces the error along a direction to the fraction eps / (eps +
+    lambda), where lambda is the contacts' resistance in that direction and eps the size of E.
 
     k_e = 0: E (e + s) = sqrt(W) Q h z, which enters g as h z'. k_i = 0: E (e + s) = sqrt(W) (y - f0 + (1 + h) Q z).
     """

@@ -103,8 +103,8 @@ def condense(
 ) -> None:  # fmt: skip
     """Compute k_i E of a branch for the contacts that carry force; a gain of zero is treated exactly.
 
-    With kappa = k_i + (k_e - k_i) beta, S = Q'R Q of the coordinates with force, and P = I - S summed over those
-    without,
+    With kappa = k_i + (k_e - k_i) beta, S = Q'R Q of the coordinates with force, and P = I - S summed over the
+    coordinates without force,
 
         k_i E = (k_i - k_e) B^1/2 [kappa + (k_i - k_e) B^1/2 S B^1/2]^-1 B^1/2 k_i      (k_e <= k_i)
               = (k_i - k_e) B^1/2 [1 + (k_e - k_i) / k_i B^1/2 P B^1/2]^-1 B^1/2        (k_e > k_i),

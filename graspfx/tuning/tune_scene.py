@@ -164,7 +164,7 @@ def _binding(at: list[ConstraintValue], more: tuple[Check, ...]) -> ConstraintVa
 def _more(
     problem: Problem, values: Mapping[str, float], ones: Sequence[Judgement], hands: Sequence[Hand]
 ) -> Iterator[Check]:
-    """Judge each key 1 % further in the direction of a larger objective, and find the first constraint that breaks."""
+    """Judge each key 1 % further in the direction of a larger objective, and find the first violated constraint."""
     before = min(problem.objective_of(one) for one in ones)
     for each in problem.over:
         for factor in (MORE, 1.0 / MORE):

@@ -109,10 +109,10 @@ def leak_matrix(K: ArrayLike, G: ArrayLike, period: float, *, damping: ArrayLike
     """Compute L = [I; -G] (T/2 K + |D|) [I, -G'], (m + w, m + w) [N s/m]: the most energy that a held eq. (4) creates.
 
     On increments y = (Dx, Dq) of fingers and object, a held force absorbs f_k'De = V_{k+1} - V_k - 1/2 De'K De, with
-    De = Dx - G'Dq and V = 1/2 e'K e. It thus generates 1/2 De'K De = y'L y/T beyond the stored energy. Damping on the
-    backward difference, D (e_k - e_{k-1})/T, returns up to De'|D| De/T at half the sampling rate. Frictions dissipate
-    at least y' diag(B_d, B_o) y/T. Device, coupling and object together are therefore passive in every sample if
-    diag(B_d, B_o) - L >= 0; without D this condition is also necessary for sufficiently heavy objects.
+    De = Dx - G'Dq and V = 1/2 e'K e. The force thus generates 1/2 De'K De = y'L y/T beyond the stored energy. Damping
+    on the backward difference, D (e_k - e_{k-1})/T, returns up to De'|D| De/T at half the sampling rate. Frictions
+    dissipate at least y' diag(B_d, B_o) y/T. Device, coupling and object together are therefore passive in every sample
+    if diag(B_d, B_o) - L >= 0; without D this condition is also necessary for sufficiently heavy objects.
 
     K must be symmetric positive semidefinite. Without D, frictionless fingers that touch and let go generate no more
     energy, because their force is the gradient of a convex energy that is at most as stiff as K.

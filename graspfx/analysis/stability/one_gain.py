@@ -39,9 +39,9 @@ def wall_limit(mass: float, damping: float, period: float, **options: Unpack[Wal
 
         m x'' + (b + b_s) x' + k_s x = -f,    f = k x_j + B (x_j - x_(j-1))/T,    f held over T, `delay` samples late
 
-    The result is the limit of k_ip for every internal motion of a grasp with such devices. Without spring, damping and
-    delay it is min{(1 - E)/b0, 2 (1 + E)/(b1 - b0) if b1 > b0}, with p = b/m, E = exp(-p T), b1 = (T - (1 - E)/p)/b and
-    b0 = ((1 - E)/p - T E)/b.
+    The result is the limit of k_ip for every internal motion of a grasp with such devices. Without a spring, wall
+    damping, operator damping and delay, the limit is min{(1 - E)/b0, 2 (1 + E)/(b1 - b0) if b1 > b0}, with p = b/m, E =
+    exp(-p T), b1 = (T - (1 - E)/p)/b and b0 = ((1 - E)/p - T E)/b.
 
     Args:
         mass: Mass m of the device [kg].
@@ -249,8 +249,8 @@ def least_wall_friction(
 ) -> float:
     """Compute the smallest friction b of a device whose wall is stable up to `margin` times a stiffness [N s/m].
 
-    The first interval in which the limit reaches `margin * stiffness` is refined, on a logarithmic grid of b T/m from
-    1e-6 to 1e3 that begins with zero. The result is inf if no friction suffices.
+    The search uses b T/m = 0 and a logarithmic grid of b T/m from 1e-6 to 1e3. The first interval in which the limit
+    reaches `margin * stiffness` is refined. The result is inf if no friction suffices.
     """
     number("stiffness", stiffness, "N/m", zero=False)
     return _least(lambda b: wall_limit_map(mass, b, period, **options), margin * stiffness, mass / period)

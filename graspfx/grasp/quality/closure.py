@@ -159,9 +159,9 @@ def force_closure(
 
     t > 0 proves closure by forces in the true cones. Otherwise u, the centre of the directions that separate the g_j,
     is tested in closed form against the cones themselves. If no wrench of the cones has u.w > 0, u disproves closure.
-    Otherwise the most violating wrenches are added to the g_j and the test is repeated (Elzinga and Moore 1975),
-    usually a few times. Both answers therefore hold for second-order cones without linearisation. A grasp within 1e-7
-    of the boundary counts as not closed. The answer does not depend on scale, reference point or units.
+    Otherwise the most violating wrenches are added to the g_j and the test is repeated, usually a few times (Elzinga
+    and Moore 1975). Both answers therefore hold for second-order cones without linearisation. A grasp within 1e-7 of
+    the boundary counts as not closed. The answer does not depend on scale, reference point or units.
 
     A contact with friction 0 pushes only along its normal. For two contacts (hard in the plane, soft in space) the test
     reduces to Nguyen's rule (1988): the line between them lies inside both cones.
