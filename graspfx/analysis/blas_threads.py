@@ -18,7 +18,7 @@ BRINGS_BLAS = ("numpy.linalg", "scipy.linalg")  # modules that may load a BLAS l
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Limit numpy's and scipy's BLAS to one thread within the context or decorated function; then restore it.
+    """Limit numpy's and scipy's BLAS to one thread within the context or decorated function; then restore the number.
 
     Contexts may be nested, and the setting is also restored after exceptions. A library has one number of threads per
     process: if several threads use this function at once, the first thread limits and restores the number, and the
@@ -37,7 +37,7 @@ def one_blas_thread() -> Iterator[None]:
 
 @lru_cache(maxsize=1)
 def _libraries(modules: tuple[bool, ...]) -> ThreadpoolController:
-    """Find the loaded libraries, in 1 ms; repeated only after a module has been imported that may load one."""
+    """Find the loaded libraries in 1 ms; the search is repeated only after the import of a module that may load one."""
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()

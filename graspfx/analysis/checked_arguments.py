@@ -16,7 +16,7 @@ LONGEST = 1000  # largest delay [samples]; sizes of polynomials and matrices gro
 
 
 def number(name: str, argument: float, unit: str, *, zero: bool = True, negative: bool = False) -> float:
-    """Check a finite number: zero or more, above zero unless `zero`, of any sign if `negative`."""
+    """Check a finite number above zero; `zero` also permits zero, and `negative` any sign."""
     value = numbers(name, argument, unit, zero=zero, negative=negative)
     if value.ndim:
         raise InputError(name, argument, f"one number [{unit}]", "arrays go to `limit_map`")

@@ -17,7 +17,7 @@ FloatArray = NDArray[np.float64]
 How = Literal["pair", "-1", "+1"]
 
 TRIM = 1e-12  # relative to the largest: smaller leading coefficients are rounding
-REAL = 1e-4  # |Im y|/|y| up to which a root counts as real; an extra gain does no harm, a missing one would
+REAL = 1e-4  # |Im y|/|y| up to which a root counts as real; an extra gain does no harm, a missing gain would
 LEAST = 1e-13  # relative to m/T^2: smaller gains are zero
 WIDTH = 1e-9  # relative to an interval's upper end: narrower intervals are rounding
 
@@ -55,7 +55,7 @@ class Limits:
 
     @property
     def limit(self) -> float:
-        """Smallest gain at which stability is lost [N/m]: 0 if no small gain is stable, inf if every gain is."""
+        """Smallest gain at which stability is lost [N/m]: 0 if no small gain is stable, inf if every gain is stable."""
         return self.intervals[0][1] if self.intervals and self.intervals[0][0] == 0.0 else 0.0
 
     @property
@@ -128,7 +128,7 @@ def critical_gains(D: FloatArray, N: FloatArray) -> tuple[FloatArray, FloatArray
     """Find gains k and half-tangents y = tan^2(theta/2) with D + k N = 0 at exp(j theta), (c, ...); non-finite if none.
 
     On |z| = 1, w = j sqrt(y) and y = (1 - cos theta)/(1 + cos theta): Im(N conj D)/sin theta is a polynomial in cos
-    theta, here in y, which keeps its digits near z = 1 for slow loops. The last two are z = 1 and z = -1.
+    theta, here in y, which keeps its digits near z = 1 for slow loops. The last two entries belong to z = 1 and z = -1.
 
     Args:
         D, N: Coefficients in ascending powers of s = z - 1, (n + 1, ...).
@@ -213,7 +213,7 @@ def _cubic(monic: FloatArray) -> NDArray[np.complex128]:
 
 
 def _polished(monic: FloatArray, y: FloatArray, steps: int = 3) -> FloatArray:
-    """Apply Newton steps to positive roots if they reduce |h|; this restores digits that cancel in a closed form."""
+    """Apply Newton steps to positive roots if they reduce |h|; this restores digits that a closed form loses."""
     h = np.concatenate([monic, np.ones((1, monic.shape[1]))])
     slope: FloatArray = h[1:] * np.arange(1.0, len(h))[:, None]
     with np.errstate(all="ignore"):
@@ -246,7 +246,7 @@ def is_hurwitz(a: FloatArray) -> NDArray[np.bool_]:
 
 
 def edges(D: FloatArray, N: FloatArray, unit: FloatArray | float) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Bound the intervals from 0 to inf: half-tangents there, (c + 2, ...), and which are stable, (c + 1, ...).
+    """Return ends and half-tangents, (c + 2, ...), of the intervals from 0 to inf, and the mask of stable intervals.
 
     Args:
         D, N: Coefficients as for `critical_gains`.
@@ -268,7 +268,7 @@ def edges(D: FloatArray, N: FloatArray, unit: FloatArray | float) -> tuple[Float
 
 
 def first_loss(k: FloatArray, y: FloatArray, stable: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
-    """Find the end of the stable gains that start at zero, and its half-tangent; 0 if there are none."""
+    """Find the end of the stable gains that start at zero, and its half-tangent; the end is 0 if there are none."""
     limit, where = np.zeros(k.shape[1:]), np.zeros(k.shape[1:])
     going = np.ones(k.shape[1:], dtype=bool)
     for low, high, at, ok in zip(k[:-1], k[1:], y[1:], stable, strict=True):

@@ -15,10 +15,10 @@ Numbers = FloatArray | float
 INTEGRATORS = ("explicit", "semi-implicit", "exact", "implicit", "bullet")
 """Names of the object's integrators under a held force."""
 
-TERMS = 20  # number of terms of the series of `force_response`, which fall below 1e-18 where it is used
+TERMS = 20  # number of terms of the series of `force_response`, which fall below 1e-18 where the series is used
 WIDE = 0.5  # distance of poles per sample above which their difference does not cancel
 STIFF = 0.5  # k T^2/m above which 1 - cos does not cancel
-WHOLE = 1e-9  # fraction of a sample within which a delay is treated as whole samples
+WHOLE = 1e-9  # distance from a whole number [samples] up to which a delay counts as whole samples
 
 
 def force_response(p: Numbers, kappa: Numbers, T: Numbers) -> tuple[FloatArray, FloatArray]:

@@ -170,7 +170,7 @@ def condensed(K: FloatArray, without_freedoms: NDArray[np.bool_]) -> FloatArray:
 
 
 def _solution(A: FloatArray, B: FloatArray) -> FloatArray:
-    """Compute A^+ B; without singular values if A is positive definite and well conditioned."""
+    """Compute A^+ B, by Cholesky's factor if A is positive definite and well conditioned."""
     if (A == A.T).all():
         try:
             pivots = np.diag(np.linalg.cholesky(A))

@@ -112,7 +112,7 @@ class OperatorMatrices:
         )
 
     def on(self, basis: FloatArray, forces: FloatArray) -> OperatorMatrices:
-        """Return the operator for motions x = B y, with forces B'f, if `alike`: limbs move by B too.
+        """Return the operator for motions x = B y, with forces B'f, if `alike`: limbs are transformed by B too.
 
         Args:
             basis: Matrix B (m, k).
@@ -142,9 +142,9 @@ class Linearisation(Carded):
         M_o q'' + B_o q' = G f - N_q (x, q)                                  object, by its integrator
         f = K (x - G_e' q) + D (x' - G' q'),     x' = (x_k - x_(k-1))/T,     N = [N_x; N_q]
 
-    Everything on the right is held over the sample. Devices feel it `delay` samples and `lateness` seconds late, the
-    object `object_delay` samples late, and x on the right is `age` seconds old. `rate = "state"` uses the devices' true
-    velocity for x' instead. The ground adds to the object's wrench
+    Everything on the right is held over the sample. Devices feel the force `delay` samples and `lateness` seconds late,
+    the object `object_delay` samples late, and x on the right is `age` seconds old. `rate = "state"` uses the devices'
+    true velocity for x' instead. The ground adds to the object's wrench
 
         -(K_g q_1 + B_g q_1'),    q_1 = q_0 + T q_1', q_1' at the end of the sample, solved with the motion
 
@@ -331,7 +331,7 @@ class Linearisation(Carded):
 
 @runtime_checkable
 class Linearisable(Protocol):
-    """A scene, as seen by the analysis."""
+    """Protocol of a scene that the analysis can linearise."""
 
     def linearise(self) -> Linearisation:
         """Linearise small motions about the grasp at rest."""
@@ -341,7 +341,7 @@ Subject = Linearisation | Linearisable | str | PathLike[str]
 
 
 def linear_of(subject: Subject, recording: object = None) -> Linearisation:
-    """Return a linearisation itself, or that of a scene, or of the scene with a name or path.
+    """Return a linearisation unchanged, or linearise a scene, which may be given by its name or path.
 
     Args:
         subject: `Linearisation`, scene, or name or path of a scene.
@@ -364,7 +364,7 @@ def linear_of(subject: Subject, recording: object = None) -> Linearisation:
     if recording is not None:
         from graspfx.certificate.linearise import recorded_loop
 
-        return recorded_loop(subject, recording)  # type: ignore[arg-type]  # it checks both
+        return recorded_loop(subject, recording)  # type: ignore[arg-type]  # it checks both arguments
     return subject.linearise()
 
 

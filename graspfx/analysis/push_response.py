@@ -14,7 +14,7 @@ from graspfx.errors import InputError
 FloatArray = NDArray[np.float64]
 
 GRID = 80  # number of delays of the first grid
-REFINED = 40  # number of golden-section steps between two of them
+REFINED = 40  # number of golden-section steps between two neighbours of the best delay
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 GROUPS = 10  # groups of pushes, each of which is left out once to estimate the error
 SLOW = 1e-6  # p t below which drag is not noticeable
@@ -38,7 +38,7 @@ class Push:
 
 
 class Estimate(NamedTuple):
-    """An estimate with its standard error, from leaving out a tenth of the data in turn."""
+    """An estimate with its standard error, which is found by leaving out each tenth of the data in turn."""
 
     value: float
     error: float
@@ -62,7 +62,7 @@ class Response:
 
 
 def response(pushes: Sequence[Push], drag: float, longest: float) -> Response:
-    """Fit x(t) = x_0 + v_0 h(t) + W f g(t - t_0), h'' + p h' = 0, g'' + p g' = 1 from t_0 on, x_0, v_0 for each push.
+    """Fit x(t) = x_0 + v_0 h(t) + W f g(t - t_0), h'' + p h' = 0, g'' + p g' = 1 from t_0 on; x_0, v_0 per push.
 
     Args:
         pushes: Pushes along every axis.

@@ -17,7 +17,7 @@ from graspfx.errors import InputError
 FloatArray = NDArray[np.float64]
 
 LATEST = 20  # largest delay [samples]; beyond, roots lose digits (4e-9 of |z| at 20, 1e-4 at 25)
-BLOCK = 8192  # points of a map whose intermediate arrays fit into the processor's cache
+BLOCK = 8192  # number of points of a map whose intermediate arrays fit into the processor's cache
 UNITS = {
     "mass": "kg", "damping": "N s/m", "period": "s", "spring": "N/m", "spring_damping": "N s/m",
     "coupling_damping": "N s/m", "object_mass": "kg", "object_damping": "N s/m", "fingers": "fingers", "gain": "N/m",
@@ -121,10 +121,10 @@ class Plant:
     def polynomials(self) -> tuple[FloatArray, FloatArray]:
         """Return D and N of the loop's characteristic polynomial D + k N, in ascending powers of s = z - 1.
 
-        On a wall it is z^L [den + z^-delay (k + B (1 - 1/z)/T) num], with the device num/den under zero-order hold,
-        `latency` seconds later still. The object's velocity is its state; "implicit" uses position and velocity at the
-        end of the sample. Without a spring, no force opposes a common motion, which is a root z = 1 of D and N; it is
-        moved to z = 0, where it does not matter.
+        On a wall the polynomial is z^L [den + z^-delay (k + B (1 - 1/z)/T) num], with the device num/den under
+        zero-order hold, delayed by `latency` seconds more. The object's velocity is its state; "implicit" uses position
+        and velocity at the end of the sample. Without a spring, no force opposes a common motion, which is a root z = 1
+        of D and N; it is moved to z = 0, where it does not matter.
         """
         friction = self.damping + self.spring_damping
         late, numerator, denominator = late_device(self.mass, friction, self.spring, self.period, self.latency)
@@ -171,7 +171,7 @@ class Plant:
     def blocks(self) -> Iterator[tuple[int, Plant]]:
         """Divide the common shape into blocks of consecutive points: the first index of each block, and its plant.
 
-        Numbers stay numbers, and only one block is expanded at a time.
+        Parameters that are numbers remain numbers, and only one block is expanded at a time.
         """
         shape = self.shape or (1,)
         total = int(np.prod(shape, dtype=np.int64))

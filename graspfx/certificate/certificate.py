@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 STABLE, NOT_STABLE, NOT_GRASPING = "stable", "NOT STABLE", "not grasping"
 STANDING, PUSHING = "standing on", "pushing with "
-MOST = 12  # limits shown on a card
-MOST_PUSHING = 3  # lines about single pushing fingers; more become a range
-MOST_GRIPS = 8  # fingers whose margins are shown one by one
+MOST = 12  # largest number of limits shown on a card
+MOST_PUSHING = 3  # largest number of lines about single pushing fingers; more are joined to one line of ranges
+MOST_GRIPS = 8  # largest number of fingers whose margins are shown one by one
 ROUNDING = 1e-11  # excess of |z| over 1 that rounding causes in a motion of constant size
 PLACES = {
     "squeezed": "squeezed",
@@ -52,7 +52,7 @@ class Limit:
         gain: Gain of the scene: kip or kep; for standing and pushing the largest remaining stiffness [N/m]; nan for
             matrices.
         limit: Stability limit of the gain [N/m]; inf if no gain is too large.
-        margin: Limit over gain.
+        margin: Limit divided by gain.
         frequency: Frequency at which stability is lost [Hz]; nan without a limit.
         exact: True if the limit is computed for one mode in closed form, and the whole loop confirms it to
             `difference`; False if the limit is computed for the whole loop.
@@ -84,19 +84,19 @@ class Certificate(Carded):
 
     Attributes:
         object: Name of the object.
-        at: "squeezed", "recorded", "provisional" or "start".
+        at: State that is judged: "squeezed", "recorded", "provisional" or "start".
         spectral_radius: Spectral radius of the loop with the present gains, stable up to 1 within rounding
             (`is_stable`); nan if no finger touches the object, so that nothing is judged.
         limits: Limits of all modes.
         assumed: Assumptions, as sentences.
-        passive: Largest gains that are passive for every operator, or None.
+        passive: Largest gains that are passive for every operator; None if passivity is not judged.
         why_not_passive: Short reason if `passive` is None.
         grip: Ratio f_t/(mu f_n) at rest by finger name, 1 on the cone's edge, for fingers with a coefficient of
             friction.
         edge: Names of the fingers whose forces lie on the edges of their cones; they are treated as sticking.
         notes: Possible consequences if the fingers of `edge` slide, and the geometric stiffness of the squeeze.
-        fade: Gap at which free fingers begin to fade out of the split, and gap that the forces at rest require [m]; or
-            None.
+        fade: Gap at which free fingers begin to fade out of the split, and gap that the forces at rest require [m];
+            None without a fade.
         gap: Distance from the object to the nearest finger [m]; nan if a finger touches the object.
     """
 
@@ -177,7 +177,7 @@ def plain(value: Any) -> Any:
 
 
 def lines(certificate: Certificate) -> Iterator[str]:
-    """Yield a certificate as lines, one per mode; equal single fingers share a line, larger sets show the weakest."""
+    """Yield a certificate as lines of text; `limit_lines` yields the lines of the modes."""
     place = f", {PLACES[certificate.at]}" if certificate.grasps else ""
     yield f"stability of {certificate.object}{place}: {certificate.verdict}"
     if not certificate.grasps:
@@ -228,7 +228,11 @@ def _said_of_grip(grip: Mapping[str, float], edge: Sequence[str]) -> str:
 
 
 def limit_lines(limits: Sequence[Limit]) -> Iterator[str]:
-    """Yield one line per mode; modes with equal numbers share a line, sets of pushing fingers show the weakest."""
+    """Yield one line per mode; modes with equal numbers share a line.
+
+    Of the sets of several pushing fingers, only the weakest set of each size is listed. If single pushing fingers would
+    need more than `MOST_PUSHING` lines, one line states the ranges of their numbers.
+    """
     alike: dict[str, list[Limit]] = {}
     for row in _worth_saying(limits):
         alike.setdefault(row.text, []).append(row)
@@ -274,7 +278,7 @@ def _range(rows: Sequence[Limit]) -> str:
 
 
 def _span(values: Sequence[float], digits: str) -> str:
-    """Format the smallest and the largest finite number, as one number if they print alike."""
+    """Format the smallest and the largest finite number, or a single number if their texts are equal."""
     finite = [value for value in values if math.isfinite(value)]
     if not finite:
         return ""

@@ -34,7 +34,7 @@ class Certificates(Carded, Sequence[Certificate]):
     Attributes:
         scene: Name of the scene.
         each: `Certificate` of each object.
-        provisional: True if no rest was computed; the squeeze then results from one step from the start.
+        provisional: True if no rest was computed; the squeeze is then that of one linear step from the start.
     """
 
     scene: str
@@ -103,7 +103,7 @@ def certify(
     Raises:
         InputError: If `quick` is neither True nor False, or True with a recording; the recording is of another scene,
             or a device does not state its mass or friction.
-        NoRestError: If no rest of a grasp is found, or the recording ends without one.
+        NoRestError: If no rest of a grasp is found, or the grasp is not at rest at the end of the recording.
         SceneError: If a scene that is loaded has faults.
         RecordingError: If the path leads to no recording.
     """
@@ -126,8 +126,8 @@ def certify(
 def certificates(scene: Scene, at: str = "squeezed", recording: Recording | None = None) -> list[Certificate]:
     """Certify every object that fingers touch.
 
-    Each limit is computed for one gain, with the squeeze held and the other gains at the scene's values. If no gain is
-    stable at those values, the other gains are at half the common limit.
+    Each limit is computed for one gain, with the squeeze held and the other gains at the scene's values. If the loop is
+    unstable at those values, the other gains are held at half the limit of all gains together.
 
     Raises:
         InputError: If a device does not state its mass or damping.
@@ -179,7 +179,7 @@ def _squeezed(scene: Scene, loop: Linearised) -> Iterator[str]:
 
 
 def _sliding(scene: Scene, loop: Linearised) -> Iterator[str]:
-    """Report what contacts on their cones' edges could do if they slid; list soft ones, which also spin."""
+    """Report what contacts on their cones' edges could do if they slid; soft fingers are listed as not examined."""
     soft = [k for k, i in enumerate(loop.edge) if scene.finger[i].patch]
     hard = [k for k in range(len(loop.edge)) if k not in soft]
     T, V = loop.slip

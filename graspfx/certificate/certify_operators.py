@@ -71,7 +71,7 @@ class Share:
 
 
 def share_of(count: int, total: int) -> Share:
-    """Return the share and its interval, at whose ends the count has a binomial tail of 2.5 %."""
+    """Return the share and its interval; for a true share at either end, the count has a binomial tail of 2.5 %."""
     from scipy.special import betaincinv
 
     tail = (1.0 - CONFIDENCE) / 2.0
@@ -88,8 +88,9 @@ class OperatorCertificate(Carded):
         scene: Name of the scene.
         operators: Set of operators.
         own: Judgement with the scene's own operator.
-        worst: Judgement in full of the worst operator that was found, including `pushing`.
-        population: Judgements of random operators, drawn from the distributions of the ranges, in order.
+        worst: Full judgement of the worst operator that was found, including `pushing`.
+        population: Judgements of random operators, drawn from the distributions of the ranges, in the order in which
+            they were drawn.
         share: Share of the population that is stable, with its interval.
         box: All judgements of the search for the worst operator, by the operator's point in the unit box.
         passive: Largest gains that are passive for every operator, or None.
@@ -156,11 +157,11 @@ class OperatorCertificate(Carded):
         return operator_region(self._made_of, self.operators, keys, points)
 
     def gains(self, points: int = 40, span: float = 4.0) -> GainRegion:
-        """Compute the stable share of the population for gains k_ep and k_ip up to `span` times the scene's."""
+        """Compute the stable share of the population for gains k_ep and k_ip up to `span` times the scene's gains."""
         return gain_region(self._made_of, [one.values for one in self.population], points, span)
 
     def plot(self, path: str | PathLike[str] | None = None, width: str = "screen") -> Any:
-        """Plot the distribution of margins and the region over the first two ranges; save it if a path is given."""
+        """Plot the distribution of margins, and the region over the first two ranges; a given path saves the figure."""
         from graspfx.show.certificate_figures import plot
 
         return plot(self, path, width)
@@ -242,8 +243,8 @@ def certify_operators(
     Args:
         scene: Scene, name of a built-in scene, or path.
         operators: Ranges by key, {"finger.*.hand.stiffness": (50.0, 1000.0)}, with an optional distribution ("law") as
-            third item; or texts "KEY=FROM:TO:LAW". If None, the scene's table [operators], or else the usual ranges of
-            its hands.
+            third item; or texts "KEY=FROM:TO:LAW". If None, the ranges of the scene's table [operators] are used, or
+            else the usual ranges of its hands.
         samples: Size of the random population.
         seed: Seed of the population; the same seed gives the same result.
 
@@ -251,8 +252,8 @@ def certify_operators(
         `OperatorCertificate`, whose `.sentence` states in whose hands the scene is stable.
 
     Raises:
-        InputError: If ranges are invalid, a device does not state its mass or friction, samples are below 1, or the
-            seed is not a non-negative integer.
+        InputError: If ranges are invalid, a device does not state its mass or friction, the number of samples is below
+            1, or the seed is not a non-negative integer.
         SceneError: If the scene does not accept a key or a value.
     """
     scene_ = to_scene(scene)
@@ -342,7 +343,7 @@ class OperatorRegion:
 def operator_region(
     scene: Scene, operators: OperatorSet, keys: tuple[str, ...] | None = None, points: int = 24
 ) -> OperatorRegion:
-    """Judge a grid over one or two of the ranges; one range, or one key, produces a line.
+    """Judge a grid of points over two of the ranges, or a line of points if there is only one range or one key.
 
     Raises:
         InputError: If the number of keys, or of points, is out of range.
@@ -403,12 +404,12 @@ def gain_region(scene: Scene, hands: Sequence[Mapping[str, float]], points: int 
     """Compute on a grid of gains the share of hands in which the whole loop is stable.
 
     Each hand is brought to rest once, with the scene's gains. For other gains, contacts are kept, and the squeeze is
-    computed from hand and k_ip in series (`judgement.altered`). Therefore each hand is linearised once, not once per
-    pair of gains.
+    computed from the stiffnesses of hand and k_ip in series (`judgement.altered`). Therefore each hand is linearised
+    once, not once per pair of gains.
 
     Args:
-        scene: Scene with its gains, to which the span refers.
-        hands: Values by key; only the first 60 are used.
+        scene: Scene; the grid's ends are multiples of its gains.
+        hands: Values of each hand by key; only the first 60 hands are used.
         points: Number of points along each gain.
         span: End of the grid, as a multiple of the scene's gain.
 

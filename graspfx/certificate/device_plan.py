@@ -78,7 +78,7 @@ def _workspace(limits: SafetyLimits) -> Row:
 
 
 def loop_rows(parts: Parts) -> Iterator[Row]:
-    """Yield what runs between ticks, where the servo runs, and what happens to forces if the servo's process dies."""
+    """Yield rows about work between ticks, the place of the servo, and the forces if the servo's process dies."""
     if not parts.hardware:
         return
     yield "loop", True, _loop(parts)

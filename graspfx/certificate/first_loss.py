@@ -1,9 +1,10 @@
 """First loss of stability as one gain of a whole loop grows, for any fingers and any preload.
 
-The loop is divided into independent parts. If its matrix is linear in the gain's factor, A_0 + s A_1, the largest
-eigenvalues on a grid of factors bracket the loss of stability, and Newton's method on the eigenvalue that leaves the
-unit circle finds it. For other loops, the search brackets the factor at which the spectral radius exceeds 1. For loops
-with a delayed reaction, the search uses the number of eigenvalues outside the circle instead of the spectral radius.
+The loop is divided into independent parts. If the loop's matrix is linear in the gain's factor, A_0 + s A_1, the
+largest eigenvalues on a grid of factors bracket the loss of stability, and Newton's method, applied to the eigenvalue
+that leaves the unit circle, finds the factor. For other loops, the search brackets the factor at which the spectral
+radius exceeds 1. For loops with a delayed reaction, the search uses the number of eigenvalues outside the circle
+instead of the spectral radius.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ class Line:
 
 
 class PartLoop:
-    """Matrix A(K) of a part, without motions that change no force; A(0) + W K C unless implicit or delayed."""
+    """Matrix A(K) of a part, without motions that change no force; A(0) + W K C if neither implicit nor delayed."""
 
     def __init__(self, part: Part) -> None:
         linear, self._part = part.linear, part
@@ -145,7 +146,7 @@ class Family:
         return (line.still + s * line.slope for line in self.lines)
 
     def roots(self, factors: FloatArray) -> NDArray[np.complex128]:
-        """Compute the eigenvalues for each factor, (f, states), without duplicates or force-free motions."""
+        """Compute the eigenvalues for each factor, (f, states), without duplicates and motions that change no force."""
         stacks = [A for A in self.matrices(factors.tolist()) if A.size]
         return np.concatenate([np.linalg.eigvals(A).astype(complex) for A in stacks], axis=1)
 
@@ -186,7 +187,7 @@ class Family:
 
 @dataclass(frozen=True)
 class Reach:
-    """Largest stable factor of a gain, and frequency of the oscillation that begins there [Hz]; inf and nan if none."""
+    """Largest stable factor of a gain, and frequency of the oscillation there [Hz]; inf and nan without a limit."""
 
     factor: float
     frequency: float

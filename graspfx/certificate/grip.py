@@ -35,9 +35,9 @@ FloatArray = NDArray[np.float64]
 
 ROUGH = 1e3  # factor on the coefficient of friction of a frozen contact
 RATE = 1e-5  # step of a difference quotient of angular velocity [rad/s]
-SHIFT = 2e-6  # step of a difference quotient [m]: error 1e-9 for a radius of 25 mm, squared, and rounding of 1e-10
+SHIFT = 2e-6  # step of a difference quotient [m]; for a radius of 25 mm its error is 1e-9, and rounding adds 1e-10
 EDGE = 1e-3  # relative: a contact this close to the largest friction is on the cone's edge
-ALL_SETS = 5  # with more contacts on the edge, only single contacts and all together are examined, not all sets
+ALL_SETS = 5  # with more contacts on the edge, only each contact alone and all contacts together are examined
 GROWTH = 1e-9  # excess of a spectral radius over 1 that is not rounding
 LOW = 2e-5  # largest gap of an object that stands [m]; scenes start objects up to 10 um inside or above the floor
 
@@ -160,8 +160,8 @@ class Grip:
 def compiled_sample(grasped: GraspedObject) -> Callable[[], int]:
     """Return a function that computes a sample like `GraspedObject.sample`, some hundred times faster.
 
-    The function is machine code and returns the same bits as the interpreted kernel; without LLVM it is that method
-    itself.
+    The function is machine code and returns the same bits as the interpreted kernel; without LLVM, the method itself is
+    returned.
     """
     if not is_machine_code():
         return grasped.sample
@@ -186,7 +186,7 @@ def grip_margins(grasped: GraspedObject) -> FloatArray:
 
 
 def edge_directions(grasped: GraspedObject, fingers: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-    """Return T and V (n d, fingers) in world axes: a contact slides along t, and V'f = f_t - mu f_n = 0 meanwhile."""
+    """Return T and V (n d, fingers) in world axes: while a contact slides along t, V'f = f_t - mu f_n = 0."""
     n, d = grasped.fingers, grasped.dimensions
     R = grasped.body_state[body.ROTATION : body.ROTATION + 9].reshape(3, 3)
     forces = list(_forces(grasped))
@@ -262,7 +262,8 @@ def ground_under(parts: Parts, index: int, grip: Grip, *, lower: float = 0.0) ->
     """Return the ground of an object at its position, or `lower` [m] along gravity; None if no plane supports it.
 
     K_g = sum k J'J over the supporting points, where J (d, r) is the velocity of a point per motion of the object, and
-    k the world's stiffness; B_g likewise with b = 2 sqrt(k m). Only for native objects on half-spaces and planes.
+    k the world's stiffness; B_g is computed likewise with b = 2 sqrt(k m). The result is also None if the object is not
+    native, or if an obstacle is neither a half-space nor a plane.
     """
     scene, part, obstacles = parts.scene, parts.objects[index], parts.obstacles
     table, d = part.table, scene.dimensions

@@ -132,7 +132,7 @@ class Judge:
         return scene, [linearise(scene, "squeezed", scene.object[i].name) for i in self._touched]
 
     def judge(self, values: Mapping[str, Any], *, pushing: bool = False) -> Judgement:
-        """Judge the scene with these values in full; fingers that push alone only on request.
+        """Judge the scene with these values in full; judge fingers that push alone only on request.
 
         Raises:
             SceneError: If the scene does not accept a key or a value.
@@ -229,7 +229,7 @@ def hand_course(scene: Scene, index: int) -> HandCourse:
 
 
 def loads(scene: Scene, index: int, loop: Linearised, course: HandCourse) -> FloatArray:
-    """Compute the wrenches (k, r) that fingers exert about the object's centre: m (a - g) + b v, moments zero."""
+    """Compute the wrenches (k, r) that fingers exert about the object's centre: m (a - g) + b v, without moments."""
     table, d = scene.object[index], scene.dimensions
     free = scene.free(table)
     shifts = int(sum(free[:d]))
@@ -252,8 +252,8 @@ def grip_of(scene: Scene, index: int, loop: Linearised, course: HandCourse) -> f
     Torsion of soft fingers is ignored.
 
     Returns:
-        1 if the squeeze just suffices; inf if none is needed, or contacts are attached; 0 if no squeeze along f_i holds
-        the load; nan without forces at rest.
+        1 if the squeeze just suffices; inf if no squeeze is needed, or contacts are attached; 0 if no squeeze along f_i
+        holds the load; nan without forces at rest.
     """
     if scene.coupling.contact == "attached":
         return float("inf")
@@ -325,8 +325,8 @@ class Change:
 def change_of(scene: Scene, name: str, values: Mapping[str, Any]) -> Change | None:
     """Return the change of an object's loop if these values, by live key, are set in the scene.
 
-    The result is None if `Change` cannot describe the change: matrices, gains from zero, other keys of objects, hands
-    or devices.
+    The result is None if `Change` cannot describe the change, because a gain is a matrix or zero at present, or because
+    another key of an object, a hand or a device changes.
 
     Raises:
         InputError, UnknownNameError: If the scene does not have a key.
@@ -370,14 +370,14 @@ def altered(scene: Scene, loop: Linearised, change: Change) -> Linearisation:
     if change.mass is not None and table.mass is not None:
         ratio = change.mass / table.mass
         inertia[:shifts, :shifts] *= ratio
-        if table.inertia is None:  # the moment of a solid shape is proportional to its mass
+        if table.inertia is None:  # the moment of inertia of a solid shape is proportional to its mass
             inertia[shifts:, shifts:] *= ratio
     arrays: dict[str, np.ndarray] = {"inertia": inertia}
     for value, old, first, last in (
         (change.viscosity, table.viscosity, 0, shifts),
         (change.rotational_viscosity, table.rotational_viscosity, shifts, len(viscosity)),
     ):
-        if value is not None:  # the part from torsion stays
+        if value is not None:  # the part from torsion is unchanged
             places = np.arange(first, last)
             viscosity[places, places] += value - (old or 0.0)
     arrays["viscosity"] = viscosity
@@ -387,7 +387,7 @@ def altered(scene: Scene, loop: Linearised, change: Change) -> Linearisation:
 
 
 def _squeeze_ratio(scene: Scene, linear: Linearisation, change: Change) -> float:
-    """Return the ratio of the new to the old squeeze: hand and internal stiffness in series, with the same closing."""
+    """Return the ratio of the new to the old squeeze: hand and internal stiffness in series, for equal closing."""
     gain = scene.coupling.internal.stiffness
     if change.internal == 1.0 or not _is_number(gain):
         return 1.0

@@ -28,7 +28,8 @@ FloatArray = NDArray[np.float64]
 MOST_POINTS = 10_000_000
 MOST_SCENES = 20_000  # largest number of scenes that are created one by one
 
-# keys that are parameters of a closed form; without a preload a gain changes neither its own limit nor the other's
+# keys that are parameters of a closed form; without a preload a gain changes neither its own limit nor that of the
+# other gain
 MODAL = {
     "period": "T",
     "object.mass": "m_v",
@@ -78,14 +79,15 @@ class Sweep:
 
 @dataclass(frozen=True, eq=False)
 class SweptLimits:
-    """Limits [N/m] of the shape of the sweeps' values, (n,) or (n1, n2); inf if no gain is too large.
+    """Limits [N/m] at all values of the sweeps, (n,) or (n1, n2); inf if no gain is too large.
 
     Attributes:
         sweeps: One or two sweeps; none for the unchanged scene.
         internal: Limit of kip at the scene's kep.
         external: Limit of kep at the scene's kip, for translations and rotations together.
         conventional: Limit of a single gain, kp = kep = kip.
-        modal: True if computed in closed form from separate modes; False if from a scene per point.
+        modal: True if the limits are computed in closed form from separate modes; False if a scene is linearised for
+            each point.
         seconds: Computing time.
     """
 
@@ -126,8 +128,8 @@ def swept_limits(scene: Scene, sweeps: Sequence[Sweep], at: str = "squeezed") ->
     points at once. Otherwise a scene is created and linearised for each point.
 
     Raises:
-        InputError: If there are more than two sweeps, a key twice, too many points, gains that are matrices, or several
-            objects.
+        InputError: If there are more than two sweeps, too many points or several objects; a key occurs twice; or gains
+            are matrices.
         SceneError: If the scene does not accept a key, or a value at an end of its range.
     """
     if not 1 <= len(sweeps) <= 2:
@@ -208,7 +210,7 @@ def _is_modal(scene: Scene, sweeps: Sequence[Sweep], loop: Linearised) -> bool:
     point = all(not isinstance(f.device, str) and f.device.name == "simulated" for f in scene.finger)
     devices = any(key.startswith("finger.*.device") for key in keys)
     if "period" in keys and loop.linear.latency.any():
-        return False  # a fixed lateness is another fraction of each period
+        return False  # a fixed lateness is a different fraction of each period
     return all(key in MODAL for key in keys) and (point or not devices) and bool(reduced(loop))
 
 

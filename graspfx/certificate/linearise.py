@@ -45,7 +45,7 @@ from graspfx.scene.tables.part_tables import Object
 FloatArray = NDArray[np.float64]
 
 WHERE = ("squeezed", "start", "provisional", "recorded")
-TOLD = ("explicit", "semi-implicit", "exact", "bullet")  # integrators of plug-ins; implicit ones need their forces
+TOLD = ("explicit", "semi-implicit", "exact", "bullet")  # integrators of plug-ins; "implicit" would need their forces
 STIFFEST = 1e-6  # relative to the largest stiffness: smaller effects of a preload are rounding of difference quotients
 
 
@@ -73,11 +73,11 @@ class Linearised:
         standing: Ground of each object at the start, not included in `linear`; None for an object in the air.
         fade: For each object, gap at which the fade begins, and gap that the forces at rest require [m]; None for no
             fade.
-        stiffness: Function of (a, b, c) that returns K (m, m): external gains times a, of rotations times b, internal
-            times c.
+        stiffness: Function of (a, b, c) that returns K (m, m): gains of external translations times a, of external
+            rotations times b, internal gains times c.
         damping: Function of (a, b) that returns D (m, m): external damping times a, internal damping times b.
         gains: K of shifts, of rotations and of internal displacements (m, m). `stiffness` scales and adds these; None
-            if it is not such a sum.
+            if `stiffness` is not such a sum.
         conventional: Function of k that returns K (m, m) if every finger has the stiffness k.
         compliance: Compliance of the dampers in series (m,) [m/(N s)], if damping grows with depth; zero at full depth.
         pads: Normals (m, p) of compliant fingertips, and their stiffness at rest (p,) [N/m]; None if there are none.
@@ -117,12 +117,12 @@ def linearise(
 ) -> Linearised:
     """Linearise a scene's small motions about its grasp at rest.
 
-    "squeezed" is the rest with hands that neither move nor rotate, closed to their largest squeeze. It is computed with
-    the contacts, split and cones of a run, and with gravity. "start" is the state in which the fingers first meet the
-    object, without force. A finger on hardware may be moved anywhere; if such a finger does not touch at rest, "start"
-    replaces the rest, and `assumed` reports this. "provisional" is one linear step of squeezing from the start, and
-    "recorded" is the last row of a recording. A touching contact is treated as sticking, even if it has slid before or
-    its force lies on the edge of the friction cone.
+    "squeezed" is the rest with hands that neither move nor rotate, closed to their largest squeeze. This rest is
+    computed with the contacts, split and cones of a run, and with gravity. "start" is the state in which the fingers
+    first meet the object, without force. A finger on hardware may be moved anywhere; if such a finger does not touch at
+    rest, "start" replaces the rest, and `assumed` reports this. "provisional" is one linear step of squeezing from the
+    start, and "recorded" is the last row of a recording. A touching contact is treated as sticking, even if it has slid
+    before or its force lies on the edge of the friction cone.
 
     Args:
         at: "squeezed", "start", "provisional" or "recorded".
@@ -199,7 +199,7 @@ class _ObjectMatrices:
 
 def _share(parts: Parts, index: int, where: str, recording: Recording | None) -> _ObjectMatrices:
     scene, part, start = parts.scene, parts.objects[index], parts.start
-    # forces as functions of the pose; with "implicit" of the predicted pose, which the analysis inserts
+    # forces are functions of the pose; with "implicit", of the predicted pose, which the analysis inserts
     grasped, fingers = part.grasped(predicts=False), part.fingers
     state = grasped.body_state
     state[body.VELOCITY : body.VELOCITY + 3] = state[body.ANGULAR_VELOCITY : body.ANGULAR_VELOCITY + 3] = 0.0
@@ -341,7 +341,7 @@ def _unsqueezed(grip: Grip, K: FloatArray, contacts: FloatArray, R: FloatArray) 
 
 
 def _integrator(parts: Parts, table: Object, assumed: list[str]) -> str:
-    """Return the integrator of an object's body; for a plug-in, the one that its module states, or an assumption.
+    """Return the integrator of an object's body; for a plug-in, the one stated by its module, else an assumed one.
 
     Raises:
         InputError: If a plug-in states an integrator that its kind of body does not have.
@@ -372,7 +372,7 @@ def _joined(parts: Parts, shares: Sequence[_ObjectMatrices], recording: Recordin
     for share in shares:
         position[share.fingers] = share.grip.grasped.finger_position
         force[share.fingers] = np.nan_to_num(share.force)
-    # only stiffness and damping of the hands are needed here, which do not depend on where they close to
+    # only stiffness and damping of the hands are needed here, which do not depend on the targets of the hands
     hands = list(still_hands(parts, np.zeros_like(position)))
     devices = mechanics(parts, position, hands)
     operator, stiffer, damper = operated(parts, hands, force)

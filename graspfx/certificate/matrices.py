@@ -128,7 +128,7 @@ def block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
 
 
 def pads_of(g: GraspedObject, *, at_rest: bool) -> tuple[FloatArray, FloatArray] | None:
-    """Return the normals (m, p) of compliant fingertips and their stiffness at rest (p,) [N/m]; omit unloaded ones."""
+    """Return normals (m, p) and stiffness at rest (p,) [N/m] of the compliant fingertips that carry a load."""
     stiffness, n, d = g.pad_stiffness(), g.fingers, g.dimensions
     padded = np.flatnonzero(np.isfinite(stiffness))
     if not len(padded):

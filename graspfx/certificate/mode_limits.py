@@ -22,8 +22,8 @@ from graspfx.scene.model import Scene
 FloatArray = NDArray[np.float64]
 
 ALL_SETS = 5  # with more fingers, only single fingers are examined, not every set of pushing fingers
-TIE = 1e-9  # relative difference of margins that count as equal: the limit with nearby fingers is listed
-ROOM = 0.5  # relative to the common limit: value of the other gains if no gain is stable at their present values
+TIE = 1e-9  # margins with a smaller relative difference are equal; of these, the limit with nearby fingers is listed
+ROOM = 0.5  # relative to the limit of all gains together: the other gains if the loop is unstable at present
 
 
 def spectral_radius(linear: Linearisation) -> float:
@@ -61,7 +61,7 @@ def mode_limits(scene: Scene, loop: Linearised, *, halves: bool = True, compare:
 
 
 def reduced(loop: Linearised) -> dict[str, tuple[float, float]]:
-    """Return limit [N/m] and frequency [Hz] of each separate mode, the weakest of its name; empty if there is none."""
+    """Return limit [N/m] and frequency [Hz] of the weakest separate mode of each name; empty if there is none."""
     if loop.pads is not None:
         return {}  # a compliance in series with a gain: the stiffness of the mode is not proportional to the gain
     try:
@@ -80,7 +80,7 @@ def reduced(loop: Linearised) -> dict[str, tuple[float, float]]:
 
 
 def _parts(loop: Linearised) -> Iterator[tuple[str, tuple[bool, bool, bool]]]:
-    """Yield the modes, with masks of the gains (translations, rotations, squeezing) that each scales."""
+    """Yield names of modes, with masks of the gains to scale for each: translations, rotations, squeezing."""
     m, _ = loop.linear.coordinates
     rank = sum(split.rank for split in loop.splits)
     d = loop.contacts.shape[1]
@@ -112,7 +112,7 @@ def _name(mode: Mode, loop: Linearised) -> str:
 
 
 def _others(loop: Linearised, whole: WholeLoop) -> float:
-    """Find the factor at which the other gains are held: 1 if the loop is stable with it."""
+    """Find the factor at which the other gains are held: 1 if the loop is stable at the present gains."""
     common = _scaled(loop, (True, True, True), 1.0)
     if is_stable(Family(whole, common).radius(1.0)):
         return 1.0
@@ -171,7 +171,11 @@ def pushing_limits(scene: Scene, loop: Linearised) -> list[Limit]:
 
 
 def _pushes(scene: Scene, loop: Linearised, pushers: tuple[int, ...]) -> Iterator[Linearisation]:
-    """Yield the loops of some pushing fingers: the others are near without force or, if they fade, omitted."""
+    """Yield the loops in which only some fingers push.
+
+    In the first loop, the other fingers are near the object and exert no force. If absent fingers fade, a second loop
+    omits them from the split.
+    """
     near = without_freedoms(loop.linear, np.isin(loop.finger_of_column, pushers))
     yield near
     if scene.coupling.absent == "fade":

@@ -82,9 +82,9 @@ def unsettled(parts: Parts) -> list[str]:
 
     Each finger is treated as one of n equal fingers. Squeezing: the finger oscillates against a fixed object, on kip
     and the grip. Moving: all n fingers oscillate together with the object, on kep and the arm. Velocities are assumed
-    known, forces without delay, and rotations are ignored, so that the absence of a note proves nothing. No note is
-    given if a device does not state its mass, for hands and dynamics of plug-ins, or for gains that are not single
-    numbers.
+    known, forces without delay, and rotations are ignored, so that the absence of a note does not prove stability. No
+    note is given if a device does not state its mass, for hands and dynamics of plug-ins, or for gains that are not
+    single numbers.
     """
     scene = parts.scene
     external, internal = scene.coupling.external, scene.coupling.internal
@@ -137,7 +137,7 @@ def _devices(parts: Parts) -> dict[int, Spring]:
 
 
 def _springs(scene: Scene) -> tuple[dict[int, Spring], dict[int, Spring]]:
-    """Find for each finger the softest arm and grip along an axis; the spring of a hand with one finger is both."""
+    """Find each finger's softest arm and grip along an axis; the spring of a one-finger hand is both arm and grip."""
     arms: dict[int, Spring] = {}
     grips: dict[int, Spring] = {}
     for holding in holdings(scene):
@@ -175,7 +175,7 @@ def arms(grasped: GraspedObject) -> list[float]:
     """Compute the rms arms of the free rotations about their principal axes, in ascending order [m].
 
     They are the singular values of the fields a_k x (c_i - c) of the weighted contacts, without the motion in the free
-    translations, over the root of the sum of weights. Values of rounding size are dropped.
+    translations, divided by the root of the sum of weights. Values of rounding size are dropped.
     """
     rows, S = grasped.rows, grasped.body_state
     points = rows[:, at.CONTACT : at.CONTACT + 3] @ S[body.ROTATION : body.ROTATION + 9].reshape(3, 3).T

@@ -352,7 +352,7 @@ def settle(
     imbalance.
 
     Args:
-        course: Intended positions r (steps, m) [m]; the last ones are held.
+        course: Intended positions r (steps, m) [m]; the last positions are held.
         hands: Stiffness K_h of the hands, (m, m) [N/m].
         weight: Weight along the free degrees of freedom, (r,) [N, N m].
         early: Last step at which a contact may begin or end. A contact that begins or ends later, or slides, ends the

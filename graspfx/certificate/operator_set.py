@@ -198,8 +198,8 @@ def operator_set(scene: Scene, ranges: Ranges | None = None) -> OperatorSet:
         ranges: Ranges by key, (low, high) or (low, high, law); or texts "KEY=FROM:TO" and `OperatorRange`s.
 
     Raises:
-        InputError: If there are no ranges, a key twice, too many, or invalid ranges; or the scene has no simulated
-            hand.
+        InputError: If there are no ranges or too many, a range is invalid, a key occurs twice, or the scene has no
+            simulated hand.
         UnknownNameError, SceneError: If the scene does not have a key.
     """
     source = "as asked for"
@@ -330,8 +330,8 @@ def worst_operator(
     """Search the box of a set of operators for the smallest figure of merit.
 
     The search judges all corners of up to six ranges, the centre, and 16 points per range that fill the box. From the
-    two worst of these points it descends by the method of Nelder and Mead (1965) within the box. Each operator is
-    judged in full. Nothing is known about operators between the points: a worse operator may lie in a dip that is
+    two worst of these points the search descends by the method of Nelder and Mead (1965) within the box. Each operator
+    is judged in full. Nothing is known about operators between the points: a worse operator may lie in a dip that is
     narrower than the distance of the points.
 
     Args:

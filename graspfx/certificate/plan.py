@@ -229,7 +229,7 @@ def _is_implicit(scene: Scene) -> bool:
 
 
 def _resplit(scene: Scene) -> str:
-    """Return when the split is recomputed."""
+    """Describe when the split is recomputed."""
     d = scene.dimensions
     for free in map(scene.free, scene.object):
         shifts, turns = free[:d], free[d:]

@@ -31,7 +31,7 @@ FloatArray = NDArray[np.float64]
 LAST = 0.1  # time during which forces at rest must not change [s]
 CALM = 1e-3  # largest change of a force in that time, relative to the largest force
 SAME = 1e-3  # relative to the largest force: largest difference of recorded forces from those of the scene's gains
-BORNE = 1e-2  # relative to the forces on the object: smallest wrench that something else balances
+BORNE = 1e-2  # relative to the forces on the object: larger remaining wrenches are balanced by something else
 ENDS = (1.0, 99.0)  # percentiles of the samples
 COLUMNS = ("late", "io")  # columns of a real-time run
 
@@ -122,7 +122,7 @@ def set_contacts(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) ->
 
 
 def set_torsions(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) -> None:
-    """Rotate the anchors of soft fingers so that their torsions are the recorded ones."""
+    """Rotate the anchors of soft fingers so that their torsions equal the recorded torsions."""
     moments = recording.finger_moment
     rows = grip.grasped.rows
     state = grip.grasped.body_state
@@ -190,7 +190,7 @@ def exchange_times(recording: Recording) -> tuple[float, float] | None:
 def lateness_ends(mechanics: Mechanics, recording: Recording | None) -> FloatArray:
     """Return the smallest and the largest lateness of each finger, (2, n) [s].
 
-    With a recording, the recorded times of reading and writing replace the round trip in the measures of hardware.
+    For hardware, the times of reading and writing in a recording replace the measured round trip.
     """
     times = None if recording is None else exchange_times(recording)
     if times is None:

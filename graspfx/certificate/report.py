@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from graspfx.scene.model import Scene
     from graspfx.scene.tables.reading import Readable
 
-MOST_STEPS, MOST_FAULTS = 12, 8  # numbers shown on a card
+MOST_STEPS, MOST_FAULTS = 12, 8  # largest number of values shown on a card
 NOT_JUDGED = "not judged"
 
 
@@ -240,7 +240,7 @@ def _certificates(scene: Readable) -> dict[str, Certificate] | str:
 
 
 def whole_scene(scene: Any) -> Scene:
-    """Return a scene itself, but rebuild a cached scene from its tables."""
+    """Return a scene unchanged, except that a cached scene is rebuilt from its tables."""
     from graspfx.scene.model import Scene
 
     return scene if isinstance(scene, Scene) else Scene(scene.source, **scene.to_dict())

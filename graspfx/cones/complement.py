@@ -45,7 +45,7 @@ def pivot(square: Table, vector: Floats, j: int) -> None:
 
 @kernel
 def release(square: Table, vector: Floats, m: int, marks: Floats, diagonal: Floats) -> None:
-    """Pivot the marked (1.0) ones of m coordinates, so that they carry no force, and clear their marks.
+    """Pivot those of m coordinates that are marked (1.0), so that they carry no force, and clear their marks.
 
     The stiffest coordinate is pivoted first. A singular stiffness then leads to pivots of rounding size. These are
     skipped, because coordinates without stiffness carry no force anyway.
@@ -76,11 +76,11 @@ def complement(
     """Find f_n >= 0, s_n >= 0, f_n s_n = 0 at every normal by principal pivoting; return 0, or 1 if unresolved.
 
     Coordinates are ordered contact by contact, the normal first (index i d). `state` of a contact is 1 if it is
-    engaged, 0 if released, and -1 if it must not change. Whole contacts release tangents with their normal; without
-    `back`, released contacts stay released. `vector` contains the force of an engaged normal, and the displacement s of
-    a released normal. `scale` is the magnitude of the forces. Each pivot removes the worst violation or, after 3 n
-    pivots, the first violation. The latter rule terminates for every matrix with positive principal minors (Murty
-    1974).
+    engaged, 0 if released, and -1 if it must not change. If `contacts.whole`, a contact's tangents are released
+    together with its normal. Without `back`, released contacts stay released. `vector` contains the force of an engaged
+    normal, and the displacement s of a released normal. `scale` is the magnitude of the forces. Each pivot removes the
+    worst violation or, after 3 n pivots, the first violation. The latter rule terminates for every matrix with positive
+    principal minors (Murty 1974).
     """
     n, d = contacts.count, contacts.coordinates
     limit = 20 * n + 40

@@ -43,7 +43,7 @@ def force_size(force: Vector4, width: int) -> float:
 
 @kernel
 def limit_width(coefficient: float, d: int) -> int:
-    """Return the number of coordinates that the limit bounds: d in a friction cone, else (mu < 0) the force's."""
+    """Return the number of coordinates that the limit bounds: d in a friction cone, those of the force if mu < 0."""
     return d if coefficient >= 0.0 else min(d, 3)
 
 
@@ -92,7 +92,7 @@ def cone_slope(face: Face, mu: float, theta: float, x: Vector4) -> Vector4:
 
 @kernel
 def ball_slope(force: Vector4, width: int, limit: float, x: Vector4) -> Vector4:
-    """Compute the derivative of `shorten` at y times x: limit/|y| (x - y y'x/|y|^2), or x if y is within the limit."""
+    """Compute the derivative of `shorten` at y, times x: limit/|y| (x - y y'x/|y|^2), or x if y is within the limit."""
     size = force_size(force, width)
     if not size > limit:
         return x

@@ -95,7 +95,7 @@ def invert_part(M: Table, kept: Floats, size: int, least: float) -> None:
 
 @kernel
 def take_square(A: Table, t: Floats, along: Floats, rest: float, size: int) -> None:
-    """Update A so that A'A loses A'A t t'A'A / (rest + t'A'A t) (Potter's square-root update); t changes.
+    """Update A so that A'A loses A'A t t'A'A / (rest + t'A'A t) (Potter's square-root update); overwrite t.
 
     If `rest` is zero, A t becomes zero up to rounding errors, which later calls treat as zero.
     """

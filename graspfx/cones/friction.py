@@ -28,12 +28,12 @@ from graspfx.spatial import NOTHING, Matrix, Vector
 COULOMB, ASSOCIATED, UNRESOLVED = 0, 1, 2  # law that the solution satisfies; if unresolved, all forces are zero
 ROUNDING = 1e-15  # relative to the forces: residual at which Newton's method stops
 CLOSE = 1e-13  # relative: residual that is accepted if rounding ends the descent earlier
-LEAST = 1e-6  # relative to the larger gain: smaller gains are raised to this (for zero gains see `approach`)
+LEAST = 1e-6  # relative to the larger gain: smaller gains are raised to this value (for zero gains see `approach`)
 NEAR = 1e-8  # relative value for a zero gain in each search of `approach`
 SEARCHES = 8  # largest number of searches in `approach`
-STEPS = 100  # evaluations before Coulomb's law restarts elsewhere
+STEPS = 100  # evaluations before the search for Coulomb's law restarts from another point
 DESCENT = 1000  # evaluations for the associated law: 200 were enough for gains 10^6 apart, 45 for 10^3
-SHORTEST = 1e-2  # fraction of a Newton step below which Coulomb's law restarts elsewhere
+SHORTEST = 1e-2  # fraction of a Newton step below which the search for Coulomb's law restarts from another point
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)  # multiples modulo 1 fill an interval evenly and reproducibly
 RESTARTS = 16  # for offline use: at kip/kep = 1000 and mu = 1.5, 1 problem in 40 still falls back to the associated law
 
@@ -106,9 +106,9 @@ def approach(problem: FrictionProblem, d: int, count: int, gains: Gains) -> Answ
     """Solve the associated law for a zero gain, by repeated searches with the gain raised by E.
 
     Each search subtracts the force that E exerted in the previous search: f = f0 + (K + E)(e + s) - E (e + s'), with s'
-    of the previous search. This is the proximal point method (Rockafellar 1976). It converges to f = f0 + K (e + s),
-    the limit of small gains. Each search reduces the error along a direction to the fraction eps / (eps + lambda),
-    where lambda is the contacts' resistance in that direction and eps the size of E.
+    of the previous search. This is the proximal point method (Rockafellar 1976). The method converges to f = f0 + K (e
+    + s), the limit of small gains. Each search reduces the error along a direction to the fraction eps / (eps +
+    lambda), where lambda is the contacts' resistance in that direction and eps the size of E.
 
     k_e = 0: E (e + s) = sqrt(W) Q h z, which enters g as h z'. k_i = 0: E (e + s) = sqrt(W) (y - f0 + (1 + h) Q z).
     """
@@ -315,7 +315,7 @@ def add_nothing(problem: FrictionProblem, d: int) -> None:
 
 @kernel
 def finish(problem: FrictionProblem, d: int, c: float, weighted: bool, theta: float) -> None:
-    """Compute f = sqrt(W) y and s = (y - t) / (c sqrt(W)), where s uses y before the limit; r_i c if compliant."""
+    """Compute f = sqrt(W) y and s = (y - t) / (c sqrt(W)), with y before the limit, and r_i c for c if compliant."""
     for contact in problem.contacts:
         root = math.sqrt(contact.weight) if weighted else 1.0
         if problem.limited:

@@ -93,7 +93,7 @@ def compliant_entry(problem: FrictionProblem) -> int:
 
 
 def has_problems(grasp: GraspState) -> bool:
-    """Return whether the block has friction problems; if not, both references point to the same entry."""
+    """Return whether the block has friction problems; if not, both problems refer to the same entry."""
     return grasp.problem.offset != grasp.damping_problem.offset
 
 
@@ -107,7 +107,7 @@ def recorded_entries(grasp: GraspState) -> dict[str, Index]:
         return np.array(entries_of(record, name, at=at), dtype=np.intp)
 
     def of_fingers(name: str) -> Index:
-        width = len(entries_of(FingerState, name))  # an empty array needs it explicitly
+        width = len(entries_of(FingerState, name))  # an empty array needs the width explicitly
         entries = [entries_of(FingerState, name, at=finger.offset) for finger in grasp.fingers]
         return np.array(entries, dtype=np.intp).reshape(len(entries), width)
 

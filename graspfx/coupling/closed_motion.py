@@ -44,9 +44,9 @@ def worst_turn(grasped: GraspedObject, fingers: FloatArray) -> LoopEnergy:
     """Find the closed motion, among a few that every grasp allows, on which the springs generate the most energy.
 
     The contacts are fixed in the object, and the fingers are fixed in the world. In each motion, the object rotates by
-    +-0.5 rad about a free axis. At the same time it moves sideways and back, along a free direction or the diagonal of
-    two free directions. The amplitude of the translation is half the contacts' displacement in the rotation. The work
-    is the integral of wrench'(v, w). The object's block is restored afterwards.
+    +-0.5 rad about a free axis. At the same time the object moves sideways and back, along a free direction or the
+    diagonal of two free directions. The amplitude of the translation is half the contacts' displacement in the
+    rotation. The work is the integral of wrench'(v, w). The object's block is restored afterwards.
 
     Args:
         grasped: Grasped object, whose contacts have been set by `meet` or `attach`.

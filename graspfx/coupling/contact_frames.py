@@ -30,7 +30,7 @@ def assemble(grasp: GraspState, elastic: bool) -> None:
 
 @kernel
 def add_gains(grasp: GraspState, out: Table, external: float, internal: float, elastic: float, damping: float) -> None:
-    """Add a gain matrix in contact frames to a square matrix: of scalar gains, or `elastic` K + `damping` D."""
+    """Add a gain matrix in contact frames, that of scalar gains or `elastic` K + `damping` D, to a square matrix."""
     if grasp.dense:
         for i, finger in enumerate(grasp.fingers):
             for j, other in enumerate(grasp.fingers):

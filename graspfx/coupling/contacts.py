@@ -98,7 +98,7 @@ def touch(grasp: GraspState, finger: FingerState, p: Vector) -> None:
 
 @inline
 def is_weight_used(grasp: GraspState) -> bool:
-    """Return whether a free finger's weight is used: not if fingers are independent, frictionless and unobserved."""
+    """Return whether a free finger's weight is used; False if fingers are independent, frictionless and unobserved."""
     return not grasp.alone or grasp.friction or grasp.observed
 
 

@@ -162,7 +162,7 @@ def damping_in_cones(grasp: GraspState) -> int:
 
 @kernel
 def damping_stays(grasp: GraspState) -> bool:
-    """Add full damping if all fingers touch; return whether the forces stay in the cones, and if not, undo it."""
+    """Add full damping if all fingers touch and the forces stay in the cones; return whether it was added."""
     closed = grasp.recoils or (not grasp.implicit and not grasp.rays)
     if not closed or not all_touch(grasp) or not is_whole(grasp):
         return False
@@ -274,7 +274,7 @@ def force_of_modes(grasp: GraspState, problem: FrictionProblem, gains: Gains, co
 
 @kernel
 def pose_problem(grasp: GraspState, problem: FrictionProblem, touching: bool) -> None:
-    """Write weights, coefficients, limits and which fingers carry force: all, or with `touching` the touching ones."""
+    """Write weights, coefficients and limits, and mark fingers that carry force: all, or only those that touch."""
     for i, finger in enumerate(grasp.fingers):
         contact = problem.contacts[i]
         contact.weight = finger.weight

@@ -9,8 +9,8 @@ J = G K + H D / T, N = C^-1 + G K G' + H D H' / T. R contains the fraction of it
 depth; G and H are the lever arms of springs and dampers. Therefore M = A - V E V' with A = kip + R kid / T. The columns
 V are Q; R Q if damping grows with depth; and the levers that are not sums of modes, R H' of the fingertips. The
 friction problem needs the inverse, M^-1 = A^-1 + A^-1 V Y V'A^-1, Y = E (I - V'A^-1 V E)^-1. The problem has 6 unknowns
-with rates at the contacts and 9 with rates at the fingertips. These are 12 and 15 with depth damping, and three more if
-torsion acts along axes other than the normals.
+with rates at the contacts and 9 with rates at the fingertips. With depth damping, these numbers are 12 and 15. They
+increase by three if torsion acts along axes other than the normals.
 """
 
 from __future__ import annotations
@@ -103,8 +103,8 @@ def condense(
 ) -> None:  # fmt: skip
     """Compute k_i E of a branch for the contacts that carry force; a gain of zero is treated exactly.
 
-    With kappa = k_i + (k_e - k_i) beta, S = Q'R Q of the coordinates with force, and P = I - S summed over those
-    without,
+    With kappa = k_i + (k_e - k_i) beta, S = Q'R Q of the coordinates with force, and P = I - S summed over the
+    coordinates without force,
 
         k_i E = (k_i - k_e) B^1/2 [kappa + (k_i - k_e) B^1/2 S B^1/2]^-1 B^1/2 k_i      (k_e <= k_i)
               = (k_i - k_e) B^1/2 [1 + (k_e - k_i) / k_i B^1/2 P B^1/2]^-1 B^1/2        (k_e > k_i),

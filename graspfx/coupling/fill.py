@@ -213,7 +213,7 @@ class Grip:
 
     @property
     def pushes_apart(self) -> bool:
-        """True if cones are rays in all cases of unequal gains."""
+        """True if contacts are unilateral and frictionless, with scalar gains; cones are then rays if gains differ."""
         return not (self.slips or self.rules.attached or self.rules.stick or self.matrices)
 
     @property

@@ -21,7 +21,7 @@ from graspfx.spatial import Vector4, inner
 def frictionless_force(grasp: GraspState) -> int:
     """Compute the elastic force f = K (e + s) along the normals, then damping; return 0 or UNRESOLVED.
 
-    Tangents carry no force. If the internal gain is the larger one, q_k'f therefore needs only the modes' normal
+    Tangents carry no force. If the internal gain is larger, q_k'f therefore needs only the modes' normal
     entries. Otherwise the convex function contains the tangential part of the modes, and all coordinates are needed.
     """
     fault = elastic_without_friction(grasp)

@@ -12,7 +12,7 @@ NAMES = (
     "external_stiffness", "external_damping", "internal_stiffness", "internal_damping",
     "dense", "equal", "damped", "singular",
 )  # fmt: skip
-READ = itemgetter(*(start_of(GraspState, name) for name in NAMES))  # ten times faster than a record's fields
+READ = itemgetter(*(start_of(GraspState, name) for name in NAMES))  # ten times faster than reading a record's fields
 
 
 def contradiction(block: Any) -> str:

@@ -152,7 +152,7 @@ def roots(blend: float) -> tuple[float, float]:
 
 @kernel
 def spread(grasp: GraspState, gain: Gain, out: Table) -> None:
-    """Write a gain X as a square matrix in object axes: L R'X R L per finger, R'X R if `whole`, zero if of the object.
+    """Write gain X as a square matrix in object axes: L R'X R L per finger, R'X R if `whole`, zero if of the object.
 
     R rotates from the object's axes to the axes of the gain, which are the world's axes or a finger's contact frame.
     Torsion divided by the patch length uses the finger's scalar gain; soft fingers allow scalar gains only.

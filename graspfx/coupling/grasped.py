@@ -1,4 +1,4 @@
-"""A grasped object: owns a state block, offers named views of the block, and computes samples."""
+"""A grasped object, which owns a state block, offers named views of the block, and computes samples."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ class GraspedObject:
         self._walk_anew()
 
     def _walk_anew(self) -> None:
-        """Limit the range of mesh searches to that of the fade; without a fade the range is infinite."""
+        """Limit the range of mesh searches to the range of the fade; without a fade, searches have no limit."""
         if self._walks is None:
             return
         self._walks.array(MeshFinger.reach)[:] = np.inf
@@ -308,7 +308,7 @@ class GraspedObject:
 
 
 def share_of_object(grasp: GraspState, name: str) -> FloatArray:
-    """Compute an object gain's matrix on the contacts, (m, m) in the object's axes; overwrites K in the block."""
+    """Compute an object gain's matrix on the contacts, (m, m) in the object's axes; K in the block is overwritten."""
     if grasp.mixed:
         turn_axes(grasp)
     refactor(grasp)

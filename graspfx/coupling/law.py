@@ -12,7 +12,7 @@ from graspfx.spatial import dot, inner, with_torsion
 
 @kernel
 def bilateral(grasp: GraspState, elastic: bool, damping: bool) -> None:
-    """Compute the law without cones: its elastic part, its damping part or both."""
+    """Compute the law without cones: its elastic part, its damping part or both parts."""
     if grasp.dense:
         combine_matrices(grasp, elastic, damping)
         return

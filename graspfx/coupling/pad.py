@@ -9,8 +9,8 @@ k_i delta_i^1.5 - f_n,i(e - delta n) = 0. The left side is the gradient of a con
 0 <= d f_n/d e_n <= the normals' part of K. Each pass evaluates the law's elastic force at the present depths, with the
 solver of the contact rule. The pass then computes the next depths from the model f_n + B (change of e_n - delta) and
 the pads' power law. B is updated by secants (Broyden 1965) and is kept in the block for the next sample. If a step does
-not reduce the residual enough, B is set to the normals' part of K, which bounds every slope. That proximal step always
-decreases the convex function.
+not reduce the residual enough, B is set to the normals' part of K, which bounds every slope. Such a step, called
+proximal, always decreases the convex function.
 """
 
 from __future__ import annotations

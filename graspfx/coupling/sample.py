@@ -178,7 +178,7 @@ def along_mode(grasp: GraspState, mode: Floats) -> float:
 
 @kernel
 def attached(grasp: GraspState) -> int:
-    """Compute bilateral forces; with the implicit integrator, for the object's new state. Return 0."""
+    """Compute bilateral forces, for the object's new state if the integrator is implicit; return 0."""
     apart = grasp.observed or grasp.limited
     if apart:
         attach(grasp, False)

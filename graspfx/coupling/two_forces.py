@@ -77,7 +77,7 @@ class SplitRule:
 
     @property
     def is_local(self) -> bool:
-        """Whether P depends on the position of the object's centre: if it rotates and some translation is locked."""
+        """Whether P depends on the object's centre, because the object rotates and some translation is locked."""
         return any(self.rotations) and not all(self.translations[: self.dimensions])
 
 

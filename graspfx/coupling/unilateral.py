@@ -95,7 +95,8 @@ def project(grasp: GraspState) -> int:
         unresolved = complement(
             grasp.square, grasp.vector, grasp.diagonal, grasp.engaged, contacts, attempt == 0, scale
         )
-        # releasing a sticking finger as a whole is not a projection on a cone, so pivoting may cycle: then only release
+        # if sticking fingers are released as a whole, this is no projection on a cone, and pivoting may cycle: then
+        # only release contacts
         if unresolved == 0 or not grasp.stick:
             break
     if grasp.dense and not grasp.stick:
@@ -131,7 +132,7 @@ def retain(grasp: GraspState) -> None:
 
 @kernel
 def damp(grasp: GraspState) -> int:
-    """Add the damping force, projected on the cones and passive. Without clamping it is the rate term of eq. (26)."""
+    """Add the damping force, passive and projected on the cones; without clamping, the rate term of eq. (26)."""
     c, m = grasp.coordinates, grasp.count * grasp.coordinates
     if grasp.recoils and grasp.stick and all_push(grasp) and is_whole(grasp):
         keep_elastic(grasp)
@@ -153,7 +154,7 @@ def damp(grasp: GraspState) -> int:
     for i, finger in enumerate(grasp.fingers):
         for a in range(c):
             p = i * c + a
-            # the entry of a clamped normal is a rate, while its tangents are still forces; others carry no force
+            # the entry of a clamped normal is a rate, while its tangents are still forces; other entries carry no force
             if not carries(grasp, finger, a) or (a == 0 and grasp.engaged[i] == 0.0):
                 grasp.vector[p] = 0.0
             elif a == 0:

@@ -61,7 +61,7 @@ class HostState(Record):
     period: float  # sampling period T [s]
     method: int  # HOLD, LINEAR or MODEL
     silence: float  # ticks without a new sample after which forces fade
-    largest: float  # plausible force of a finger [N]
+    largest: float  # largest plausible force of a finger [N]
     stride: float  # largest displacement of a finger per tick that the tanks assume [m]
     tanked: bool
     push_model: float  # stiffness that the operator feels between two samples [N/m]

@@ -59,8 +59,8 @@ class ContactSplitState(Record):
     touching: int  # number of touching fingers
     time: float  # [s]
     before: float  # time of the previous sample [s]
-    largest: float  # plausible component of a force [N]
-    fade: float  # time over which a change of contacts is faded [s]
+    largest: float  # largest plausible component of a force [N]
+    fade: float  # time over which the jump of forces at a change of contacts is faded out [s]
     grip: float  # [N]
     grip_offset: float
     changed: float  # time of the last sample before contacts changed [s]
@@ -85,7 +85,7 @@ class ContactSplitState(Record):
     place: Table = table("fingers", "3")  # point of each finger's force [m]
     load: Table = table("fingers", "3")  # force on each finger [N]
     inward: Table = table("fingers", "3")  # unit normal into the object, zero without one
-    external_offset: Table = table("fingers", "3")  # offset of the last change, which fades
+    external_offset: Table = table("fingers", "3")  # offset of forces at the last change of contacts, which fades out
     internal_offset: Table = table("fingers", "3")
     grasp: PointGrasp = room("grasp_entries")
 

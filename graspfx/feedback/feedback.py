@@ -30,7 +30,7 @@ NO_CONTACT = "no contact: all forces fade to zero"
 
 
 class Feedback(Carded):
-    """Display the forces of another simulator's grasp, or a real gripper's, on haptic devices.
+    """Display the forces of a grasp in another simulator, or of a real gripper, on haptic devices.
 
         f = f_e + f_i,   f_e = P f,   f_i = (I - P) f                      (Kawai and Yoshikawa, eq. 3)
         fingers = Kp f_e + Ks f_i,   push = Kp sum_i f_e,i,   grip = mean_i n_i.(Ks f_i,i)
@@ -50,7 +50,7 @@ class Feedback(Carded):
         squeeze_gain: Gain Ks of the internal forces: a number, or a matrix (d, d).
         moment_gain: Gain of the moment; `push_gain` as a number if not given, else 1.
         fingers: Number n of fingers; if not given, contacts are fingers, and n is their largest number so far.
-        fade: Time over which a change of contacts is faded [s].
+        fade: Time over which the jump of forces at a change of contacts is faded out [s].
         largest: Largest force of a contact that is plausible [N].
         engine: "auto", "compiled" or "interpreted".
 
@@ -106,8 +106,8 @@ class Feedback(Carded):
             torques: Torques of the object on the fingers, (m, 3), or (m,) in the plane [N m]; `moment` includes them.
             finger: Index of the finger of each contact, (m,); a finger may have several contacts. If not given,
                 contact j is finger j.
-            reference: Point of the moment, (d,) [m], such as the object's centre now; the mean of the fingers' points
-                if not given. Both move with the object.
+            reference: Point of the moment, (d,) [m], such as the object's present centre; the mean of the fingers'
+                points if not given. Either point moves with the object.
 
         Returns:
             Forces on the operator.

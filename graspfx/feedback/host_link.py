@@ -116,8 +116,8 @@ class HostLink:
         """Read the state of the operator.
 
         Args:
-            time: Time on the host's clock [s] for which to wait on the loop's clock; both count from the first read
-                with a time. By default the call returns immediately.
+            time: Time on the host's clock [s] for which to wait on the loop's clock; both clocks count from the first
+                read with a time. By default the call returns immediately.
 
         Raises:
             DeviceError: If the loop has ended, or has a fault.
@@ -164,7 +164,7 @@ class HostLink:
 
         Raises:
             DeviceError: If the loop has ended, or has a fault.
-            InputError: If the host's hand has more fingers than the device, which has more than two.
+            InputError: If the host's hand has more fingers than the device, and the device has more than two fingers.
         """
         external, internal = self._external, self._internal
         n, count = self.fingers, len(shown.external)

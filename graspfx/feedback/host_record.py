@@ -13,8 +13,8 @@ slots of the host and 8 slots of the loop:
             [J], 5 samples lost, 6 samples that came late, then n d positions [m], n d velocities [m/s], n d forces on
             the operator [N], and the sum
 
-Sample k is in slot k mod 8. Write the slot first and its number into the header last. A reader uses a slot if its first
-word is the number and its last word is the sum, added in order; otherwise it tries again.
+Sample k is in slot k mod 8. Write the slot first and its number into the header last. A reader uses a slot if the
+slot's first word is the number and its last word is the sum, added in order; otherwise the reader tries again.
 """
 
 from __future__ import annotations

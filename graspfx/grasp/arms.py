@@ -1,7 +1,7 @@
 """Moment arms of contacts about their centroid, accurate even for contacts far away or nearly on a line.
 
 A unit rotation about the line through nearly collinear contacts moves them by h R; other rotations move them by R. In
-ordinary arithmetic the arm about the line, a difference of products, has a relative error of eps / h. Here it is
+ordinary arithmetic the arm about the line, a difference of products, has a relative error of eps / h. Here the arm is
 computed in pairs of floats, value and rounding error (Dekker 1971, Knuth 1969), and rounded once.
 """
 

@@ -101,7 +101,7 @@ def halves(x: float) -> tuple[float, float]:
 
 @kernel
 def centre_of(grasp: PointGrasp, line: Line) -> Centre:
-    """Compute x, v and w of every contact in pairs of floats; write them in place of its force; return the means."""
+    """Compute x, v and w of all contacts in pairs of floats; write them in place of the forces; return the means."""
     p, e, rate, f = grasp.points, grasp.displacement, grasp.rate, grasp.force
     a, b, ix, iy, iz, t, s = grasp.stiffness, grasp.damping, line.x, line.y, line.z, line.t, line.s
     x0, y0, z0 = p[ix], p[iy], p[iz]

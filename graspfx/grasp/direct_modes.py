@@ -17,7 +17,7 @@ HALF = math.sqrt(0.5)
 def couple_rows(
     grasp: PointGrasp, points: Floats, displacement: Floats, rate: Floats, force: Floats, rows: int
 ) -> None:  # fmt: skip
-    """Compute the forces of many equally large grasps; `grasp` contains gains, and work space for one of them."""
+    """Compute the forces of many equally large grasps; `grasp` contains gains, and work space for one grasp."""
     size = grasp.count * grasp.dimensions
     for row in range(rows):
         at = row * size

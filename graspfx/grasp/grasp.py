@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from graspfx.grasp.quality.measures import Measures
     from graspfx.grasp.quality.virtual_linkage import VirtualLinkage
 
-MOST = 6  # points shown on a card
+MOST = 6  # largest number of points shown on a card
 
 
 class Grasp(Carded, GraspMatrix):

@@ -24,7 +24,7 @@ Pair = Literal["stiffness", "damping"]
 
 LOOP_RADIUS = 0.005  # radius of the closed motion whose energy the warning states [m]
 FLOAT = np.dtype(np.float64)
-MOST_HEADS = 64  # grasp sizes and tolerances that a coupling caches
+MOST_HEADS = 64  # largest number of pairs of grasp size and tolerance that a coupling caches
 GROWN = 10.0  # growth that causes another warning; while a finger fades in, the skew part grows from a small value
 
 
@@ -70,9 +70,9 @@ class Coupling(Carded):
     as given.
 
     The form "literal" is eq. (4). Its stiffness is asymmetric if the gains do not commute with P. An asymmetric
-    stiffness creates energy on closed motions. A warning states the energy, and is repeated whenever it has grown
-    tenfold. The form "symmetric", P K_ep P' + (I - P) K_ip (I - P)', never creates energy. The two forms agree for
-    scalar gains.
+    stiffness creates energy on closed motions. A warning states the energy, and is repeated whenever the energy has
+    grown tenfold. The form "symmetric", P K_ep P' + (I - P) K_ip (I - P)', never creates energy. The two forms agree
+    for scalar gains.
 
     If the external and internal stiffness are equal, then f = K e exactly, without P, in both forms (the conventional
     method, eqs. 20-23). The same holds for the damping.

@@ -73,7 +73,7 @@ class Workspace:
                 self._run, self._compiled = machine.bound(self._block), True
         self._run()
         if self._unsaved:
-            keep_lowerings()  # of kernels that were called
+            keep_lowerings()  # stores the lowered kernels that were called
             self._unsaved = False
         return self._force.copy()
 

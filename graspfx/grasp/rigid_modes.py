@@ -143,7 +143,7 @@ def gain_matrix(
 ) -> None:  # fmt: skip
     """Add sqrt(W) [k_i I + (k_e - k_i) P] sqrt(W) in contact frames to a square (eq. 4, scalar gains).
 
-    `row` (6 entries) is scratch. With four coordinates, modes and frames include torsion.
+    `row` (6 entries) is work space. With four coordinates, modes and frames include torsion.
     """
     width = 4 if coordinates > 3 else 3
     for i, contact in enumerate(contacts):

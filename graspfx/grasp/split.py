@@ -72,8 +72,9 @@ class Split(Carded):
     `tolerance` R. With the default, if contacts lie within 1e-6 R of a line, the rotation about that line is internal.
     The rank does not depend on the metric. (If a translation is locked, rotations are about the object's axis.)
 
-    Without a metric, the kernels of `PointCoupling` split hard contacts on a free object. For a rotation about the line
-    through the contacts to be external, it must then also move them by more than the rounding of their coordinates.
+    Without a metric, the kernels of `PointCoupling` split hard contacts on a free object. A rotation about the line
+    through the contacts is then external only if it also moves the contacts by more than the rounding of their
+    coordinates.
 
     Many sets of contacts, or a stack of matrices (..., w, m), are split in one call, each independently. `rank` and
     `condition` are then arrays (...), `external` and `internal` (..., m, m).
@@ -314,7 +315,7 @@ class Split(Carded):
         return self.stretch((self.stretch(forces, inverse=True) @ U) @ _transposed(U))
 
     def stretch(self, x: FloatArray, *, inverse: bool = False) -> FloatArray:
-        """Compute L x for rows x (..., m), L = M^(1/2) symmetric; or L^-1 x."""
+        """Compute L x, or L^-1 x, for rows x (..., m), where L = M^(1/2) is symmetric."""
         L = self._root
         if L is None:
             return x

@@ -22,7 +22,7 @@ from graspfx.numeric import SMALLEST, finite
 from graspfx.spatial import Vector
 
 FloatArray = NDArray[np.float64]
-MOST = 8  # fingers shown on a card
+MOST = 8  # largest number of fingers shown on a card
 
 Status = Literal["free", "stick", "slide"]
 Law = Literal["frictionless", "stick", "coulomb", "associated"]
@@ -76,8 +76,9 @@ def unilateral_force(
     Without friction C is {lambda n, lambda >= 0} for each finger. With "stick" a finger does not slip while it pushes;
     if its normal force would pull, its whole force is zero. A coefficient mu gives the cone |f_t| <= mu f_n with
     Coulomb's law: s_n >= 0, f_n s_n = 0, and s_t is zero inside the cone and opposes f_t on its edge. A solution
-    exists, but it may not be unique for a large mu. If none is found, the associated law is used instead (s in C*: slip
-    lifts off), and `law` reports it; for a symmetric K its solution exists, is unique and is always found.
+    exists, but it may not be unique for a large mu. If none is found, the associated law is used instead (s in C*, so
+    that slipping fingers also lift off), and `law` reports it; for a symmetric K the solution of this law exists, is
+    unique and is always found.
 
     For two opposed fingers without friction this is the rule of Kawai and Yoshikawa, eqs. (24)-(26): finger i is in
     contact inside x_ci of (25), and the stiffness at a single finger is 2 kep kip/(kep + kip). For a symmetric K and s

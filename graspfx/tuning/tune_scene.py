@@ -25,7 +25,7 @@ MORE = 1.01  # factor on the objective for the verification
 NEAR = 2e-3  # a constraint with a larger slack is not active
 FRESH = 32  # number of random operators for the verification
 SAME = 1e-6  # smaller relative increases of the objective are rounding
-TIGHTEST = 6  # number of hands for which the objective 1 % larger is judged
+TIGHTEST = 6  # number of hands for which a 1 % larger objective is judged
 EDGE = 1e-6  # distance from the end of a range, relative to the range
 
 
@@ -44,7 +44,7 @@ def tune(
     hand for these gains in the whole box. The worst hand is added to the few hands, until no hand violates a constraint
     (Blankenship and Falk 1976). For one key, roots are bracketed by a grid; several keys use sequential quadratic
     programming from points that sample the box. Each judgement is a certificate at the rest with the judged values. New
-    judgements verify the result, including judgements for random hands and with the objective 1 % larger.
+    judgements verify the result, including judgements for random hands and with a 1 % larger objective.
 
     Names are `margin`, `margin.internal`, `margin.external`, `margin.external_translation`, `margin.external_rotation`,
     `margin.standing`, `margin.pushing`, `grip`, `depth` [m], `squeeze` [N], `force` [N], `frequency` [Hz],
@@ -57,12 +57,13 @@ def tune(
         subject_to: Comparisons of formulas by >= or <=, as one comma-separated text or a sequence.
         over: Ranges of the keys that may change, {"internal.stiffness": (50.0, 2000.0)} or "KEY=FROM:TO". By default
             the gains of the objective, from a hundredth to a hundred times their values.
-        operators: Set of operators as for `certify_operators`; "own" for the scene's own operator. By default the table
-            [operators] of the scene, or the usual ranges.
+        operators: Set of operators as for `certify_operators`; "own" for the scene's own operator. By default, the
+            ranges of the scene's table [operators], or else the usual ranges.
         seed: Seed of the random hands of the verification.
 
     Returns:
-        A `Tuning`. If the problem is infeasible, it contains the nearest point and reports this.
+        A `Tuning`. If the problem is infeasible, the result contains the nearest point and states that no point
+        satisfies the constraints.
 
     Raises:
         InputError: If an expression, a range or the objective is invalid, or the seed is not a non-negative integer.
@@ -163,7 +164,7 @@ def _binding(at: list[ConstraintValue], more: tuple[Check, ...]) -> ConstraintVa
 def _more(
     problem: Problem, values: Mapping[str, float], ones: Sequence[Judgement], hands: Sequence[Hand]
 ) -> Iterator[Check]:
-    """Judge each key 1 % further in the direction of a larger objective, and find the first constraint that breaks."""
+    """Judge each key 1 % further in the direction of a larger objective, and find the first violated constraint."""
     before = min(problem.objective_of(one) for one in ones)
     for each in problem.over:
         for factor in (MORE, 1.0 / MORE):

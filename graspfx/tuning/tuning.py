@@ -62,7 +62,7 @@ class ConstraintValue:
 
 @dataclass(frozen=True)
 class Check:
-    """Verification beyond the optimum, with the objective 1 % larger.
+    """Verification beyond the optimum, with a 1 % larger objective.
 
     Attributes:
         values: Judged values by key.
@@ -99,7 +99,7 @@ class Tuning(Carded):
         more: Verification 1 % beyond the optimum, for each key that increases the objective.
         certificates: Full certificates of each object at the optimum, in the hand that comes nearest to violating a
             constraint; empty without a rest.
-        end: Range at whose end the optimum lies, or None.
+        end: Range at whose end the optimum lies; None if the optimum lies inside all ranges.
         operators: Set of operators; None for the scene's own operator.
         hands: Operators used in the search.
         reach: For an infeasible problem, the best left side of each constraint on its own, by the constraint's text.
@@ -127,7 +127,7 @@ class Tuning(Carded):
 
     @property
     def pushing(self) -> Limit | None:
-        """The weakest set of fingers that push without the others, in that hand; None if no set can push alone."""
+        """The weakest set of fingers that push without the others in `certificates`; None if no set can push alone."""
         rows = [row for each in self.certificates for row in each.limits if row.mode.startswith(PUSHING)]
         return min(rows, key=lambda row: row.margin, default=None)
 

@@ -135,8 +135,8 @@ def never_passive(system: Display, scale: float) -> bool:
     """True if no device damping is sufficient: H is unstable, or H(1) is not symmetric or is negative.
 
     With a skew part of H(1), a sufficiently slow circular motion gains energy; with a negative stiffness, a
-    sufficiently long push does. Both gains exceed the dissipation, which vanishes for slow motion. `scale` is the
-    magnitude of H elsewhere [N/m].
+    sufficiently long push gains energy. In both cases the energy exceeds the dissipation, which vanishes for slow
+    motion. `scale` is the magnitude of H elsewhere [N/m].
     """
     if isinstance(system, StateSpace):
         if not system.stable():
@@ -175,7 +175,7 @@ class WorstMotion:
         margin: T E / sum |D_k|^2 [N s/m]: damping of the device in excess of what the motion requires; negative if the
             damping is too small.
         steps: Displacements D_k, (N, n), with sum |D_k|^2 = 1 m^2.
-        energy: Lower bound E of the energy absorbed over these steps [J]; negative if they extract energy.
+        energy: Lower bound E of the energy absorbed over these steps [J]; negative if the motion extracts energy.
     """
 
     margin: float
@@ -194,10 +194,10 @@ def worst_motion(H: object, damping: ArrayLike, period: float, samples: int) -> 
         H: (A, B, C, D), an object with them, or a stiffness; not a function of z.
         damping: Damping of the device, a number, (n,) or (n, n) [N s/m].
         period: Period T [s].
-        samples: Number N of samples. The work grows as (N n)^3, and N n may be at most 5000.
+        samples: Number N of samples. The computing time grows as (N n)^3, and N n may be at most 5000.
 
     Raises:
-        InputError: If h is a function of z, or `samples` is zero or too large.
+        InputError: If H is a function of z, or `samples` is zero or too large.
     """
     system = display(H, period)
     if not isinstance(system, StateSpace):

@@ -41,10 +41,10 @@ class CouplingLimits:
 def external_limit(damping: float, period: float, object_viscosity: float, *, coupling_damping: float = 0.0) -> float:
     """Compute k = (2/T) (b B/(b + B) - ked): a device and a viscous object at the two ends of a held spring [N/m].
 
-    The spring generates T/2 k per D^2/T, D its stretch in a sample, which two dampings in series dissipate. Below this
-    stiffness the system is passive at the device's port for every operator and all masses of device and object. Above
-    it, without ked, a sufficiently heavy object generates energy. The object must move exactly under a held force
-    (integrator "exact"), without delay.
+    If the spring stretches by D in a sample, it generates T/2 k per D^2/T, which two dampings in series dissipate.
+    Below this stiffness the system is passive at the device's port for every operator and all masses of device and
+    object. Above this stiffness, without ked, a sufficiently heavy object generates energy. The object must move
+    exactly under a held force (integrator "exact"), without delay.
 
     Args:
         damping: Damping b of the device [N s/m].
@@ -109,13 +109,13 @@ def leak_matrix(K: ArrayLike, G: ArrayLike, period: float, *, damping: ArrayLike
     """Compute L = [I; -G] (T/2 K + |D|) [I, -G'], (m + w, m + w) [N s/m]: the most energy that a held eq. (4) creates.
 
     On increments y = (Dx, Dq) of fingers and object, a held force absorbs f_k'De = V_{k+1} - V_k - 1/2 De'K De, with
-    De = Dx - G'Dq and V = 1/2 e'K e. It thus generates 1/2 De'K De = y'L y/T beyond the stored energy. Damping on the
-    backward difference, D (e_k - e_{k-1})/T, returns up to De'|D| De/T at half the sampling rate. Frictions dissipate
-    at least y' diag(B_d, B_o) y/T. Device, coupling and object together are therefore passive in every sample if
-    diag(B_d, B_o) - L >= 0; without D this condition is also necessary for sufficiently heavy objects.
+    De = Dx - G'Dq and V = 1/2 e'K e. The force thus generates 1/2 De'K De = y'L y/T beyond the stored energy. Damping
+    on the backward difference, D (e_k - e_{k-1})/T, returns up to De'|D| De/T at half the sampling rate. Frictions
+    dissipate at least y' diag(B_d, B_o) y/T. Device, coupling and object together are therefore passive in every sample
+    if diag(B_d, B_o) - L >= 0; without D this condition is also necessary for sufficiently heavy objects.
 
-    K must be symmetric positive semidefinite. Without D, frictionless fingers that touch and let go generate no more,
-    because their force is the gradient of a convex energy that is at most as stiff as K.
+    K must be symmetric positive semidefinite. Without D, frictionless fingers that touch and let go generate no more
+    energy, because their force is the gradient of a convex energy that is at most as stiff as K.
 
     Args:
         K: Stiffness, (m, m) [N/m].
@@ -171,7 +171,7 @@ def grasp_display(
     damping: ArrayLike | None = None,
     integrator: Integrator = "exact",
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Compute H(z) at the devices of an object behind eq. (4), as (A, B, C, D), for example for `required_damping`.
+    """Compute H(z) at the devices of an object coupled by eq. (4), as (A, B, C, D), for example for `required_damping`.
 
     f = K e + D (e - e_{k-1})/T, e = x - G'q, M_o q'' + B_o q' = G f held over a sample, with states q, q', e_{k-1}. The
     result is exact for this object, while `leak_margin` is valid for every mass. Contacts are fixed in the object,

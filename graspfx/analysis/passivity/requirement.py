@@ -13,18 +13,18 @@ from graspfx.analysis.passivity.display import Display, StateSpace, display, nev
 FloatArray = NDArray[np.float64]
 
 SLOW = 10.0 ** np.arange(-6.0, -1.4, 0.25)  # candidates for the start of the grid [rad]
-PARTED = 100.0  # factor on the smallest difference so far
+PARTED = 100.0  # factor on the smallest difference so far, above which extrapolations count as separate
 ROUNDS = 60  # largest number of bisections of an interval, and of levels of the pencil
 STEP = 1e-10  # relative distance of the next level above a value that is known to be attained
-NEAR = 1e-4  # distance from the unit circle up to which eigenvalues are examined; an extra one only costs time
+NEAR = 1e-4  # distance from the unit circle up to which eigenvalues are examined; an extra eigenvalue only costs time
 
 
 def required_damping(H: object, period: float) -> float:
     """Compute sup over w in (0, pi/T] of T/(2 (1 - cos wT)) Re{(1 - e^{-jwT}) H(e^{jwT})} [N s/m].
 
     A device with mass and damping b that displays H through a hold is passive for every operator if and only if b
-    exceeds this value (Colgate and Schenkel 1997). For n channels it is the largest eigenvalue of the Hermitian part,
-    for devices of equal b.
+    exceeds this value (Colgate and Schenkel 1997). For n channels the value is the largest eigenvalue of the Hermitian
+    part, for devices of equal b.
 
     Matrices are searched without a grid, to about 1e-9 (`PositiveReal`). A function of z is searched on an adaptive
     grid, to about 1e-9 if H has no time constant above 10000 samples and no resonance much narrower than pi/256.
@@ -109,8 +109,8 @@ def at_rest(system: Display, T: float) -> tuple[float, FloatArray]:
 
     Close to z = 1 the rounding of H is amplified by 2/th. Far from z = 1 the extrapolation of the real part of
     `required_at`, which is even in th, from th, 2 th and 4 th to zero is inaccurate. The chosen angle has the smallest
-    difference of two extrapolations, up to where they first separate; beyond a slow pole they would agree again, on
-    another limit.
+    difference of two extrapolations, among the angles before these first separate. Beyond a slow pole the
+    extrapolations would agree again, on a limit that is wrong.
     """
     G = required_at(system, (SLOW[:, None] * [1.0, 2.0, 4.0]).ravel(), T).real
     G = G.reshape(len(SLOW), 3, *G.shape[1:])
@@ -150,7 +150,7 @@ def refined(value: Callable[[FloatArray], FloatArray], angles: FloatArray) -> tu
 
 
 def polished(value: Callable[[FloatArray], FloatArray], best: float, at: float) -> tuple[float, float]:
-    """Sharpen a peak, whose angle is known to 0.1 %, to rounding."""
+    """Refine a peak, whose angle is known to 0.1 %, until only rounding errors remain."""
     from scipy.optimize import minimize_scalar
 
     for width in (1e-2, 1e-4, 1e-6):
@@ -191,7 +191,7 @@ class PositiveReal:
         """Find the angles in [0, pi] at which an eigenvalue of -T Herm W equals `level`, in ascending order.
 
         On the unit circle: z x = A x + B u, p = z (A'p + C'u), 0 = C x + B'p + 2 (rest + level) u, a symplectic pencil
-        whose eigenvalues there are these angles.
+        whose eigenvalues on the circle have these angles.
         """
         from scipy.linalg import eig
 
@@ -208,11 +208,11 @@ class PositiveReal:
         return np.sort(np.abs(np.angle(over[on] / under[on])))
 
     def worst(self) -> tuple[float, float]:
-        """Maximise `lack` [N s/m] over th, and return th: no level above it is crossed.
+        """Maximise `lack` [N s/m] over th, and return th; no level above the maximum is crossed.
 
         Each round computes the crossings of the largest value so far, which enclose all larger values, and evaluates
-        the midpoints of those intervals. It converges quadratically (Boyd and Balakrishnan 1990; Bruinsma and Steinbuch
-        1990, for the H-infinity norm).
+        the midpoints of those intervals. The iteration converges quadratically (Boyd and Balakrishnan 1990; Bruinsma
+        and Steinbuch 1990, for the H-infinity norm).
         """
         start = np.concatenate([[0.0, np.pi], np.abs(np.angle(np.linalg.eigvals(self.A)))])
         values = self.lack(start)

@@ -79,11 +79,12 @@ class QuantisedWall:
     Attributes:
         viscous: Ratio b/(K T); 1/2 + t_d/T or more is enough.
         coulomb: Ratio f_c/(K Delta); 1/2 or more is enough.
-        passive: True if both are enough, so that no motion gains energy.
-        calm_below: Speed [m/s] below which no motion gains energy, because Coulomb friction also covers the hold; inf
-            if viscous friction does.
-        calm_above: Speed [m/s] above which no motion gains energy, because viscous friction also covers the
-            quantisation; limit cycles are slower. Zero if Coulomb friction covers it, inf if viscous friction cannot.
+        passive: True if both ratios are large enough, so that no motion gains energy.
+        calm_below: Speed [m/s] below which no motion gains energy, because Coulomb friction also dissipates the energy
+            that the hold creates; inf if viscous friction dissipates this energy.
+        calm_above: Speed [m/s] above which no motion gains energy, because viscous friction also dissipates the energy
+            that the quantisation creates; limit cycles are slower. Zero if Coulomb friction dissipates that energy, inf
+            if viscous friction cannot.
     """
 
     viscous: float
@@ -122,8 +123,8 @@ def quantised_wall(
         (b_n - b) v <= f_c - K Delta/2.
 
     If f_c > K Delta/2 and b is too small, the wall is calm below a speed, and a faster motion may grow. If b is
-    sufficient and f_c too small, the wall is calm above a speed, and limit cycles below that speed feel like buzzing.
-    If neither friction is sufficient, nothing is guaranteed.
+    sufficient and f_c is too small, the wall is calm above a speed, and limit cycles are possible below that speed,
+    which feel like buzzing. If neither friction is sufficient, nothing is guaranteed.
 
     Args:
         stiffness: Stiffness K [N/m].
@@ -199,8 +200,8 @@ def z_width(
 ) -> ZWidth:
     """Compute the largest stiffness of a wall K x + B (x_k - x_(k-1))/T over B (Colgate and Brown 1994).
 
-    Passive: `guaranteed_wall_limit`, for every operator. Stable: `gx.stability.wall_limit`, for a device that nobody
-    holds, which depends on its mass.
+    `passive` is the limit of `guaranteed_wall_limit`, for every operator. `stable` is the limit of
+    `gx.stability.wall_limit` for a device that nobody holds, and depends on the device's mass.
 
     Args:
         damping: Damping b of the device [N s/m].

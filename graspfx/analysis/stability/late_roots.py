@@ -4,10 +4,10 @@ A loop s_(k+1) = A s_k + B h_k, h_k,i = -(C s_(k - n_i))_i has as eigenvalues th
 
     T(z) = z I + B diag(z^-n) C - A,
 
-whose number is that of states plus delayed samples. The function det(T(z)/z) tends to 1 for large z and has no poles
-outside. By the argument principle, the number of eigenvalues outside a circle |z| = rho is the number of times that the
-function winds clockwise around zero along the circle. The function is computed from the Schur form A = U S U^H with
-diagonal entries l_i:
+whose number is the number of states plus the number of delayed samples. The function det(T(z)/z) tends to 1 for large z
+and has no poles except at z = 0. By the argument principle, the number of eigenvalues outside a circle |z| = rho is the
+number of times that the function winds clockwise around zero along the circle. The function is computed from the Schur
+form A = U S U^H with diagonal entries l_i:
 
     det(T(z)/z) = prod_i (1 - l_i/z) det(I + diag(z^-n) H(z)),  H(z) = C U (z I - S)^-1 U^H B.
 """
@@ -29,7 +29,7 @@ NEAR = np.concatenate([-np.geomspace(0.1, 1e3, 9)[::-1], [0.0], np.geomspace(0.1
 TURN = 0.7  # largest change of the determinant's phase [rad], and of its logarithm, between points
 UNEVEN = 4.0  # largest ratio of neighbouring steps
 PER_TURN = 9.0  # points per turn of z^-n where the reaction matters
-COUNTS = 0.2  # gain of the reaction above which it matters
+COUNTS = 0.2  # gain of the reaction above which the reaction matters
 ROUNDS = 40  # largest number of bisections
 FINEST = 1e-13  # smallest step [rad]
 TRIES = 4  # number of searches, from circles of several radii, before counting alone decides
@@ -167,7 +167,7 @@ def _walk(loop: LateLoop, radius: float) -> tuple[int, FloatArray, FloatArray]:
 
 
 def _points(loop: LateLoop, radius: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Choose angles so dense that det(T/z) changes little between them; return its phase and log magnitude too."""
+    """Choose angles so dense that det(T/z) changes little between them; also return its phase and log magnitude."""
     angle, phase, size = _start(loop, radius)
     for _ in range(ROUNDS):
         wide = (_turns(phase) > TURN) | (np.abs(np.diff(size)) > TURN) | _is_uneven(angle)
@@ -225,7 +225,7 @@ def _even(angle: FloatArray) -> FloatArray:
 def _is_uneven(angle: FloatArray) -> NDArray[np.bool_]:
     """True for each step that is much wider than a neighbour.
 
-    A multiple root is passed with a phase change of 2 pi, which shows only in the steps on either side.
+    Within a step past a multiple root, the phase may change by 2 pi; only the steps on either side reveal this.
     """
     step = np.diff(angle)
     beside = np.minimum(np.append(step[1:], np.inf), np.insert(step[:-1], 0, np.inf))
@@ -250,7 +250,7 @@ def _farthest(loop: LateLoop, radius: float, angle: FloatArray, size: FloatArray
 def root_near(loop: LateLoop, z: complex) -> complex | None:
     """Apply the method of successive linear problems, T x = m T'x, from z; return an eigenvalue, or None.
 
-    It converges equally fast to eigenvalues that are multiple by symmetry.
+    The method converges equally fast to eigenvalues that are multiple by symmetry.
     """
     at = np.array([z], dtype=complex)
     for _ in range(STEPS):

@@ -85,8 +85,8 @@ class Loci(Carded):
 def loci(subject: Subject, frequency: ArrayLike | None = None) -> Loci:
     """Compute the loci of L(z) = -C (z I - A)^-1 B, the return ratio of the loop opened at the coupling's forces.
 
-    The closed loop is stable if they encircle -1 counterclockwise as often as A (`open_loop`) has eigenvalues outside
-    the unit circle (MacFarlane and Postlethwaite 1977).
+    The closed loop is stable if the loci encircle -1 counterclockwise as often as A (`open_loop`) has eigenvalues
+    outside the unit circle (MacFarlane and Postlethwaite 1977).
 
     Args:
         subject: `Linearisation`, scene, or name or path of a scene.
@@ -153,7 +153,7 @@ def _gain_margin(loop: OpenLoop, frequency: FloatArray, response: ComplexArray) 
 
 
 def _edge(loop: OpenLoop, factor: float, frequency: float) -> tuple[float, float]:
-    """Bisect for the factor of the forces, nearest to a known one, at which the number of growing motions changes."""
+    """Bisect for the factor of forces nearest to a known factor at which the number of growing motions changes."""
 
     def growing(each: float) -> int:
         return int((np.abs(np.linalg.eigvals(loop.A + each * loop.B @ loop.C)) > 1.0 + GROWING).sum())
@@ -189,7 +189,7 @@ def _phase_margin(loop: OpenLoop, frequency: FloatArray, response: ComplexArray)
 
 
 def _refined(loop: OpenLoop, ends: FloatArray, values: ComplexArray, of: Any) -> tuple[float, complex]:
-    """Bisect for a sign change of a function of a locus, which is the eigenvalue nearest to both ends."""
+    """Bisect for a sign change of a function of a locus; the locus is the eigenvalue nearest to both ends."""
     (low, high), (at_low, at_high) = map(float, ends), map(complex, values)
     for _ in range(REFINED):
         middle = 0.5 * (low + high)

@@ -26,12 +26,12 @@ DRIFT = 1e-10  # relative to the largest stiffness: motions that stretch springs
 
 @one_blas_thread()
 def spectral_radius(linear: Subject, recording: object = None, *, drift: bool = False) -> float:
-    """Compute the largest |z| of the sampled closed loop about a grasp at rest; the loop is stable if it is below 1.
+    """Compute the largest |z| of the sampled closed loop about a grasp at rest; the loop is stable if |z| < 1.
 
     Args:
         linear: `Linearisation`, scene, or name or path of a scene.
         recording: Recording of the scene, or its path: the loop is linearised about the rest at its end. A recording of
-            hardware also provides the lateness of forces, of whose 1st and 99th percentile the worse is used.
+            hardware also provides the lateness of forces; the less stable of its 1st and 99th percentiles is used.
         drift: Include motions of fingers and object together that change no force (without an operator's spring).
     """
     return radius_of(linear_of(linear, recording), drift=drift)
@@ -77,9 +77,9 @@ class OpenLoop(NamedTuple):
 
 
 def open_loop(subject: Subject) -> OpenLoop:
-    """Open the loop between forces and plants: s_(k+1) = A s_k + B u_k, f_k = C s_k; with u = f it is `loop_matrix`.
+    """Open the loop between forces and plants: s_(k+1) = A s_k + B u_k, f_k = C s_k; u = f gives `loop_matrix`.
 
-    With "implicit", the coupling's own prediction of the object stays inside C.
+    With "implicit", the coupling's own prediction of the object is part of C.
 
     Args:
         subject: Grasp: a `Linearisation`, a scene, or the name or path of one.
@@ -333,7 +333,7 @@ class LoopRows:
 
 
 def _groups(parts: FloatArray) -> Sequence[tuple[float, NDArray[np.intp]]]:
-    """Return each positive part of a sample, and the indices that have it."""
+    """Return each positive part of a sample, and the indices of the coordinates with this part."""
     return [(part, np.flatnonzero(parts == part)) for part in np.unique(parts[parts > 0.0]).tolist()]
 
 
@@ -447,7 +447,7 @@ def object_matrices(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Compute (p, q, r, s) of q+ = q + p w + q F, w+ = r w + s F under a wrench F held over T, each (r, r).
 
-    With "implicit", the force is solved for with q and s too.
+    With "implicit", q and s also serve to solve for the force.
     """
     figures = (np.ascontiguousarray(each, dtype=float).tobytes() for each in (inertia, viscosity))
     return _object_matrices(integrator, len(inertia), *figures, T)

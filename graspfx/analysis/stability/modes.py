@@ -19,14 +19,14 @@ FloatArray = NDArray[np.float64]
 
 SAME = 1e-9  # relative tolerance for equal and for zero properties of modes
 COMMUTING = 1e-8  # relative off-diagonal rest of commuting matrices in their common axes
-FAINT = 1e-9  # relative: smaller arms and preloads change a limit, by their square, by less than rounding
+FAINT = 1e-9  # relative: smaller arms and preloads, whose squares enter a limit, change it by less than rounding
 NOTHING = 1e-11  # relative: a smaller coupling changes a limit by less than rounding
 SHORTEST = 1e-3  # smallest arm of an object's coordinate [m]
 ALIKE = 1e-12  # relative difference of gains, devices and hands up to which motions are equal
 
 
 def common_axes(matrices: Sequence[FloatArray], tolerance: float) -> FloatArray | None:
-    """Find orthonormal columns that diagonalise all of the matrices within a relative tolerance; None if none do."""
+    """Find orthonormal columns that diagonalise all matrices within a relative tolerance; None if there are none."""
     sizes = [max(float(np.abs(A).max(initial=0.0)), 1e-300) for A in matrices]
     if any(np.abs(A - A.T).max(initial=0.0) > tolerance * size for A, size in zip(matrices, sizes, strict=True)):
         return None
@@ -52,12 +52,13 @@ class Mode:
     Attributes:
         kind: "internal" (a device on a wall), "external" (a device that moves an object) or "coupled" (external motions
             that do not separate).
-        count: Number of motions: equal internal ones are counted together; for "coupled" the size of the block.
+        count: Number of motions: equal internal motions are counted together; for "coupled" the size of the block.
         stiffness, damping: Stiffness and damping of the mode's coupling [N/m, N s/m]; (count, count) for "coupled".
         object_mass, object_viscosity: Object that its device moves [kg, N s/m]; 0 for "internal", matrices for
             "coupled".
         spectral_radius: Spectral radius of its closed loop.
-        motions: Orthonormal device motions, (m, count), each times the square root of its mass over their mean.
+        motions: Orthonormal device motions, (m, count), each entry times the square root of the device's mass over the
+            mean mass.
         limits: Limits of its stiffness at its present damping; None for "coupled".
     """
 
@@ -73,12 +74,13 @@ class Mode:
 
 
 def modes(linear: Subject) -> list[Mode]:
-    """List the modes of a grasp of identical devices without preload, internal ones first.
+    """List the modes of a grasp of identical devices without preload, internal modes first.
 
     There are m - r equal internal modes "device + wall k_ip", and r external modes "device + object", where M_i are the
     eigenvalues of (G G')^-1/2 M_o (G G')^-1/2, and b_i and k_i likewise; if those matrices do not commute, they form
     one coupled block. Devices with different masses count as identical if friction, springs and gains are proportional
-    to the masses, as with a mass metric: each is measured in units of the square root of its mass over their mean.
+    to the masses, as with a mass metric: each device is measured in units of the square root of its mass over the mean
+    mass.
 
     Args:
         linear: `Linearisation`, scene, or name or path of a scene.
@@ -106,7 +108,7 @@ def modes(linear: Subject) -> list[Mode]:
 
 
 def _device(linear: Linearisation) -> tuple[Plant, FloatArray]:
-    """Return the device to which all devices are equal in units of mass, and the roots of masses over the mean."""
+    """Return the device to which all are equal in units of mass, and the square roots of masses over the mean mass."""
     if linear.preload is not None and linear.preload.any():
         raise InputError("preload", linear.preload, "none", "a squeezed grasp has no separate modes")
     if not np.allclose(linear.G, linear.G_displacement, rtol=0.0, atol=SAME * np.abs(linear.G).max(initial=0.0)):
@@ -221,7 +223,8 @@ def parts_of(linear: Linearisation, gains: Sequence[FloatArray] = ()) -> list[Pa
 
     Args:
         linear: Loop.
-        gains: Symmetric matrices (m, m) of which its stiffness is a linear combination; only its stiffness if empty.
+        gains: Symmetric matrices (m, m) of which its stiffness is a linear combination; if there are none, only the
+            loop's own stiffness.
     """
     m, r = linear.coordinates
     if m <= r:
@@ -289,7 +292,7 @@ def _closure(rows: FloatArray, matrices: Sequence[FloatArray]) -> FloatArray | N
 
 
 def _part(linear: Linearisation, root: FloatArray, columns: FloatArray, with_object: bool) -> Part:
-    """Restrict a loop to orthonormal columns of its devices' coordinates, each times the root of its mass."""
+    """Restrict a loop to orthonormal columns of its devices' coordinates, each entry times the root of its mass."""
     m, r = linear.coordinates
     k, q = columns.shape[1], r if with_object else 0
     B, forces = columns / root[:, None], columns * root[:, None]  # x = B y, and the part's own f

@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 
 DECADES = -6, 3  # range of log10(b T/m) in which a friction is searched
 GRID = 361  # number of frictions of the first grid, 40 per decade
-REFINED = 65, 6  # frictions between two neighbours, and number of refinements: to 1e-12
+REFINED = 65, 6  # number of frictions between two neighbours, and number of refinements, down to a width of 1e-12
 
 
 def _on_wall(mass: ArrayLike, damping: ArrayLike, period: ArrayLike, wall_damping: Any = 0.0, **options: Any) -> Plant:
@@ -39,9 +39,9 @@ def wall_limit(mass: float, damping: float, period: float, **options: Unpack[Wal
 
         m x'' + (b + b_s) x' + k_s x = -f,    f = k x_j + B (x_j - x_(j-1))/T,    f held over T, `delay` samples late
 
-    The result is the limit of k_ip for every internal motion of a grasp with such devices. Without spring, damping and
-    delay it is min{(1 - E)/b0, 2 (1 + E)/(b1 - b0) if b1 > b0}, with p = b/m, E = exp(-p T), b1 = (T - (1 - E)/p)/b and
-    b0 = ((1 - E)/p - T E)/b.
+    The result is the limit of k_ip for every internal motion of a grasp with such devices. Without a spring, wall
+    damping, operator damping and delay, the limit is min{(1 - E)/b0, 2 (1 + E)/(b1 - b0) if b1 > b0}, with p = b/m, E =
+    exp(-p T), b1 = (T - (1 - E)/p)/b and b0 = ((1 - E)/p - T E)/b.
 
     Args:
         mass: Mass m of the device [kg].
@@ -81,7 +81,7 @@ def external_limit(
     object_damping: float,
     **options: Unpack[ObjectOptions],
 ) -> float:
-    """Compute k_ep at which fingers that move an object first become unstable as it grows from zero [N/m]; or inf.
+    """Compute the smallest k_ep at which fingers that move an object are unstable [N/m]; inf if all k_ep are stable.
 
     n equal fingers along one axis are equivalent to one device of mass m and an object of mass m_v/n and viscosity
     b_v/n:
@@ -196,7 +196,7 @@ def stable_intervals(
 
 @dataclass(frozen=True)
 class Gains:
-    """Stiffnesses [N/m]: k_ep and k_ip of the split, and k_p of the conventional method, the smaller limit."""
+    """Stiffnesses [N/m]: k_ep and k_ip of the split, and k_p of the conventional method, the smaller of the two."""
 
     external: float
     internal: float
@@ -218,7 +218,8 @@ def largest_gains(
     """Compute gains that may grow by `margin`, like all smaller gains, before n fingers along one axis become unstable.
 
     k_ip is the wall's limit over the margin, and k_ep that of an object of mass m_v/n. With `pushing`, k_ep is lowered
-    until any s of the n fingers may push alone: they see 1/[(1 - s/n)/k_ip + (s/n)/k_ep] and an object of mass m_v/s.
+    until any s of the n fingers may push alone: the stiffness is then 1/[(1 - s/n)/k_ip + (s/n)/k_ep], and the object's
+    mass is m_v/s.
 
     Args:
         margin: Safety factor; above 1.
@@ -248,8 +249,8 @@ def least_wall_friction(
 ) -> float:
     """Compute the smallest friction b of a device whose wall is stable up to `margin` times a stiffness [N s/m].
 
-    The first interval in which the limit reaches `margin * stiffness` is refined, on a logarithmic grid of b T/m from
-    1e-6 to 1e3 that begins with zero. The result is inf if no friction suffices.
+    The search uses b T/m = 0 and a logarithmic grid of b T/m from 1e-6 to 1e3. The first interval in which the limit
+    reaches `margin * stiffness` is refined. The result is inf if no friction suffices.
     """
     number("stiffness", stiffness, "N/m", zero=False)
     return _least(lambda b: wall_limit_map(mass, b, period, **options), margin * stiffness, mass / period)

@@ -17,7 +17,7 @@ from graspfx.numeric import finite
 FloatArray = NDArray[np.float64]
 Limit = Literal["elliptic", "independent"]
 
-FLAT = 1e-6  # smallest singular value of the cones' wrenches; below it some wrench is missing
+FLAT = 1e-6  # smallest singular value of the cones' wrenches; below this value some wrench is missing
 BOUNDARY = 1e-7  # an equilibrium whose evenly spread share is smaller lies on the boundary of the cones
 ROUNDS = 200
 
@@ -122,9 +122,9 @@ class ForceClosure:
     """Whether pushing contacts can exert every wrench, with the proof.
 
     Attributes:
-        closed: True if they can.
-        squeeze: Primal proof if closed, else None: contact forces (m,) strictly inside their cones whose wrench is
-            zero; the normal forces sum to 1 N.
+        closed: True if the contacts can exert every wrench.
+        squeeze: Primal proof if closed, else None: contact forces (m,) with zero wrench, strictly inside their cones;
+            the normal forces sum to 1 N.
         separating: Dual proof if not closed, else None: a wrench direction u (w,), forces before moments divided by the
             length, with u.w <= 0 for every wrench of the contacts. Also None if 200 rounds prove neither answer.
         share: Fraction of the squeeze that can be spread evenly over the cones, in (0, 1]; 0 if not closed.
@@ -159,9 +159,9 @@ def force_closure(
 
     t > 0 proves closure by forces in the true cones. Otherwise u, the centre of the directions that separate the g_j,
     is tested in closed form against the cones themselves. If no wrench of the cones has u.w > 0, u disproves closure.
-    Otherwise the most violating wrenches are added to the g_j and the test is repeated (Elzinga and Moore 1975),
-    usually a few times. Both answers therefore hold for second-order cones without linearisation. A grasp within 1e-7
-    of the boundary counts as not closed. The answer does not depend on scale, reference point or units.
+    Otherwise the most violating wrenches are added to the g_j and the test is repeated, usually a few times (Elzinga
+    and Moore 1975). Both answers therefore hold for second-order cones without linearisation. A grasp within 1e-7 of
+    the boundary counts as not closed. The answer does not depend on scale, reference point or units.
 
     A contact with friction 0 pushes only along its normal. For two contacts (hard in the plane, soft in space) the test
     reduces to Nguyen's rule (1988): the line between them lies inside both cones.
@@ -212,7 +212,7 @@ def closure_of(cones: PushingWrenches) -> tuple[ForceClosure, FloatArray]:
             total = np.zeros((n, forces.shape[1]))
             np.add.at(total, contact, weights[:, None] * forces)
             return ForceClosure(True, cones.components(total), None, share), generators
-        # centre of all separating directions; a corner of them usually violates the curved sides of the cones
+        # centre of all separating directions; a corner of their set usually violates the curved sides of the cones
         slack = np.column_stack([generators, np.sqrt((generators**2).sum(axis=1))])
         middle = linprog(
             -np.eye(w + 1)[w], A_ub=slack, b_ub=np.zeros(len(slack)), bounds=[(-1.0, 1.0)] * w + [(0.0, None)]

@@ -18,9 +18,9 @@ from graspfx.numeric import finite
 FloatArray = NDArray[np.float64]
 Candidates = list[tuple[str, FloatArray]]
 
-FLAT = 1e-6  # relative to the contacts' spread: closer than this to a line or plane, they lie on it
+FLAT = 1e-6  # relative to the contacts' spread: contacts closer than this to a line or plane lie on it
 DEPENDENT = 1e-6  # smallest part of a unit force that counts as independent of those already chosen
-TIED = 1e-9  # relative: candidates that add equally much; the first of them is taken
+TIED = 1e-9  # relative difference up to which candidates count as equal; the first of these is taken
 AXES = "xyz"
 
 
@@ -43,10 +43,10 @@ class InternalCoordinates:
     | torsion i against j | the same if forces cannot balance it: contact j turns back | N m |
     | force k x | a component that locked freedoms of the object or other contacts balance | N |
 
-    Tensions come first. The set is chosen so that the tension of every other pair is a combination of it with
-    coefficients of at most 1. Tensions span the internal forces of point contacts, unless the contacts lie on a line,
-    or four or more lie in a plane in space. Then (d - a)(n - a - 1) bendings complete them, where a is the dimension of
-    the contacts' span. Sources: Murray, Li and Sastry 1994, ch. 5; Williams and Khatib 1993.
+    Tensions come first. The set is chosen so that the tension of every other pair is a combination of the chosen
+    tensions with coefficients of at most 1. Tensions span the internal forces of point contacts, unless the contacts
+    lie on a line, or four or more lie in a plane in space. Then (d - a)(n - a - 1) bendings complete them, where a is
+    the dimension of the contacts' span. Sources: Murray, Li and Sastry 1994, ch. 5; Williams and Khatib 1993.
 
     Attributes:
         names: Name of each coordinate.
@@ -225,7 +225,7 @@ def _circuits(grasp: GraspMatrix, A: FloatArray, units: FloatArray, rank: int, f
 
 
 def _extended(rows: Candidates, candidates: Candidates, target: int, units: FloatArray) -> Candidates:
-    """Select the candidates of largest volume; exchange them until every other one has coefficients <= 1."""
+    """Select the candidates of largest volume; exchange them until every other candidate has coefficients <= 1."""
     want = target - len(rows)
     if want <= 0 or not candidates:
         return rows
@@ -254,7 +254,7 @@ def _exchanged(X: FloatArray, picks: list[int]) -> list[int]:
 
 
 def _pivots(X: FloatArray, count: int, least: float = 0.0) -> list[int]:
-    """Select up to `count` columns of X, each the one with the largest part orthogonal to the previous ones."""
+    """Select up to `count` columns of X, each with the largest part orthogonal to the previous columns."""
     R = X.copy()
     picks: list[int] = []
     for _ in range(min(count, *X.shape)):

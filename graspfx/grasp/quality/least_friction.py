@@ -16,7 +16,7 @@ from graspfx.numeric import finite, number
 
 FloatArray = NDArray[np.float64]
 
-TOLERANCE = 1e-10  # of the coefficient
+TOLERANCE = 1e-10  # error of the coefficient, relative or absolute
 SLACK = 1e-10  # fraction of the largest normal force that counts as zero
 RANK = 1e-9  # relative, of G
 LEAST = 1e-7  # smaller coefficients count as zero, because such tangential forces are below rounding
@@ -28,11 +28,11 @@ STEPS = 60  # largest number of Newton steps per centre
 def least_friction(grasp: GraspMatrix, wrench: ArrayLike | None = None, *, normal_force: float | None = None) -> float:
     """Find the least mu, |f_t| <= mu f_n at every contact, for which a grasp has force closure, or exerts a wrench.
 
-    Without a wrench, it is the infimum of the coefficients for which `Grasp.force_closure` holds. With a wrench w, it
-    is the least for which contact forces f in the cones, with f_n <= L, satisfy G f = w. The bound L is required: as L
-    grows the coefficient goes to zero, because larger normal forces transmit more. mu f_n is bilinear in mu and f, so
-    that mu is found by bisection. Each step minimises s, with |f_t|/mu <= f_n + s and f_n <= L + s at each contact, by
-    a barrier method in the internal forces.
+    Without a wrench, the result is the infimum of the coefficients for which `Grasp.force_closure` holds. With a wrench
+    w, the result is the least coefficient for which contact forces f in the cones, with f_n <= L, satisfy G f = w. The
+    bound L is required: as L grows the coefficient goes to zero, because larger normal forces transmit more. mu f_n is
+    bilinear in mu and f, so that mu is found by bisection. Each step minimises s, with |f_t|/mu <= f_n + s and f_n <= L
+    + s at each contact, by a barrier method in the internal forces.
 
     Args:
         grasp: Grasp of hard contacts with normals.
@@ -40,7 +40,8 @@ def least_friction(grasp: GraspMatrix, wrench: ArrayLike | None = None, *, norma
         normal_force: Bound L of the normal forces [N], with a wrench.
 
     Returns:
-        Coefficient, with an error of 1e-9 of itself or of 1; zero below 1e-7, infinite if none suffices.
+        Coefficient, with an error of 1e-9 relative to the coefficient or to 1, whichever is larger; zero below 1e-7,
+        infinite if no coefficient suffices.
 
     Raises:
         InputError: If contacts are not hard or have no normals, or the wrench has no bound or another size.

@@ -52,14 +52,14 @@ def wrench_margin(
 ) -> Margin:
     """Compute epsilon = min over |u| = 1 of max over w in W of u.w, for the set W of wrenches of forces in the cones.
 
-    Normal forces are bounded. With `bound` "sum" they sum to at most 1 N, and W is the convex hull of the contacts'
-    wrenches. With "each" every one is at most 1 N, and W is the Minkowski sum (both: Ferrari and Canny 1992). The
-    support function of W is known in closed form for the cones. The nearest facet of a polytope of points of W bounds
-    epsilon from below (Barber, Dobkin and Huhdanpaa 1996). The support of W along the normal of that facet bounds it
-    from above. Its point of W is added to the polytope, until the bounds agree. A final descent on the sphere lowers
-    the upper bound to a local minimum. No linear program finds epsilon, because the minimum over the sphere is not
-    convex. The bounds stay further apart for a smooth W that is weak along a family of directions, which needs many
-    points.
+    Normal forces are bounded. With `bound` "sum" these forces sum to at most 1 N, and W is the convex hull of the
+    contacts' wrenches. With "each" every normal force is at most 1 N, and W is the Minkowski sum (both: Ferrari and
+    Canny 1992). The support function of W is known in closed form for the cones. The nearest facet of a polytope of
+    points of W bounds epsilon from below (Barber, Dobkin and Huhdanpaa 1996). The support of W along the normal of that
+    facet bounds epsilon from above. The point of W that attains this support is added to the polytope. These steps are
+    repeated until the bounds agree. A final descent on the sphere lowers the upper bound to a local minimum. No linear
+    program finds epsilon, because the minimum over the sphere is not convex. The bounds stay further apart for a smooth
+    W that is weak along a family of directions, because such a W needs many points.
 
     A grasp without force closure has margin 0. Unlike closure, epsilon depends on the length and the reference point.
 

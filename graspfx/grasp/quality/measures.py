@@ -62,10 +62,10 @@ def measures(
 
     Args:
         grasp: Contacts.
-        length: Length L that divides moments [m]. If None, the contacts' rms distance from their centroid.
-        about: Reference point of moments [m], for example the object's centre of mass. If None, the contacts' centroid,
-            or the grasp's origin if a translation is locked.
-        torsion_length: Length l: a torsion of l N m has the same weight as a force of 1 N [m]. If None, L.
+        length: Length L that divides moments [m]. If None, the contacts' rms distance from their centroid is used.
+        about: Reference point of moments [m], for example the object's centre of mass. If None, the contacts' centroid
+            is used, or the grasp's origin if a translation is locked.
+        torsion_length: Length l: a torsion of l N m has the same weight as a force of 1 N [m]. If None, L is used.
 
     Raises:
         InputError: If a length is not positive, or no length is given and all contacts coincide.
