@@ -124,8 +124,8 @@ def quantised_wall(
         (b_n - b) v <= f_c - K Delta/2.
 
     If f_c > K Delta/2 and b is too small, the wall is calm below a speed, and a faster motion may grow. If b is
-    sufficient and f_c is too small, the wall is calm above a speed, and limit cycles are possible below that speed,
-    which feel like buzzing. If neither friction is sufficient, nothing is guaranteed.
+    sufficient and f_c is too small, the wall is calm above a speed, and limit cycles, which feel like buzzing, are
+    possible below that speed. If neither friction is sufficient, nothing is guaranteed.
 
     Args:
         stiffness: Stiffness K [N/m].
