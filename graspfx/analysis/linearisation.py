@@ -37,7 +37,7 @@ class OperatorMatrices:
         delay: Delays n (m,) [samples]; without effect if P, Q and C are zero.
         grip: Matrix A (m, m), hand force in newtons per newton of displayed force.
         grip_share: Factors a of the grip's decay in one sample, (m,).
-        friction: Friction R (m, m) of the devices in addition to b [N s/m]; damping of hands acts between tips and limbs.
+        friction: Friction R (m, m) of the devices beyond b [N s/m]; damping of hands acts between tips and limbs.
     """
 
     limb: FloatArray
