@@ -19,7 +19,9 @@ def number(name: str, argument: float, unit: str, *, zero: bool = True, negative
     """Check a finite number above zero; `zero` also permits zero, and `negative` any sign."""
     value = numbers(name, argument, unit, zero=zero, negative=negative)
     if value.ndim:
-        raise InputError(name, argument, f"one number [{unit}]", "arrays go to `limit_map`")
+        raise InputError(
+            name, argument, f"one number [{unit}]", "pass arrays to `wall_limit_map` or `external_limit_map`"
+        )
     return float(value)
 
 
@@ -54,12 +56,12 @@ def samples(name: str, argument: float) -> int:
     """Check a delay: an integer number of samples."""
     lag = count(name, argument)
     if lag > LONGEST:
-        raise InputError(name, argument, f"a whole number of samples, {LONGEST} at most", "take a longer period")
+        raise InputError(name, argument, f"a whole number of samples, {LONGEST} at most", "use a longer period")
     return lag
 
 
 def lag_of_object(object_delay: int, integrator: str) -> int:
-    """Check the delay of the object's force [samples], which is zero if it is solved together with the new state."""
+    """Check the delay of the force on the object [samples], which must be zero with the implicit integrator."""
     lag = samples("object_delay", object_delay)
     if lag and integrator == "implicit":
         raise InputError("object_delay", lag, "0 with the implicit integrator, whose force acts at once on the object")

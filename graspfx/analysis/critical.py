@@ -89,7 +89,7 @@ class Limits:
 
 
 def limits_of(D: FloatArray, N: FloatArray, unit: float, period: float) -> Limits:
-    """Compute the limits of D + k N, D and N (n + 1,) in ascending powers of s = z - 1; unit: m/T^2 [N/m]."""
+    """Compute the limits of D + k N, with coefficients (n + 1,) in ascending powers of s = z - 1; unit: m/T^2 [N/m]."""
     k, y, stable = edges(D, N, unit)
     intervals: list[list[float]] = []
     losses: dict[float, Loss] = {}
@@ -125,10 +125,11 @@ def to_half_plane(n: int) -> FloatArray:
 
 
 def critical_gains(D: FloatArray, N: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Find gains k and half-tangents y = tan^2(theta/2) with D + k N = 0 at exp(j theta), (c, ...); non-finite if none.
+    """Find k and y = tan^2(theta/2), (c, ...), at which D + k N = 0 for z = exp(j theta); non-finite if there is none.
 
     On |z| = 1, w = j sqrt(y) and y = (1 - cos theta)/(1 + cos theta): Im(N conj D)/sin theta is a polynomial in cos
-    theta, here in y, which keeps its digits near z = 1 for slow loops. The last two entries belong to z = 1 and z = -1.
+    theta, written here in y to remain accurate near z = 1, for slow loops. The last two entries belong to z = 1 and
+    z = -1.
 
     Args:
         D, N: Coefficients in ascending powers of s = z - 1, (n + 1, ...).
@@ -152,7 +153,7 @@ def in_half_plane(D: FloatArray) -> FloatArray:
 
 
 def _alternating(a: FloatArray) -> FloatArray:
-    """Return the coefficients in y = -w^2."""
+    """Convert coefficients in w^2 to coefficients in y = -w^2."""
     value = a.copy()
     value[1::2] *= -1.0
     return value
@@ -246,10 +247,10 @@ def is_hurwitz(a: FloatArray) -> NDArray[np.bool_]:
 
 
 def edges(D: FloatArray, N: FloatArray, unit: FloatArray | float) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Return ends and half-tangents, (c + 2, ...), of the intervals from 0 to inf, and the mask of stable intervals.
+    """Return ends k and their y, (c + 2, ...), of the intervals from 0 to inf, and the mask of stable intervals.
 
     Args:
-        D, N: Coefficients as for `critical_gains`.
+        D, N: Coefficients as for `critical_gains`, which also defines y.
         unit: Reference stiffness m/T^2 for small gains [N/m].
     """
     k, y = critical_gains(D, N)
@@ -268,7 +269,7 @@ def edges(D: FloatArray, N: FloatArray, unit: FloatArray | float) -> tuple[Float
 
 
 def first_loss(k: FloatArray, y: FloatArray, stable: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
-    """Find the end of the stable gains that start at zero, and its half-tangent; the end is 0 if there are none."""
+    """Find the end of the stable gains that start at zero, and y there (`edges`); the end is 0 if there are none."""
     limit, where = np.zeros(k.shape[1:]), np.zeros(k.shape[1:])
     going = np.ones(k.shape[1:], dtype=bool)
     for low, high, at, ok in zip(k[:-1], k[1:], y[1:], stable, strict=True):

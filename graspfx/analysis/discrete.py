@@ -102,8 +102,8 @@ def late_device(
     Nothing is approximated. A delay between the motion and its reading has the same effect; add it to the latency.
 
     Returns:
-        Number of whole samples, numerator and denominator: z^-samples num/den, in ascending powers of s. For whole
-            samples, both polynomials are bit-identical to those of `discrete.device`.
+        Delay L in samples, rounded up, and numerator and denominator of z^-L num/den, in ascending powers of s. If the
+            latency is whole samples, both polynomials are bit-identical to those of `discrete.device`.
 
     Raises:
         InputError: If the number of whole samples, or the presence of a remainder, differs between periods.

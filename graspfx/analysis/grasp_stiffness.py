@@ -56,7 +56,7 @@ def preloaded(
         displacement: Displacements e_0 = p - c at rest, (n, d) [m].
         force: Forces f_0 of the fingers on the object at rest, (n, d) [N].
         centre: Centre of mass, (d,) [m]; zero if None.
-        free: Mask of the object's w freedoms that can move.
+        free: Mask of the object's freedoms that can move, (1,), (3,) or (6,); all if None.
         reaction: Point where a force acts on the object: "fingertip" or "contact".
     """
     c = numbers("contacts", contacts, "m", negative=True)
@@ -74,7 +74,7 @@ def preloaded(
     rows = np.array(ROWS[d])
     moves = np.ones(len(rows), dtype=bool) if free is None else finite("free", free) != 0.0
     if moves.shape != rows.shape:
-        raise InputError("free", free, f"{len(rows)} values true or false, forces first, then moments")
+        raise InputError("free", free, f"{len(rows)} values true or false, translations first, then rotations")
     at_tip = one_of("reaction", reaction, ("fingertip", "contact")) == "fingertip"
 
     wide = np.zeros((3, n, 3))
@@ -115,7 +115,7 @@ def pushing(
 
     Fingers that do not touch carry no force: K becomes K_aa - K_ab K_bb^+ K_ba on the touching coordinates a, and D
     likewise. For two fingers on a line, the remaining stiffness is 2 kep kip/(kep + kip) (Kawai and Yoshikawa, eq. 26).
-    Released devices, which only hands move, and the preload are left out.
+    The loop omits their devices, which only hands move, and the preload.
 
     Args:
         subject: Grasp with every finger touching: a `Linearisation`, a scene, or the name or path of one.
@@ -182,7 +182,7 @@ def _solution(A: FloatArray, B: FloatArray) -> FloatArray:
 
 
 def in_series(damping: FloatArray, compliance: ArrayLike) -> FloatArray:
-    """Put a compliant damper in series with each coordinate: D_s = (D^-1 + C)^-1, also for a singular D.
+    """Put a damper of compliance C in series with each coordinate: D_s = (D^-1 + C)^-1, also for a singular D.
 
     Args:
         damping: Damping D, (m, m) [N s/m].

@@ -36,8 +36,8 @@ class OperatorMatrices:
         pull, pull_damping, counter: Matrices P, Q, C (m, m) [N/m, N s/m, 1].
         delay: Delays n (m,) [samples]; without effect if P, Q and C are zero.
         grip: Matrix A (m, m), hand force in newtons per newton of displayed force.
-        grip_share: Factors a (m,).
-        friction: Friction R (m, m) of the devices in addition to b [N s/m]; that of hands acts between tips and limbs.
+        grip_share: Factors a of the grip's decay in one sample, (m,).
+        friction: Friction R (m, m) of the devices beyond b [N s/m]; damping of hands acts between tips and limbs.
     """
 
     limb: FloatArray
@@ -64,7 +64,7 @@ class OperatorMatrices:
             if getattr(self, name).shape != (m,):
                 raise InputError(name, getattr(self, name), f"({m},) numbers")
         if self.reacts and (self.delay < 1).any():
-            raise InputError("delay", self.delay, "one sample or more of every reaction")
+            raise InputError("delay", self.delay, "a delay of one sample or more for every reaction")
 
     @property
     def reacts(self) -> bool:
@@ -85,7 +85,7 @@ class OperatorMatrices:
 
     @property
     def springs(self) -> list[FloatArray]:
-        """Matrices (m, m) from displacements to forces, if either all coordinates or none have a limb."""
+        """Matrices (m, m) from motions to forces, if either all coordinates or none have a limb."""
         return [self.limb_mass, self.limb_stiffness, self.limb_damping, self.pull, self.pull_damping, self.friction]
 
     @property
@@ -172,8 +172,8 @@ class Linearisation(Carded):
         rate: "difference" or "state".
         ground: Stiffness and damping of the ground (K_g, B_g), each (r, r) [N/m, N s/m]; None if there is none.
         G_contact: Matrix (r, m) with the arms of the contacts, with which "implicit" solves for the elastic force and
-            the object's displacement, if G and G_displacement have the arms of the fingertips; G, including the
-            preload, if None.
+            the object's displacement, if G and G_displacement have the arms of the fingertips. If None, it solves with
+            G, G_displacement and the preload.
         operator: Operator models in addition to springs and dampers; None if there are none.
 
     Raises:
@@ -353,7 +353,7 @@ def linear_of(subject: Subject, recording: object = None) -> Linearisation:
     """
     if isinstance(subject, Linearisation):
         if recording is not None:
-            raise InputError("recording", recording, "None beside a Linearisation", "give the scene of the recording")
+            raise InputError("recording", recording, "None with a Linearisation", "pass the scene of the recording")
         return subject
     if isinstance(subject, str | PathLike):
         from graspfx.scene.load import to_scene

@@ -22,7 +22,7 @@ SLOW = 1e-6  # p t below which drag is not noticeable
 
 @dataclass(frozen=True, eq=False)
 class Push:
-    """Fingertip before and under a force along one axis; writing of the force begins at time zero.
+    """Fingertip before and under a force along one axis; the writing of the force ends at time zero.
 
     Attributes:
         axis: Axis of the force.
@@ -38,7 +38,7 @@ class Push:
 
 
 class Estimate(NamedTuple):
-    """An estimate with its standard error, which is found by leaving out each tenth of the data in turn."""
+    """An estimate with its standard error, which is found by leaving out parts of the data in turn (jackknife)."""
 
     value: float
     error: float
@@ -49,7 +49,7 @@ class Response:
     """Response of a fingertip to pushes.
 
     Attributes:
-        delay: Time from the writing of a force to the start of the reading in which motion first shows [s].
+        delay: Time from the end of the writing of a force to the start of the reading in which motion first shows [s].
         mobility: Mobility W, acceleration per force, (d, d) [1/kg].
         mass: Geometric mean of the principal values of W^-1 [kg].
         explained: Share of the motion that a mass explains, at most 1.
@@ -153,7 +153,7 @@ def _travel(t: FloatArray, drag: float) -> FloatArray:
 
 
 def _least(badness: Callable[[float], float], longest: float) -> float:
-    """Find the minimum of a function on a grid, then by golden sections about the best point."""
+    """Find the argument with the least value of a function on a grid, then by golden sections about the best point."""
     grid = np.linspace(-0.25 * longest, longest, GRID)
     best = int(np.argmin([badness(t) for t in grid.tolist()]))
     low, high = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, GRID - 1)])

@@ -131,7 +131,7 @@ class Plant:
         delay, lag = self.delay + late, self.object_delay
         for name, samples_ in (("delay", delay), ("object_delay", lag)):
             if samples_ > LATEST:
-                do = "`spectral_radius` of a Linearisation accepts any"
+                do = "`spectral_radius` of a Linearisation accepts longer delays"
                 raise InputError(name, samples_, f"at most {LATEST} samples", do)
         B, per_period = (np.asarray(each, dtype=float)[None] for each in (self.coupling_damping, 1.0 / self.period))
         more = int(B.any())

@@ -22,7 +22,7 @@ This page lists the tested ranges, and the worst error of each family of cases w
 python -m tests.stress.report
 ```
 
-writes it. The command runs the tests of `tests/stress` in full, like `pytest -m stress`, and their short, seeded form,
+writes this page. It runs the tests of `tests/stress` in full, like `pytest -m stress`, and their short, seeded form,
 which is part of every `pytest`. Bad input must be refused by an error of GraspFX: a non-finite number, a warning of
 numpy or an exception of another package is a failure. Valid input must result in the correct number: errors are
 relative unless a unit is stated, and "none" marks cases that pass or fail without a number.
@@ -31,7 +31,7 @@ relative unless a unit is stated, and "none" marks cases that pass or fail witho
 RANGES = """
 | what | range |
 |---|---|
-| conditioning of contacts (offset across their line over its length) | 1 to 1e-9 |
+| conditioning of contacts (offset from their common line over its length) | 1 to 1e-9 |
 | ratio of external to internal gains | 1e-6 to 1e6 |
 | masses | 1e-6 to 1e3 kg |
 | periods | 0.05 to 20 ms |

@@ -21,9 +21,9 @@ FloatArray = NDArray[np.float64]
 PATH = family("bodies: translation, plane rotation", "50 digits, of the path so far")
 SPIN = family("bodies: spin under a held moment, equal moments of inertia", "50 digits, of the largest spin")
 TURN = family("bodies: orientation, equal moments of inertia", "scipy DOP853, per radian turned", "rad")
-KEPT = family("bodies: energy and momentum of a free box, 'exact'", "their values at first")
+KEPT = family("bodies: energy and momentum of a free box, 'exact'", "their initial values")
 UNIT = family("bodies: other units", "the same bits")
-PREDICTED = family("bodies: implicit prediction", "the step that is then taken, of the path")
+PREDICTED = family("bodies: implicit prediction", "the step taken afterwards, of the path")
 NORM = family("bodies: quaternion", "norm 1")
 
 EPS = np.finfo(float).eps

@@ -15,9 +15,9 @@ from tests.support.families import efforts, family
 from tests.support.scatter import decades
 
 WALL = family(
-    "stability: wall", "spectral radius at 50 digits: below 1 up to 1e-7 under the limit, above 1 as far over"
+    "stability: wall", "spectral radius at 50 digits: below 1 up to 1e-7 under the limit, above 1 from 1e-7 over it"
 )
-EXTERNAL = family("stability: object", "spectral radius at 50 digits, likewise")
+EXTERNAL = family("stability: object", "spectral radius at 50 digits, as for a wall")
 UNITS = family("stability and passivity: other units", "the same numbers")
 DAMPING = family("passivity: required damping", "the supremum on a fine grid, polished")
 

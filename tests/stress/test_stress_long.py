@@ -21,12 +21,12 @@ from graspfx.objects.body_state import BodyState
 from tests.support.exact_bodies import spinning
 from tests.support.families import efforts, family
 
-DRIFT = family("long: energy and momentum of a free box, 'exact'", "their values at first")
-STEADY = family("long: energy of a body with equal moments of inertia, 'exact'", "its value at first")
+DRIFT = family("long: energy and momentum of a free box, 'exact'", "their initial values")
+STEADY = family("long: energy of a body with equal moments of inertia, 'exact'", "its initial value")
 NORM = family("long: quaternion", "norm 1")
 PLACE = family("long: a body that flies freely", "start + velocity x time")
-REACH = family("long: scenes", "they stay where their hands hold them", "m")
-MEMORY = family("long: memory of a scene", "what it held after five hundred ticks", "bytes")
+REACH = family("long: scenes", "positions at which the hands hold the objects", "m")
+MEMORY = family("long: memory of a scene", "memory after five hundred ticks", "bytes")
 
 Q = at.QUATERNION
 PARTS = 4  # of a run whose memory is looked at after each

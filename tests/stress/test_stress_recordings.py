@@ -20,8 +20,8 @@ from graspfx.recording.files import seal
 from tests.support.families import efforts, family
 from tests.support.recordings import layout, recording, rows
 
-SPOILT = family("recordings: spoilt bytes", "RecordingError, or a recording that can be looked at")
-CHANGED = family("recordings: spoilt attributes and data", "RecordingError")
+SPOILT = family("recordings: corrupted bytes", "RecordingError, or a readable recording")
+CHANGED = family("recordings: corrupted attributes and data", "RecordingError")
 
 ROOT = Path(__file__).resolve().parents[2]
 

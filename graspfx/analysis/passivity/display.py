@@ -1,4 +1,4 @@
-"""Responses of a sampled display from positions to held forces, and the motion that extracts most energy."""
+"""Responses of a sampled display from positions to held forces, and the motion that extracts the most energy."""
 
 from __future__ import annotations
 
@@ -92,7 +92,9 @@ def display(H: object, period: float) -> Display:
     if callable(H) and not all(hasattr(H, name) for name in "ABCD"):
         shape = np.shape(H(cmath.exp(1j)))
         if shape not in ((), (1,)) and (len(shape) != 2 or shape[0] != shape[1]):
-            raise InputError("H", H, "a function of z with a number or a square matrix", f"it returns shape {shape}")
+            raise InputError(
+                "H", H, "a function of z that returns a number or a square matrix", f"it returns shape {shape}"
+            )
         return Function(H, shape[0] if len(shape) == 2 else 1)
     if not all(hasattr(H, name) for name in "ABCD") and hasattr(H, "to_ss"):
         H = H.to_ss()
@@ -205,7 +207,7 @@ def worst_motion(H: object, damping: ArrayLike, period: float, samples: int) -> 
     samples = count("samples", samples, 1)
     if samples * system.channels > LONGEST:
         most = f"at most {LONGEST // system.channels} samples"
-        raise InputError("samples", samples, most, "the margin has converged long before: it falls as 1/N^2")
+        raise InputError("samples", samples, most, "fewer suffice: the margin converges as 1/N^2")
     n, B = system.channels, symmetric("damping", damping, system.channels)
     h = [system.D]  # impulse response
     x = system.B

@@ -27,9 +27,9 @@ class CouplingLimits:
     0.
 
     Attributes:
-        internal: 2 (b - kid)/T, for squeezing [N/m]; inf if no force is internal.
-        external: Minimum over modes of (2/T) (b B_i/(b + B_i) - ked), for moving the object [N/m]; inf if there are
-            none.
+        internal: Limit of kip, 2 (b - |kid|)/T, for squeezing [N/m]; inf if no force is internal.
+        external: Limit of kep, the minimum over modes of (2/T) (b B_i/(b + B_i) - |ked|), for moving the object
+            [N/m]; inf if there are no such modes.
         modal_viscosity: Eigenvalues B_i of (G G')^-1/2 B_o (G G')^-1/2 in ascending order [N s/m].
     """
 
@@ -39,12 +39,12 @@ class CouplingLimits:
 
 
 def external_limit(damping: float, period: float, object_viscosity: float, *, coupling_damping: float = 0.0) -> float:
-    """Compute k = (2/T) (b B/(b + B) - ked): a device and a viscous object at the two ends of a held spring [N/m].
+    """Compute k = (2/T) (b B/(b + B) - |ked|) [N/m]: a device and a viscous object at the two ends of a held spring.
 
-    If the spring stretches by D in a sample, it generates T/2 k per D^2/T, which two dampings in series dissipate.
-    Below this stiffness the system is passive at the device's port for every operator and all masses of device and
-    object. Above this stiffness, without ked, a sufficiently heavy object generates energy. The object must move
-    exactly under a held force (integrator "exact"), without delay.
+    If the spring stretches by D in a sample, it generates k D^2/2; the two dampings in series dissipate at least
+    b B/(b + B) D^2/T. Below this stiffness the system is passive at the device's port for every operator and all masses
+    of device and object. Above this stiffness, without ked, a sufficiently heavy object generates energy. The object
+    must move exactly under a held force (integrator "exact"), without delay.
 
     Args:
         damping: Damping b of the device [N s/m].
@@ -53,7 +53,7 @@ def external_limit(damping: float, period: float, object_viscosity: float, *, co
         coupling_damping: Damping ked on the backward difference of e [N s/m].
 
     Returns:
-        The largest stiffness; 0 if the damping alone generates too much.
+        The largest passive stiffness [N/m]; 0 if ked alone generates too much energy.
     """
     number("period", period, "s", zero=False)
     for name, value in (("damping", damping), ("object_viscosity", object_viscosity)):
@@ -106,7 +106,7 @@ def coupling_limits(
 
 
 def leak_matrix(K: ArrayLike, G: ArrayLike, period: float, *, damping: ArrayLike | None = None) -> FloatArray:
-    """Compute L = [I; -G] (T/2 K + |D|) [I, -G'], (m + w, m + w) [N s/m]: the most energy that a held eq. (4) creates.
+    """Compute L = [I; -G] (T/2 K + |D|) [I, -G'], (m + w, m + w) [N s/m]: bound of the energy that the hold creates.
 
     On increments y = (Dx, Dq) of fingers and object, a held force absorbs f_k'De = V_{k+1} - V_k - 1/2 De'K De, with
     De = Dx - G'Dq and V = 1/2 e'K e. The force thus generates 1/2 De'K De = y'L y/T beyond the stored energy. Damping
@@ -148,8 +148,10 @@ def leak_margin(
     The sign of the eigenvalue is meaningful even if the object can rotate; the magnitude then mixes units.
 
     Args:
+        K, G, period: As for `leak_matrix`.
         damping: Damping B_d of the devices, a number, (m,) or (m, m) [N s/m].
-        object_viscosity: Viscosity B_o, a number, (w,) or (w, w).
+        object_viscosity: Viscosity B_o, a number, (w,) or (w, w) [N s/m; N m s/rad for rotations].
+        coupling_damping: Damping D of the coupling, (m, m) [N s/m], or None.
     """
     G = _matrix("G", G)
     w, m = G.shape

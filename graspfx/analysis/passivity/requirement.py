@@ -167,8 +167,8 @@ class PositiveReal:
     """W(z) = B/T + H(z)/(z - 1) without its pole: T Herm W = B - T/2 H(1) + T Herm X(z), for symmetric H(1).
 
     X(z) = (H(z) - H(1))/(z - 1) = -C (I - A)^-1 (z I - A)^-1 B, and Herm{1/(z - 1)} = -1/2 on the circle. A display is
-    passive on a device with damping B if and only if this is nowhere negative, including z = 1, and H(1) >= 0 (discrete
-    positive real lemma, Hitz and Anderson 1969). H must be stable with symmetric H(1).
+    passive on a device with damping B if and only if T Herm W >= 0 on the circle, including z = 1, and H(1) >= 0
+    (discrete positive real lemma, Hitz and Anderson 1969). H must be stable with symmetric H(1).
     """
 
     def __init__(self, system: StateSpace, B: FloatArray, T: float) -> None:

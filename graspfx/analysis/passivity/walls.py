@@ -39,7 +39,7 @@ def wall_limit(damping: float, period: float, *, wall_damping: float = 0.0, dela
         delay: Delay t_d [s].
 
     Returns:
-        The largest passive stiffness; 0 if B alone uses up the device's damping.
+        The largest passive stiffness [N/m]; 0 if B alone uses up the device's damping.
 
     Raises:
         InputError: If the period is not positive, a damping or delay is negative, or numbers are not finite.
@@ -77,7 +77,8 @@ class QuantisedWall:
     """A wall stiffness compared with both frictions of a device (the plane of Diolaiti et al. 2006).
 
     Attributes:
-        viscous: Ratio b/(K T); 1/2 + t_d/T or more is enough.
+        viscous: Ratio b/(K T); 1/2 + t_d/T or more is enough if the delay t_d is whole samples, up to 7.7 % more
+            otherwise.
         coulomb: Ratio f_c/(K Delta); 1/2 or more is enough.
         passive: True if both ratios are large enough, so that no motion gains energy.
         calm_below: Speed [m/s] below which no motion gains energy, because Coulomb friction also dissipates the energy
@@ -123,8 +124,8 @@ def quantised_wall(
         (b_n - b) v <= f_c - K Delta/2.
 
     If f_c > K Delta/2 and b is too small, the wall is calm below a speed, and a faster motion may grow. If b is
-    sufficient and f_c is too small, the wall is calm above a speed, and limit cycles are possible below that speed,
-    which feel like buzzing. If neither friction is sufficient, nothing is guaranteed.
+    sufficient and f_c is too small, the wall is calm above a speed, and limit cycles, which feel like buzzing, are
+    possible below that speed. If neither friction is sufficient, nothing is guaranteed.
 
     Args:
         stiffness: Stiffness K [N/m].
@@ -228,7 +229,7 @@ def z_width(
     else:
         B = numbers("wall_damping", wall_damping, "N s/m")
     if B.ndim != 1 or not len(B) or (np.diff(B) <= 0.0).any():
-        raise InputError("wall_damping", wall_damping, "m]/m]")
+        raise InputError("wall_damping", wall_damping, "dampings in ascending order, zero or above, (k,) [N s/m]")
     late = delay * T + latency
     passive = np.array([guaranteed_wall_limit(b, T, wall_damping=each, delay=late) for each in B.tolist()])
     stable = None if mass is None else np.array([stable_limit(each) for each in B.tolist()])
