@@ -1,4 +1,4 @@
-"""Markers in the cache of kernels that were compiled separately, readable without loading LLVM."""
+"""Cache entries that mark kernels as compiled separately, readable without loading LLVM."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cache entries derived from kernels; the key of an entry covers the kernels' sources."""
+"""Cache entries derived from kernels, valid only while the kernels' sources are unchanged."""
 
 from __future__ import annotations
 

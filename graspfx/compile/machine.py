@@ -97,7 +97,7 @@ class Machine:
 
 
 def request_of(kernel: Any, *, make: bool = True) -> tuple[str, list[str]]:
-    """Write the program of a single kernel, and return the names of its float parameters.
+    """Return the program of a single kernel as Python text, and the names of its float parameters.
 
     Args:
         kernel: Kernel function.

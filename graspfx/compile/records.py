@@ -119,7 +119,7 @@ class Record:
     def __init_subclass__(cls) -> None:
         for name in inspect.get_annotations(cls):
             if hasattr(Record, name):
-                raise InputError(f"{cls.__name__}.{name}", name, "another name, which views do not have")
+                raise InputError(f"{cls.__name__}.{name}", name, "a name that is not an attribute of Record")
             extent = cls.__dict__.get(name)
             setattr(cls, name, Field(name, extent if isinstance(extent, Extent) else None))
 

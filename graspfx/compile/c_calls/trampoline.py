@@ -32,7 +32,7 @@ class Estimation:
 
 @dataclass(frozen=True)
 class Role:
-    """One function of a device: its calls, and their fault conditions.
+    """One function of a device: its calls, and the velocity estimation that follows them.
 
     Args:
         name: Name of the function: "ask", "read", "write" or "stop".
@@ -90,7 +90,8 @@ class Trampolines:
 
     Args:
         roles: Functions of the device.
-        fault, repeat: Comparisons applied to each call.
+        fault: Comparisons that indicate a fault, tested after each call.
+        repeat: Comparisons that indicate a repeated sample, tested after each call of "read".
         errors: Call that pops the newest error from a library's stack and returns zero if there is none.
 
     Attributes:
@@ -233,7 +234,7 @@ class Trampolines:
         return result, self._op(f"fcmp {'u' if order == 'ne' else 'o'}{order} double {result}, {_double(each.number)}")
 
     def _failed(self, role: Role, call: CCall, says: str, value: str, bad: str, verdict: str) -> str:
-        """Write the handling of a failure: return its code; `stop` continues and returns the first code at the end."""
+        """Write the handling of a failure: return its code; `stop` continues and returns the last code at the end."""
         self.faults.append((call.name, says))
         code, here, fine, end = -len(self.faults), *(self._name(kind)[1:] for kind in ("bad", "fine", "end"))
         self._put(f"br i1 {bad}, label %{here}, label %{fine if role.name != 'stop' else end}")

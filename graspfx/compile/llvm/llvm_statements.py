@@ -20,7 +20,7 @@ from graspfx.compile.llvm.llvm_expressions import (
 
 @dataclass
 class Join:
-    """A join of several paths: for each path, its end, the position of its jump, and its variables."""
+    """A join of several paths: its label and, for each path, the position of the jump and the variables."""
 
     label: str
     edges: list[tuple[int, Variables]] = field(default_factory=list)
