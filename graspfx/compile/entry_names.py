@@ -12,7 +12,7 @@ def name_of(cls: type[Record], entry: int, buffer: Any, prefix: str = "", offset
 
     Args:
         cls: Class of the record at `offset`.
-        entry: Entry of the buffer.
+        entry: Index of the entry in the buffer.
         buffer: Buffer that contains the sizes of groups and arrays.
         prefix: Text before the names of the record's fields, such as `fingers[0].`.
     """

@@ -135,7 +135,7 @@ def build(
             platforms has all functions that the programs call.
 
     Raises:
-        OSError: If there is no C compiler for linking, or it failed; the message states the reason.
+        OSError: If there is no C compiler for linking, or linking fails; the message states the reason.
     """
     from graspfx.compile import cache as disk
     from graspfx.compile.emission import platform, portable

@@ -270,7 +270,7 @@ def solve(
 
 @kernel
 def start_others(problem: FrictionProblem, count: int) -> None:
-    """Set initial values of unknowns that were not in the last search: near zero, from the final g of its equations."""
+    """Set the initial values of unknowns that the last search lacked, near zero: entries of that search's final g."""
     unknowns = problem.unknowns
     last = problem.started
     if last > 0:

@@ -52,7 +52,7 @@ class Shape(Protocol):
 
 @dataclass(frozen=True)
 class Grip:
-    """Specification of a `GraspedObject`'s coupling. Its constructor raises errors before the block is created.
+    """Specification of a `GraspedObject`'s coupling, which is checked before the block is created.
 
     Attributes:
         count: Number of fingers n.
@@ -218,7 +218,7 @@ class Grip:
 
     @property
     def problems(self) -> bool:
-        """True if forces may be solutions of friction problems: with friction, along rays, or in balls of limits."""
+        """True if forces may be solutions of friction problems: with friction, along rays, or limited to balls."""
         holds = self.rules.attached or (self.rules.stick and not self.slips)
         balls = self.limit is not None and holds and not (self.matrices or self.implicit)
         apart = "equal" in self.live or self.implicit or not self.law.equal

@@ -111,7 +111,7 @@ def condense(grasp: GraspState, elastic: bool, per: float) -> None:
 
 @inline
 def carries(grasp: GraspState, finger: FingerState, a: int) -> bool:
-    """Return whether coordinate a carries force: a touching finger's normal, and its tangents unless it slips freely."""
+    """Return whether coordinate a carries force: a touching finger's normal, and its tangents unless slip is free."""
     return finger.touching and (a == 0 or grasp.stick or grasp.friction)
 
 

@@ -280,7 +280,7 @@ class Trampolines:
     # Velocity -----------------------------------------------------------------------------------------------------
 
     def _estimate(self, estimation: Estimation, verdict: str) -> None:
-        """Write the velocity estimation from a new sample; count a missed sample."""
+        """Write the velocity estimation from a new sample; a repeated sample is counted as missed instead."""
         missed_at = self._op(f"load ptr, ptr {self._at(MISSED)}")
         missed = self._op(f"load i64, ptr {missed_at}")
         state = self._op(f"load ptr, ptr {self._at(STATE)}")
@@ -337,7 +337,7 @@ def _result(call: CCall) -> str:
 
 
 def _struct(call: CCall) -> str:
-    """Return the type of a returned struct of 32-bit numbers on Linux: 64-bit registers."""
+    """Return the LLVM type of a struct of 32-bit numbers, which functions on Linux return in 64-bit registers."""
     if call.parts == 2:
         return "i64"
     if platform.machine().lower() in ("aarch64", "arm64"):

@@ -292,7 +292,7 @@ class Statements(Expressions):
         enter: Callable[[Variables], None],
         advance: Callable[[], None],
     ) -> bool:
-        """Write a loop, and repeat until the types at its head equal those at the end of its body."""
+        """Write a loop again and again until the variables' types at its head equal those at the end of its body."""
         code = self.code
         mark, returns = len(code.lines), len(self.returns)
         types = dict(scope)
