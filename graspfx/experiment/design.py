@@ -124,7 +124,7 @@ class Experiment(Study):
         show = RealTime if real_time else Simulated
         presenter: Presenter = show(self.scene, self.duration)
         if presenter.has_hardware and ready is None:
-            raise InputError("ready", None, "a function that returns when a person is ready", "forces follow its return")
+            raise InputError("ready", None, "a function that returns when a person is ready", "forces start then")
         place = SessionFiles(to_path("out", out, "the path of a folder"), participant, session, self.name, run)
         with unchanged(), ExitStack() as stack:
             trials = self.session(
