@@ -157,7 +157,7 @@ def _cos(r: float, e: float) -> float:
 
 
 def _atan(x: float) -> float:
-    """Return arctan x for x >= 0: tan(a - b) = (tan a - tan b)/(1 + tan a tan b), b one of five."""
+    """Return arctan x for x >= 0 by tan(a - b) = (tan a - tan b)/(1 + tan a tan b), with one of five angles b."""
     if x < 0.4375:
         return _atan_about(0.0, 0.0, x)
     if x < 0.6875:

@@ -43,7 +43,7 @@ class InputError(GraspFXError, ValueError):
 
 
 class KernelError(InputError):
-    """A kernel would read or write memory outside its buffers. The message names the file and line."""
+    """A kernel has a fault that machine code would not detect. The message names the file and line."""
 
 
 class NoRestError(InputError):
@@ -127,7 +127,7 @@ def __dir__() -> list[str]:
 def closest(name: str, names: Iterable[str], likeness: float = 0.6) -> str | None:
     """Return the close match of a misspelt name, or None; a `likeness` of 1 accepts only the name itself.
 
-    Two names match if one contains the other, if one contains all parts of the other between dots in any order, or if
+    Two names match if one contains the other, if one contains all dot-separated parts of the other in any order, or if
     their edit distance is at most one plus one per three letters. Words that merely share letters do not match.
     """
     from difflib import get_close_matches  # imported only for errors
@@ -139,7 +139,7 @@ def closest(name: str, names: Iterable[str], likeness: float = 0.6) -> str | Non
 
 
 def holds(name: str, other: str) -> bool:
-    """Return whether a name contains another one: as a substring, or all of its parts between dots."""
+    """Return whether a name contains another one: as a substring, or all of its dot-separated parts."""
     return other in name or {*other.split(".")} <= {*name.split(".")}
 
 

@@ -73,7 +73,7 @@ class Sweep:
         if not (math.isfinite(first) and math.isfinite(last)) or not 1 <= count <= MOST_POINTS:
             raise InputError("--sweep", text, f"finite ends and from 1 to {MOST_POINTS:,} values")
         if count > 1 and not last > first:
-            raise InputError("--sweep", text, "an end above the beginning")
+            raise InputError("--sweep", text, "an upper end above the lower end")
         return cls(key.strip(), np.linspace(first, last, count))
 
 

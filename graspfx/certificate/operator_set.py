@@ -74,7 +74,7 @@ class OperatorRange:
             if not is_number(end):
                 raise InputError(self.key, end, "finite ends of a range")
         if not self.low < self.high:
-            raise InputError(self.key, (self.low, self.high), "an end above the beginning")
+            raise InputError(self.key, (self.low, self.high), "an upper end above the lower end")
         if self.is_logarithmic and self.low <= 0.0:
             raise InputError(self.key, self.low, f"ends above zero for the law {self.law!r}", "or the law 'uniform'")
 
@@ -107,7 +107,7 @@ class OperatorRange:
         return f"{self.key}={self.low:g}:{self.high:g}:{self.law}"
 
     def between(self, share: FloatArray | float) -> FloatArray:
-        """Return the values at these shares of the way from one end to the other, linearly or by logarithm."""
+        """Return the values at these fractions of the range, interpolated linearly or in the logarithm."""
         u = np.asarray(share, dtype=float)
         if self.is_logarithmic:
             values = np.exp(math.log(self.low) + u * math.log(self.high / self.low))
@@ -191,16 +191,16 @@ def radical_inverse(number: int, radix: int) -> float:
 
 
 def operator_set(scene: Scene, ranges: Ranges | None = None) -> OperatorSet:
-    """Read a set of operators; by default the scene's table [operators], or the usual ranges of its hands.
+    """Read a set of operators; by default the scene's table [operators], or usual ranges of its hands and masses.
 
     Args:
         scene: Scene whose keys vary.
         ranges: Ranges by key, (low, high) or (low, high, law); or texts "KEY=FROM:TO" and `OperatorRange`s.
 
     Raises:
-        InputError: If there are no ranges or too many, a range is invalid, a key occurs twice, or the scene has no
-            simulated hand.
-        UnknownNameError, SceneError: If the scene does not have a key.
+        InputError: If there are no ranges or too many, a range is invalid, a key occurs twice, or the scene has
+            neither a simulated hand nor a device mass to vary.
+        UnknownNameError, SceneError: If the scene does not accept a key or a value.
     """
     source = "as asked for"
     if ranges is None and scene.operators:
@@ -265,7 +265,7 @@ def _has(table: object, name: str) -> bool:
 
 
 def _alike(scene: Scene, keys: list[str], factors: tuple[float, float] | None) -> Iterator[OperatorRange]:
-    """Yield one range for keys of all tables of a kind, if they share one value above zero."""
+    """Yield one range for each key of a kind of table; with factors, only if all tables share one value above zero."""
     groups: dict[str, list[float]] = {}
     for key in keys:
         first, _, *rest = key.split(".")
@@ -283,7 +283,7 @@ def _alike(scene: Scene, keys: list[str], factors: tuple[float, float] | None) -
 
 
 def are_passive(scene: Scene, operators: OperatorSet) -> bool:
-    """True if every operator of a set is passive, given the scene's own devices, and nothing else varies.
+    """True if every operator of a set is passive with the scene's own devices, and the set varies only operators.
 
     Springs, dampers and masses are passive. Device mass beyond the scene's value is treated as mass of the hand. A
     reaction generates energy, and a hand that stiffens with the grip may generate energy.
@@ -311,7 +311,7 @@ Figure = Callable[[Judgement], float]
 
 @dataclass(frozen=True)
 class Search:
-    """Search for the worst operator.
+    """Result of the search for the worst operator.
 
     Attributes:
         worst: Judgement with the smallest figure of merit.
@@ -330,14 +330,14 @@ def worst_operator(
     """Search the box of a set of operators for the smallest figure of merit.
 
     The search judges all corners of up to six ranges, the centre, and 16 points per range that fill the box. From the
-    two worst of these points the search descends by the method of Nelder and Mead (1965) within the box. Each operator
-    is judged in full. Nothing is known about operators between the points: a worse operator may lie in a dip that is
-    narrower than the distance of the points.
+    two worst points that are not neighbours, the search descends by the method of Nelder and Mead (1965) within the
+    box. Each operator is judged in full. Nothing is known about operators between the points: a worse operator may lie
+    in a dip that is narrower than the distance between the points.
 
     Args:
         operators: Set of operators.
         judge: Function that returns the judgement of values by key.
-        figure: Figure of merit of a judgement; smaller is worse.
+        figure: Function that returns the figure of merit of a judgement; smaller is worse.
         starts: Additional points to judge.
         points: Number of points that fill the box; 16 for each range if None.
     """

@@ -189,7 +189,7 @@ def _fingertips(scene: Scene) -> Row:
     if not radii:
         return "ball fingertips", False, "fingertips are points"
     sizes = f"{min(radii):g} mm" if min(radii) == max(radii) else f"{min(radii):g} to {max(radii):g} mm"
-    return "ball fingertips", True, f"{len(radii)} of {len(scene.finger)}, radius {sizes}: on the shape offset by it"
+    return "ball fingertips", True, f"{len(radii)} of {len(scene.finger)}, radius {sizes}: contact on the offset shape"
 
 
 def _weights(parts: Parts) -> Row:
@@ -244,8 +244,8 @@ def _split(scene: Scene) -> Iterator[Row]:
     if equal_gains(scene):
         why = "equal external and internal gains: the conventional method, eqs. (20)-(23)"
         if _is_implicit(scene) and _scalar(scene):
-            basis = "whose rigid modes are the implicit integrator's unknowns"
-            yield "split", True, f"{why}; but the modes of eq. (3), {basis}, {_resplit(scene)}"
+            basis = "the rigid modes of eq. (3) are the implicit integrator's unknowns"
+            yield "split", True, f"{why}; but {basis}, computed {_resplit(scene)}"
         else:
             yield "split", False, why
         return

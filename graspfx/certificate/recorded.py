@@ -37,11 +37,11 @@ COLUMNS = ("late", "io")  # columns of a real-time run
 
 
 def recording_of(scene: Scene, source: Recording | str | PathLike[str]) -> Recording:
-    """Return a recording, loaded if it is a path, after checking that it is of this scene.
+    """Return a recording, loaded if it is given as a path, after checking that it matches the scene.
 
     Raises:
         InputError: If the recording has other fingers, objects or dimensions, or no rows.
-        RecordingError: If the path leads to no recording.
+        RecordingError: If the path does not lead to a recording.
     """
     recording = source if isinstance(source, Recording) else Recording.load(source)
     layout = recording.layout
@@ -64,10 +64,11 @@ def recorded(
     """Set the grip to the recording's last row.
 
     Contacts, fingers and the object's pose are taken from the row. Forces are computed from these with the scene's own
-    gains; `assumed` reports if the computed forces differ from the recorded ones, or if the recording is not at rest.
+    gains. `assumed` of the returned operating point lists the ways in which the recording's end is not such a rest.
 
     Raises:
-        NoRestError: If a finger does not touch in the last row.
+        NotGraspingError: If no finger touches in the last row.
+        NoRestError: If only some fingers touch in the last row, a finger pulls, or the forces do not converge.
     """
     g, name = grip.grasped, scene.object[index].name
     place = OperatingPoint("recorded", None, np.full(grip.n, np.nan))
@@ -107,7 +108,7 @@ def set_pose(grip: Grip, recording: Recording, name: str) -> None:
 
 
 def set_contacts(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) -> None:
-    """Set fingers and contacts to the last row, sticking there."""
+    """Set fingers and contacts to the last row; every contact sticks."""
     g, d = grip.grasped, grip.d
     c = recording.contact_position[-1, fingers]
     g.meet(c)  # finds faces and normals
@@ -148,7 +149,7 @@ def set_torsions(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) ->
 def differences(
     scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp], recording: Recording, ground: Ground | None
 ) -> list[str]:  # fmt: skip
-    """List differences of the recording's end from a rest of this scene."""
+    """List the ways in which the recording's end differs from a state of rest of this scene."""
     g, texts = grip.grasped, []
     force = recording.finger_force[:, fingers]
     largest = max(float(np.abs(force[-1]).max(initial=0.0)), 1e-9)
@@ -165,7 +166,7 @@ def differences(
     missing = (g.wrench[grip.rows_of_wrench] + full[grip.axes])[grip.axes < 3]
     scale = max(largest, float(np.abs(full).max(initial=0.0)))
     if ground is None and change <= CALM and np.abs(missing).max(initial=0.0) > BORNE * scale:
-        who = ", ".join(bearers(scene, index)) or "nothing of the scene"
+        who = ", ".join(bearers(scene, index)) or "something outside the scene"
         texts.append(
             f"{float(np.linalg.norm(missing)):.3g} N of the object's load are carried by {who}, which is ignored"
         )
@@ -176,8 +177,8 @@ def exchange_times(recording: Recording) -> tuple[float, float] | None:
     """Return the time from a tick's deadline to the end of its writing to devices, as 1st and 99th percentile [s].
 
     This includes the tick's own lateness, its reading and its writing, but not the computation between them, which no
-    column records. Without these columns, both values are the round trip of the header; None for a run without
-    hardware.
+    column records. Without the columns `late` and `io`, both values are the round trip of the header; None for a run
+    without hardware.
     """
     if all(name in recording.layout.columns for name in COLUMNS) and recording.header.settled:
         late, calls = (recording.array(name) for name in COLUMNS)
@@ -204,7 +205,7 @@ def less_stable(linear: Linearisation, ends: FloatArray) -> tuple[Linearisation,
     """Set the lateness of a loop to the less stable of two extremes, and report it.
 
     Args:
-        linear: Loop.
+        linear: Linearised loop.
         ends: Smallest and largest lateness, (2, m) [s].
     """
     loops = [linear.with_arrays(lateness=each) for each in ends]

@@ -87,7 +87,7 @@ class Report(Carded):
         }
 
     def lines(self, plan: bool = True) -> Iterator[str]:
-        """Yield lines of text: doubts about units, result, limits, notes, and on request the plan."""
+        """Yield lines of text: doubts about units, result, limits, notes, presets, and the plan if `plan` is True."""
         yield from self.head()
         for certificate in self.certificates:
             yield from lines(certificate)
@@ -212,7 +212,7 @@ def _sentence(certificate: Certificate) -> str:
 
 
 def beside(scene: Readable) -> Callable[[str, str], dict[str, Any]]:
-    """Return a function of the names of an object and a mode that returns its certificate as data.
+    """Return a function that takes the names of an object and a mode, and returns the mode's certificate as data.
 
     The certificate is computed once, on the first call. Keys: `spectral_radius`, `gain` and `limit` [N/m] (None if
     there is none), and `text`.

@@ -25,7 +25,7 @@ def add_options(parser: ArgumentParser, *rows: tuple[Any, ...]) -> None:
 
 
 def add_scene(parser: ArgumentParser) -> None:
-    """Add SCENE, --preset and --set."""
+    """Add SCENE, --preset, --set and --trust."""
     text = "name of a scene, or path of its .toml or .py file"
     parser.add_argument("scene", metavar="SCENE", type=scene, help=text)
     add_overrides(parser)
@@ -48,7 +48,7 @@ def add_values(parser: ArgumentParser) -> None:
 
 def add_operators(parser: ArgumentParser, more: str = "") -> None:
     """Add --operators; `more` is appended to its help."""
-    text = "range of a key over operators; KEY=FROM:TO:LAW sets log, uniform, normal or lognormal; accepts several"
+    text = "range of a key over operators; LAW in KEY=FROM:TO:LAW is log, uniform, normal or lognormal; accepts several"
     usual = "without a range: the scene's table [operators], or the default operators"
     parser.add_argument(
         "--operators",

@@ -1,4 +1,4 @@
-"""graspfx experiment: run trials with a person or a simulated observer; record each and add a table row."""
+"""graspfx experiment: run trials with a person or a simulated observer; record each trial and tabulate the answers."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         ("--session LABEL", "label of the session (default: 01)", str, "01"),
         ("--run N", "number of the run in the session (default: 1)", int, 1),
         ("--resume", "continue an interrupted session"),
-        ("--simulate", "let the file's [observer] answer; runs do not wait for real time"),
+        ("--simulate", "let the file's [observer] answer; runs are as fast as possible"),
         ("--plan", "print the order of the trials without running them"),
         ("--page", "also take answers from a page in a browser on this machine"),
         ("--port N", "port of the page (default: the first free one from 8080)", int),

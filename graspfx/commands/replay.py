@@ -1,4 +1,4 @@
-"""graspfx replay: move the fingers as recorded, recompute forces and objects, and compare them."""
+"""graspfx replay: move the fingers as recorded, recompute forces and objects, and compare with the recording."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""graspfx sweep: simulate many variants of a scene; write one file, a table and a figure; resume after a stop."""
+"""graspfx sweep: simulate many variants of a scene; write a file and figures, print a table; resume after a stop."""
 
 from __future__ import annotations
 

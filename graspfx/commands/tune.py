@@ -1,4 +1,4 @@
-"""graspfx tune: find the largest gains that keep a scene's margins for every operator in a set."""
+"""graspfx tune: find the largest gains of a scene that keep the required margins for every operator in a set."""
 
 from __future__ import annotations
 

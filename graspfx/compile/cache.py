@@ -137,7 +137,7 @@ def require_room() -> None:
 
 
 def _warn(here: Path, why: str) -> None:
-    text = f"the cache {here} is not used: {why}; or set GRASPFX_CACHE to another folder"
+    text = f"the cache {here} is not used: {why}; correct this, or set GRASPFX_CACHE to another folder"
     warnings.warn(text, CacheWarning, stacklevel=2)  # always from this line: Python warns once per line
 
 

@@ -51,7 +51,7 @@ def small(text: str, triple: str, features: str) -> bytes:
 
 
 def _target(triple: str, **options: Any) -> Any:
-    """Make the target machine of another target."""
+    """Make LLVM's target machine for another platform."""
     import llvmlite.binding as llvm
 
     llvm.initialize_all_targets()
@@ -91,7 +91,7 @@ def loaded(objects: Iterable[bytes], libm: Iterable[str]) -> Any:
 
 
 def address(engine: Any, name: str) -> int:
-    """Find a function of loaded machine code.
+    """Return the address of a function of loaded machine code.
 
     Raises:
         OSError: If the function does not exist.

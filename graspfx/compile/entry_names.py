@@ -12,9 +12,9 @@ def name_of(cls: type[Record], entry: int, buffer: Any, prefix: str = "", offset
 
     Args:
         cls: Class of the record at `offset`.
-        entry: Entry of the buffer.
+        entry: Index of the entry in the buffer.
         buffer: Buffer that contains the sizes of groups and arrays.
-        prefix: Prefix of the name.
+        prefix: Text before the names of the record's fields, such as `fingers[0].`.
     """
     record = cls(buffer, offset)
     for name, field in layout(cls).items():

@@ -1,4 +1,4 @@
-"""Markers in the cache of kernels that were compiled separately, readable without loading LLVM."""
+"""Cache entries that mark kernels as compiled separately, readable without loading LLVM."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def was_compiled(kernel: Callable[..., Any]) -> bool:
 
 
 def note_compiled(kernel: Callable[..., Any]) -> None:
-    """Record that a kernel of this package was compiled; the key does not include third-party sources."""
+    """Record that a kernel was compiled, if it belongs to this package; the key does not cover other sources."""
     if is_ours(kernel):
         disk.store(footprint(kernel), b"")
 
@@ -32,6 +32,6 @@ def is_ours(kernel: Callable[..., Any]) -> bool:
 
 
 def footprint(kernel: Callable[..., Any]) -> str:
-    """Return the key of a kernel of this package with its sources."""
+    """Return the cache key of a kernel of this package, which covers the kernel's sources."""
     sources = closure_digest(kernel.__module__, *compiler_modules())
     return f"kernel-{hashlib.sha256(f'{kernel.__module__}.{kernel.__qualname__} {sources}'.encode()).hexdigest()}"

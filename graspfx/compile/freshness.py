@@ -1,4 +1,4 @@
-"""Cache entries derived from kernels; the key of an entry covers the kernels' sources."""
+"""Cache entries derived from kernels, valid only while the kernels' sources are unchanged."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def identity(kernel: Callable[..., Any]) -> list[str]:
 
 
 def request_key(modules: Iterable[str], *parts: str) -> str:
-    """Return the key of a request: its parts, the sources of its modules, and those of the compiler."""
+    """Return the key of a request, which covers its parts, the sources of its modules, and those of the compiler."""
     digest = closure_digest(*sorted(set(modules)), *compiler_modules())
     return hashlib.sha256("\0".join([digest, *parts]).encode()).hexdigest()
 

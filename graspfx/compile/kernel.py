@@ -51,7 +51,7 @@ def keep_lowerings() -> None:
 
 
 def call(function: FunctionType, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> Any:
-    """Call a kernel from Python: records as buffer and offset, values as their numbers."""
+    """Call a kernel from Python; pass each record as a buffer and an offset, and each value as its numbers."""
     run = _lowered(function)
     kinds = parameter_kinds(function)
     if len(arguments) + len(keywords) > len(kinds) - 1 or _is_flat(arguments, kinds):

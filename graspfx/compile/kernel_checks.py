@@ -103,7 +103,7 @@ class CheckedBuffer:
 
 
 def checked_function(kernel: Callable[..., Any], functions: Mapping[str, FunctionType]) -> Callable[..., Any]:
-    """Return a function that runs a kernel interpreted with bounds checking of its buffers.
+    """Return a function that interprets a kernel and checks all indices of its buffers.
 
     Args:
         kernel: Third-party kernel.
@@ -121,7 +121,7 @@ def checked_function(kernel: Callable[..., Any], functions: Mapping[str, Functio
             place, text = _place_of(error, functions)
             raise KernelError(
                 place, str(error), "an index of the buffer",
-                f"`{text}`: indices run from 0 to less than the declared size; compiled code would access "
+                f"`{text}`: indices run from 0 to the declared size minus 1; compiled code would access "
                 f"other memory; {PAGE}",
             ) from error  # fmt: skip
 

@@ -62,7 +62,7 @@ class KernelOnDemand:
         return self.interpret if machine is None else machine.once
 
     def interpret(self, *arguments: Any) -> None:
-        """Run the kernel interpreted."""
+        """Run the kernel in Python's interpreter."""
         views = (memoryview(a) if isinstance(a, np.ndarray) else a for a in arguments)  # quicker to read than arrays
         source_function(self.kernel)(*views)
         keep_lowerings()

@@ -122,7 +122,7 @@ def build(
     modules: Mapping[str, tuple[str, bytes]] = MappingProxyType({}),
     sources: Mapping[str, list[str]] = MappingProxyType({}),
 ) -> str:
-    """Compile programs for all processors of this architecture, and link each as a shared library.
+    """Compile programs for `x86-64-v2` processors and Linux, and link each as a shared library.
 
     Args:
         programs: File name and program, by key.
@@ -135,7 +135,7 @@ def build(
             platforms has all functions that the programs call.
 
     Raises:
-        OSError: If there is no C compiler for linking, or it failed; the message states the reason.
+        OSError: If there is no C compiler for linking, or linking fails; the message states the reason.
     """
     from graspfx.compile import cache as disk
     from graspfx.compile.emission import platform, portable

@@ -59,7 +59,7 @@ class Machine:
         return partial(bound.brief, *numbers) if numbers else bound.brief
 
     def on(self, *buffers: Any) -> Callable[..., float]:
-        """Bind the kernel to buffers; the function takes its numbers, including offsets, and returns its result."""
+        """Bind the kernel to buffers; return a function of its numbers, including offsets, that returns its result."""
         bound, results = self._on(buffers)
         run, result = bound.brief, results.data
 
@@ -97,14 +97,14 @@ class Machine:
 
 
 def request_of(kernel: Any, *, make: bool = True) -> tuple[str, list[str]]:
-    """Write the program of a single kernel, and return the names of its float parameters.
+    """Return the program of a single kernel as Python text, and the names of its float parameters.
 
     Args:
         kernel: Kernel function.
         make: Whether to write a program that is not in the cache; otherwise a LookupError is raised.
 
     Raises:
-        MissingPackageError: If LLVM is needed and not installed.
+        MissingPackageError: If LLVM is not installed.
     """
     require_llvm()
     parameters = [(p.name, str(p.annotation)) for p in signature(source_function(kernel)).parameters.values()]

@@ -38,7 +38,7 @@ class Memory:
         return self.floats[first:end]
 
     def place(self, array: FloatArray) -> int:
-        """Return the index of an array's first entry, relative to this memory's first entry, even outside of it."""
+        """Return the index of an array's first entry relative to this memory's, also for an array outside of it."""
         return (address_of(array) - address_of(self.floats)) // self.floats.itemsize
 
 

@@ -48,7 +48,7 @@ class Native:
         description: Description of its arguments (`description_of`).
         engine: Engine that has loaded the machine code.
         size: Size of the machine code [bytes].
-        place: Location of the cached machine code; empty if it was compiled now.
+        place: Location from which the machine code was loaded; empty if it was compiled now.
         note: Reason why the machine code could not be cached; empty if it was.
     """
 
@@ -65,7 +65,7 @@ class Native:
 
     @property
     def cached(self) -> bool:
-        """Whether the machine code was loaded from the cache."""
+        """Whether the machine code was loaded from the cache or the library."""
         return bool(self.place)
 
     @property

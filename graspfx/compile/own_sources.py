@@ -118,7 +118,7 @@ class Sources:
         self._changed = False
 
     def read(self, path: str) -> Source:
-        """Read a file unless its time and size are unchanged."""
+        """Return the facts about a file, which is read only if its time or size has changed."""
         entry = self._entries.get(path)
         if entry is None or entry[:2] != self._stamps[path]:
             entry = self._entries[path] = [*self._stamps[path], *_digest_and_imports(path)]

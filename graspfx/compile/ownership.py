@@ -1,4 +1,4 @@
-"""Files and folders to which only their user can write, for code and data that are trusted without further checks."""
+"""Files and folders to which only the user can write, for code and data that are trusted without further checks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
 def intrusion(folder: Path) -> str:
-    """Return how other users could write to a folder; empty if they cannot, or on systems without user numbers.
+    """Return how other users could write to a folder; empty if they cannot, or on systems without user IDs.
 
     The folder must belong to the user, and nobody else may write to it. To prevent its replacement, every parent folder
     and every link on its path must belong to the user or to root, and others may not write there, unless users can
@@ -40,7 +40,7 @@ def intrusion(folder: Path) -> str:
 
 
 def read_own(file: Path) -> bytes | None:
-    """Read a file to which only its user can write; None for any other file, including links and pipes.
+    """Read a file to which only the user can write; None for any other file, including links and pipes.
 
     Raises:
         OSError: If the file cannot be read.

@@ -109,7 +109,7 @@ class Function(ast.NodeTransformer):
     Args:
         tree: Definition of the function, which is not changed.
         namespace: Values of the names that the function does not assign.
-        file: Its file.
+        file: Path of the function's source file, for error messages.
         original: Original kernel, if this is its lowered text.
     """
 

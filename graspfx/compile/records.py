@@ -119,7 +119,7 @@ class Record:
     def __init_subclass__(cls) -> None:
         for name in inspect.get_annotations(cls):
             if hasattr(Record, name):
-                raise InputError(f"{cls.__name__}.{name}", name, "another name, which views do not have")
+                raise InputError(f"{cls.__name__}.{name}", name, "a name that is not an attribute of Record")
             extent = cls.__dict__.get(name)
             setattr(cls, name, Field(name, extent if isinstance(extent, Extent) else None))
 
@@ -198,7 +198,7 @@ class Table:
         self.buffer[self.offset + index[0] * self.columns + index[1]] = value
 
     def array(self, rows: int) -> NDArray[np.float64]:
-        """Return the first rows as an array view."""
+        """Return the first `rows` rows as an array view, (rows, columns)."""
         return np.asarray(self.buffer)[self.offset : self.offset + rows * self.columns].reshape(rows, self.columns)
 
 
@@ -332,7 +332,7 @@ def numbers(value: Any) -> Iterator[float]:
 
 @cache
 def _stored(kind: type) -> type:
-    """Create a value class whose assignments are also written to its block."""
+    """Create a value class whose item assignments are written to its block."""
 
     def write(self: Any, i: int, number: float) -> None:
         if not 0 <= i < size_of(kind):

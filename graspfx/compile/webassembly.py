@@ -1,8 +1,8 @@
 """Programs as WebAssembly modules, from the same text as native code.
 
-Kernels call no library (`graspfx.elementary`), so a module computes the same bits as native code. A wheel contains the
-module of `steps`, which was linked by `ziglang`; users of a wheel do not need `ziglang`. In a checkout the module is
-built at first use and cached.
+Kernels call `graspfx.elementary` and no library, so a module computes the same bits as native code. A wheel contains
+the module of `graspfx.loop.step.steps`, linked by `ziglang`, which users of a wheel do not need. In a checkout the
+module is built at first use and cached.
 """
 
 from __future__ import annotations

@@ -45,10 +45,10 @@ def pivot(square: Table, vector: Floats, j: int) -> None:
 
 @kernel
 def release(square: Table, vector: Floats, m: int, marks: Floats, diagonal: Floats) -> None:
-    """Pivot those of m coordinates that are marked (1.0), so that they carry no force, and clear their marks.
+    """Pivot all marked coordinates (mark 1.0) among the first m, so that they carry no force, and clear their marks.
 
-    The stiffest coordinate is pivoted first. A singular stiffness then leads to pivots of rounding size. These are
-    skipped, because coordinates without stiffness carry no force anyway.
+    The coordinate that retains the largest fraction of its stiffness is pivoted first. A singular stiffness then leads
+    to pivots of rounding size. These are skipped, because coordinates without stiffness carry no force anyway.
     """
     while True:
         best = SINGULAR

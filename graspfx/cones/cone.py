@@ -12,7 +12,7 @@ from graspfx.spatial import ZERO, Matrix, Vector
 
 @kernel
 def contact_frame(normal: Vector, d: int) -> Matrix:
-    """Return orthonormal rows: the unit normal, then tangents; in 1-D and 2-D the remaining rows are along z."""
+    """Return orthonormal rows: the unit normal, then d - 1 tangents; in 1-D then y and z, in 2-D then z."""
     x, y, z = normal.x, normal.y, normal.z
     if d == 1:
         return Matrix(x, y, z, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""Limit of a contact's force to the intersection of cone and ball, so that the projection remains a convex gradient.
+"""Limit of a contact's force to the intersection of cone and ball, so that it remains a convex function's gradient.
 
 The ball is centred at the apex of the cone. Therefore the nearest force in the intersection is the nearest force in the
 cone, shortened to the limit. If friction bounds force and torsion together, the limit includes a soft finger's torsion,

@@ -53,8 +53,8 @@ def turn_modes(frames: Many[Matrix], motions: Table, problem: FrictionProblem, d
 
     Args:
         frames: Contact frames, normal and tangents as rows.
-        motions: One row per mode: the blend beta_k, then for each contact three entries in the axes of the frames, or
-            four if d is 4. The fourth entry is the torsion about the normal.
+        motions: One row per mode: the blend beta_k, then for each contact three entries in the axes in which the
+            frames are given, or four if d is 4. The fourth entry is the torsion about the normal.
     """
     width = 4 if d > 3 else 3
     problem.modes = count
@@ -81,8 +81,8 @@ def friction_force(problem: FrictionProblem, d: int, gains: Gains, coulomb: bool
     There are at most six unknowns. The force of a contact of weight 0 is zero. A gain below 1e-6 of the other gain is
     raised to that value, except that a zero gain in the associated law is treated as the limit of small gains
     (`approach`). The search for Coulomb's law starts from the given unknowns, then from the associated solution, then
-    `restarts` times around the associated solution. If the problem is compliant, (K^-1 + C)^-1 replaces K, with C_i /
-    w_i on each coordinate of contact i.
+    `restarts` times from points around the associated solution and around zero, alternately. If the problem is
+    compliant, (K^-1 + C)^-1 replaces K, with C_i / w_i on each coordinate of contact i.
 
     Returns:
         Law of the solution, residual |f - f0 - K (e + s)| [N] (f and s satisfy the law exactly), and evaluations.
@@ -222,7 +222,7 @@ def solve(
     problem: FrictionProblem, d: int, count: int, gains: Gains, square: Table | None, symmetric: bool, coulomb: bool,
     restarts: int,
 ) -> Answer:  # fmt: skip
-    """Solve Coulomb's law from several starts (see `friction_force`); if all fail, return the associated solution."""
+    """Solve Coulomb's law, if `coulomb`, from several starts (see `friction_force`); otherwise the associated law."""
     unknowns = problem.unknowns
     start_others(problem, count)
     total = 0.0
@@ -270,7 +270,7 @@ def solve(
 
 @kernel
 def start_others(problem: FrictionProblem, count: int) -> None:
-    """Set initial values of unknowns that were not in the last search: near zero, from the final g of its equations."""
+    """Set the initial values of unknowns that the last search lacked, near zero: entries of that search's final g."""
     unknowns = problem.unknowns
     last = problem.started
     if last > 0:
@@ -282,7 +282,7 @@ def start_others(problem: FrictionProblem, count: int) -> None:
 
 @kernel
 def spread(problem: FrictionProblem, count: int, start: int, far: float) -> None:
-    """Set the unknowns to their `start`-th initial values, spread +-far around the associated solution and zero."""
+    """Set the `start`-th initial values: spread +-far around the associated solution (odd) or around zero (even)."""
     for k in range(count):
         unknown = problem.unknowns[k]
         turn = ((start - 1) * count + k + 1) * GOLDEN
@@ -335,8 +335,8 @@ def newton(
 ) -> Search:
     """Solve g = 0 by a semismooth Newton method with a line search.
 
-    With `convex`, g is the gradient of a convex function, and every step decreases that function. Otherwise every step
-    decreases |g|.
+    With `convex`, g is the gradient of a convex function, and every step decreases that function or halves the smallest
+    |g| so far. Otherwise every step decreases |g|.
     """
     unknowns = problem.unknowns
     step = problem.step

@@ -43,7 +43,7 @@ class ConeContact(Record):
 
 
 class Unknown(Record):
-    """Unknown of a friction problem: z_k of a mode, or for a square an entry of w = e + s."""
+    """Unknown of a friction problem: z_k of a mode, or for a square matrix an entry of w = e + s."""
 
     value: float  # in and out; the best start is the last sample's solution
     share: float  # beta_k of a mode; the mode's sign if the problem is `flexible`

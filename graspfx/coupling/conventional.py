@@ -27,7 +27,7 @@ def separate(grasp: GraspState) -> None:
 
 @kernel
 def damp_alone(grasp: GraspState) -> None:
-    """Add b_i e_i' to the force of every touching finger; the normal force of the sum never pulls."""
+    """Add b_i e_i' to every touching finger's force, only along the normal unless it sticks; the sum never pulls."""
     for finger in grasp.fingers:
         if not finger.touching:
             continue

@@ -18,7 +18,7 @@ from graspfx.grasp.rigid_modes import component
 def write_columns(
     grasp: GraspState, problem: FrictionProblem, d: int, soft: bool, kip: float, kid: float, slipped: bool
 ) -> None:
-    """Write columns V, displacements and rates of the force-carrying coordinates, and the compliances of 1 / A.
+    """Write columns V, displacements and rates of the force-carrying coordinates, and compliances 1 / A - 1 / max A.
 
     The contacts' `displacement` and `base_force` contain displacements and rates until `write_force`.
     """

@@ -141,7 +141,7 @@ def condense(
 def release_modes(
     grasp: GraspState, problem: FrictionProblem, d: int, external: float, internal: float, soft: bool
 ) -> None:  # fmt: skip
-    """Remove from A'A in `work`, the inverse of 1 + ..., the coordinates without force or with a compliance.
+    """Remove the coordinates without force or with a compliance from A'A, the inverse of `condense`'s second bracket.
 
     Each coordinate subtracts A'A t t'A'A / (r + t'A'A t), where t are its components on the modes. Potter's square-root
     update computes the new A.

@@ -51,7 +51,7 @@ def soften(grasp: GraspState, square: Table, vector: Floats | None, per: float) 
     """Change D to D_s and D e' to D_s e' in place, in contact frames, with the elastic forces in `start`.
 
     The matrix and the vector may be `per` times D and D e'. For each coordinate p of each touching finger in turn, a
-    series compliance 1/g subtracts D e_p e_p'D / (g + D_pp) from D. Pivots are then measured by the diagonal of D_s.
+    series compliance 1/g subtracts D e_p e_p'D / (g + D_pp) from D. `diagonal` is set to the diagonal of the result.
     """
     if not grasp.gradual:
         return

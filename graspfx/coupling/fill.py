@@ -52,7 +52,7 @@ class Shape(Protocol):
 
 @dataclass(frozen=True)
 class Grip:
-    """Specification of a `GraspedObject`'s coupling. Its constructor raises errors before the block is created.
+    """Specification of a `GraspedObject`'s coupling, which is checked before the block is created.
 
     Attributes:
         count: Number of fingers n.
@@ -79,7 +79,7 @@ class Grip:
     def __post_init__(self) -> None:
         rules, mu = self.rules, self.friction
         if self.soft and self.dimensions != 3:
-            raise InputError("patch", rules.patch, "soft fingers in space only", "elsewhere use hard fingers")
+            raise InputError("patch", rules.patch, "soft fingers in 3-D only", "use hard fingers in 1-D and 2-D")
         directed = any(np.ndim(each) for each in (self.gains[2:] if self.law.of_object else self.gains))
         if self.soft and directed:
             raise InputError("patch", rules.patch, "a number for each gain of soft fingers, or a gain of the object")
@@ -111,7 +111,7 @@ class Grip:
                 "shape", self.shape, "a shape whose kind `closest` supports", "see docs/development/shape.md"
             )
         if self.shape is None and not rules.attached:
-            raise InputError("shape", None, "a box or a sphere", "give the object a shape, or attach the contacts")
+            raise InputError("shape", None, "a shape", "give the object a shape, or attach the contacts")
 
     def _check_pads(self) -> None:
         if not (np.isfinite(self.pad) & (self.pad >= 0.0)).all():
@@ -128,7 +128,7 @@ class Grip:
 
     @property
     def friction(self) -> FloatArray:
-        """The coefficients, (n,)."""
+        """The coefficients of friction, (n,)."""
         return np.broadcast_to(np.asarray(self.rules.friction, dtype=float), self.count)
 
     @property
@@ -218,7 +218,7 @@ class Grip:
 
     @property
     def problems(self) -> bool:
-        """True if forces may be solutions of friction problems: with friction, along rays, or in balls of limits."""
+        """True if forces may be solutions of friction problems: with friction, along rays, or limited to balls."""
         holds = self.rules.attached or (self.rules.stick and not self.slips)
         balls = self.limit is not None and holds and not (self.matrices or self.implicit)
         apart = "equal" in self.live or self.implicit or not self.law.equal

@@ -41,7 +41,7 @@ UNCOUPLED = 1e-12  # relative bound below which an entry of K_o between translat
 
 
 class _Fades(NamedTuple):
-    """Present start of the fade, and the largest shortfall of earlier fades in the run [m]."""
+    """Present start of the fade; largest shortfall, and start that was needed, of earlier fades in the run [m]."""
 
     start: float
     shortfall: float = 0.0
@@ -61,7 +61,7 @@ class GraspedObject:
         period: Sampling period T [s].
         law: Gains of eq. (4).
         rules: Contact rules.
-        shape: Shape of the object; None only with attached contacts. They are then at the object's centre.
+        shape: Shape of the object; None only with attached contacts, which are at the object's centre until `attach`.
         fill_body: Function that writes the object's parameters and initial state into its part of the block.
         radius: Radius of the ball fingertips, one or (n,) [m]; zero for point fingertips.
         limit: Largest force of each finger, one or (n,) [N], infinite for a finger without a limit; None without
@@ -224,10 +224,13 @@ class GraspedObject:
         self.touching[:] = touching
 
     def depths(self, position: FloatArray) -> FloatArray:
-        """Compute the penetration depth of fingers at (n, d) as vectors from the surface, in world axes, (n, d) [m].
+        """Compute the fingers' penetration depths as vectors from the surface to the finger, world axes, (n, d) [m].
 
-        The depth of a finger outside is zero. For an attached contact the result is the displacement from the contact
-        point.
+        The depth of a finger outside the object is zero. For attached contacts the result is the displacement from the
+        contact point.
+
+        Args:
+            position: Finger positions (n, d) [m], those of the last call of `meet`.
         """
         if not self._shaped:  # contacts are attached to the object's centre, and `meet` does not move them
             self.finger_position[:] = position

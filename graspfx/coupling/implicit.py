@@ -71,7 +71,7 @@ def add_part(grasp: GraspState, elastic: bool, condensed: bool) -> None:
 
 @kernel
 def fill_part(grasp: GraspState, elastic: bool, condensed: bool) -> None:
-    """Compute K or D / T in contact frames, condensed to touching fingers, with zero rows and columns elsewhere."""
+    """Compute K or D / T in contact frames; if `condensed`, for the coordinates with force, and zero elsewhere."""
     m = grasp.count * grasp.coordinates
     B = grasp.part
     per = 1.0 / grasp.period
@@ -111,7 +111,7 @@ def condense(grasp: GraspState, elastic: bool, per: float) -> None:
 
 @inline
 def carries(grasp: GraspState, finger: FingerState, a: int) -> bool:
-    """Return whether contact coordinate a carries force: the normal of a touching finger, tangents with friction."""
+    """Return whether coordinate a carries force: a touching finger's normal, and its tangents unless slip is free."""
     return finger.touching and (a == 0 or grasp.stick or grasp.friction)
 
 

@@ -102,7 +102,7 @@ def width(grasp: GraspState) -> int:
 
 @kernel
 def mark(grasp: GraspState, inside: bool) -> None:
-    """Mark the fingers whose force is at its limit or, inside the projection, whose elastic force is."""
+    """Mark the fingers whose force or, if `inside` the projection, whose elastic force is at the limit."""
     for finger in grasp.fingers:
         least = NEARLY * LIMIT_MARGIN * finger.limit
         if force_size(finger.local, width(grasp)) >= least:

@@ -75,7 +75,7 @@ def press(grasp: GraspState) -> int:
 
 @kernel
 def relax(grasp: GraspState) -> None:
-    """Restore the displacements of pressed pads; the displacements of released fingers may have changed."""
+    """Restore the displacements of pressed pads only, because those of released fingers may have changed."""
     for i, finger in enumerate(grasp.fingers):
         if grasp.pads[i].depth > 0.0:
             finger.displacement = grasp.pads[i].whole
@@ -194,7 +194,7 @@ def fill_slope(grasp: GraspState) -> None:
 
 @kernel
 def predict(grasp: GraspState, proximal: bool) -> None:
-    """Solve k delta^1.5 = f_n + B (e_n - delta - from) for the depths of pressed pads by Newton's method.
+    """Solve k delta^1.5 = f_n + B (change of e_n - delta) for the depths of pressed pads by Newton's method.
 
     The depth of a finger without force is zero, except in a proximal step, which may only decrease it.
     """

@@ -15,7 +15,7 @@ class Rules:
 
     Attributes:
         attached: Whether contacts are bilateral, that is, fixed in the object and without cones.
-        stick: Whether a touching finger sticks to its contact point; otherwise it slips without friction or by
+        stick: Whether a touching finger sticks to its contact point; otherwise it slips, with the coefficient
             `friction`.
         friction: Coefficient of friction, one for all fingers or one for each.
         patch: Lengths rho of the contact patches [m], one for all fingers or one for each; 0 is a hard finger. Soft

@@ -29,7 +29,7 @@ NORMAL_ONLY = 1  # force that a contact transmits: 0 none, 1 along the normal, 2
 
 
 class DirectionPart(Record):
-    """A finger's part of a contact-force direction; a contact with normal force only uses just the first entry."""
+    """A finger's part of a contact-force direction; for a contact without tangential force, only the first entry."""
 
     force: Vector4
 
@@ -104,7 +104,7 @@ def wrench_modes(grasp: GraspState) -> int:
     """Write orthonormal directions of transmitted contact forces whose wrench is not zero; return their number.
 
     The directions span G' of the free degrees of freedom, with the arms of the points where forces act. A contact that
-    transmits normal force only uses one coordinate, the first of its four, so that small directions have no rounding
+    transmits no tangential force has one coordinate, the first of its four, so that small directions have no rounding
     errors in its tangents.
     """
     shifts, turns = grasp.freedom.shifts, grasp.freedom.turns

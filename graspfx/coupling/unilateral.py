@@ -132,7 +132,7 @@ def retain(grasp: GraspState) -> None:
 
 @kernel
 def damp(grasp: GraspState) -> int:
-    """Add the damping force, passive and projected on the cones; without clamping, the rate term of eq. (26)."""
+    """Add the passive damping force, projected on the cones; without clamping, it is the rate term of eq. (26)."""
     c, m = grasp.coordinates, grasp.count * grasp.coordinates
     if grasp.recoils and grasp.stick and all_push(grasp) and is_whole(grasp):
         keep_elastic(grasp)

@@ -23,7 +23,7 @@ SHAPES = ("object", "obstacle", "finger")  # tables that determine the picture
 class AnswerPage(RunLook):
     """Page with buttons on 127.0.0.1: a context manager that draws the running scene.
 
-    The page shows the first run from its first row on, and each later run. The page is reloaded if the objects differ.
+    The page shows each attached run. It is reloaded if a run's objects, obstacles or fingers differ from the page's.
 
     Args:
         title: Title of the experiment.

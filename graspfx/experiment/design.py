@@ -118,13 +118,13 @@ class Experiment(Study):
             InputError: If hardware is used without `real_time` or without `ready`, or has failed; if a label has other
                 characters than letters and digits; or if an answer is unknown.
             RecordingError: If the session already exists, or if a session to resume does not exist.
-            GraspFXError: If a run raises this error.
+            GraspFXError: If a simulated run fails.
         """
         answerer = Function(respond or simulated_observer(self.table, participant, session), ready)
         show = RealTime if real_time else Simulated
         presenter: Presenter = show(self.scene, self.duration)
         if presenter.has_hardware and ready is None:
-            raise InputError("ready", None, "a function that returns when a person is ready", "forces follow it")
+            raise InputError("ready", None, "a function that returns when a person is ready", "forces start then")
         place = SessionFiles(to_path("out", out, "the path of a folder"), participant, session, self.name, run)
         with unchanged(), ExitStack() as stack:
             trials = self.session(

@@ -16,7 +16,7 @@ SHARES: dict[str, Share] = {"coupling.internal.stiffness": "internal", "coupling
 
 
 def displayed_stiffness(recording: Recording, share: Share) -> float:
-    """Estimate the stiffness that a recording displays: k = sum f.e / sum e.e over fingers that touch [N/m].
+    """Estimate the stiffness that a recording displays: k = sum f.e / sum e.e over rows with a touching finger [N/m].
 
     f is the internal or external part of the displayed forces of the fingers on the object. e is the same part of
     their displacements from the contacts. For a spring without damping, k is its stiffness to rounding.

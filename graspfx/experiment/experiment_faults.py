@@ -88,7 +88,7 @@ def _comparisons(table: ExperimentTable) -> Iterator[Finding]:
     for i in adaptive if table.staircase is None else ():
         yield ("condition", i, "compare"), "expected increments, or a table [staircase] that chooses them"
     if table.staircase is not None and not adaptive:
-        yield ("staircase",), "expected a comparison without increments, which the staircase then chooses"
+        yield ("staircase",), "expected a comparison without increments, so that the staircase chooses them"
     if not compared:
         return
     if table.question is None:

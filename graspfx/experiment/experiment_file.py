@@ -58,7 +58,7 @@ def read(text: str, name: str, path: Path | None = None) -> Experiment:
     """Read an experiment from the text of a file.
 
     Args:
-        text: TOML.
+        text: Contents of the file, in TOML.
         name: Name of the file in messages.
         path: Path of the file; the scene's path is relative to its folder.
 

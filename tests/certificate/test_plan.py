@@ -52,7 +52,7 @@ CASES: list[tuple[dict[str, Any], str, bool, str]] = [
     ({"coupling__contact": "attached"}, "split", True, "once: contacts are fixed"),
     ({"object__free": [False, True, True]}, "split", True, "in every sample: locked directions"),
     (EQUAL, "split", False, "equal external and internal gains: the conventional method"),
-    (EQUAL | IMPLICIT, "split", True, "whose rigid modes are the implicit integrator's unknowns"),
+    (EQUAL | IMPLICIT, "split", True, "the rigid modes of eq. (3) are the implicit integrator's unknowns"),
     (DAMPED, "rate of displacement", True, "damping"),
     ({}, "rate of displacement", False, "no damping"),
     (DAMPED | DEPTH, "damping by depth", True, "grows to its value over 2 mm of penetration depth"),

@@ -102,7 +102,7 @@ def test_without_a_sweep(capsys: pytest.CaptureFixture[str]) -> None:
         ("object.viscosity", "expected KEY=FROM:TO:COUNT"),
         ("object.viscosity=1:2", "expected KEY=FROM:TO:COUNT"),
         ("object.viscosity=1:2:x", "expected KEY=FROM:TO:COUNT"),
-        ("object.viscosity=2:1:5", "an end above the beginning"),
+        ("object.viscosity=2:1:5", "an upper end above the lower end"),
         ("object.viscosity=1:inf:5", "finite ends"),
         ("object.viscosity=1:2:0", "finite ends and from 1"),
         ("object.viscosty=1:2:3", "did you mean 'viscosity'?"),

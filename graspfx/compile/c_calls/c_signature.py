@@ -121,7 +121,7 @@ class Reader:
         return token
 
     def has(self, token: str) -> bool:
-        """Consume the next token if it equals this one."""
+        """Consume the next token if it equals `token`; return whether it does."""
         if self.next != token:
             return False
         self.at += 1

@@ -1,4 +1,4 @@
-"""LLVM text of one cycle of a vendor's thread: a turn of the loop, or an exchange with Python through memory."""
+"""LLVM text of one cycle of a vendor's thread: a tick of the loop, or an exchange with Python through memory."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ class Estimation:
 
 @dataclass(frozen=True)
 class Role:
-    """One function of a device: its calls, and their fault conditions.
+    """One function of a device: its calls, and the velocity estimation that follows them.
 
     Args:
         name: Name of the function: "ask", "read", "write" or "stop".
@@ -90,7 +90,8 @@ class Trampolines:
 
     Args:
         roles: Functions of the device.
-        fault, repeat: Comparisons applied to each call.
+        fault: Comparisons that indicate a fault, tested after each call.
+        repeat: Comparisons that indicate a repeated sample, tested after each call of "read".
         errors: Call that pops the newest error from a library's stack and returns zero if there is none.
 
     Attributes:
@@ -233,7 +234,7 @@ class Trampolines:
         return result, self._op(f"fcmp {'u' if order == 'ne' else 'o'}{order} double {result}, {_double(each.number)}")
 
     def _failed(self, role: Role, call: CCall, says: str, value: str, bad: str, verdict: str) -> str:
-        """Write the handling of a failure: return its code; `stop` continues and returns the first code at the end."""
+        """Write the handling of a failure: return its code; `stop` continues and returns the last code at the end."""
         self.faults.append((call.name, says))
         code, here, fine, end = -len(self.faults), *(self._name(kind)[1:] for kind in ("bad", "fine", "end"))
         self._put(f"br i1 {bad}, label %{here}, label %{fine if role.name != 'stop' else end}")
@@ -279,7 +280,7 @@ class Trampolines:
     # Velocity -----------------------------------------------------------------------------------------------------
 
     def _estimate(self, estimation: Estimation, verdict: str) -> None:
-        """Write the velocity estimation from a new sample; count a missed sample."""
+        """Write the velocity estimation from a new sample; a repeated sample is counted as missed instead."""
         missed_at = self._op(f"load ptr, ptr {self._at(MISSED)}")
         missed = self._op(f"load i64, ptr {missed_at}")
         state = self._op(f"load ptr, ptr {self._at(STATE)}")
@@ -336,7 +337,7 @@ def _result(call: CCall) -> str:
 
 
 def _struct(call: CCall) -> str:
-    """Return the type of a returned struct of 32-bit numbers on Linux: 64-bit registers."""
+    """Return the LLVM type of a struct of 32-bit numbers, which functions on Linux return in 64-bit registers."""
     if call.parts == 2:
         return "i64"
     if platform.machine().lower() in ("aarch64", "arm64"):

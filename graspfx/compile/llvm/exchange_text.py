@@ -21,9 +21,9 @@ RECEIPT = ("place", "memory", "count")  # words of a result tuple
 
 
 def exchange_text() -> str:
-    """Return the text of exchange(buffer, place), which makes the calls of the plan at an index of the buffer. The
+    """Return the text of exchange(buffer, place), which makes the calls of the plan at an index of the buffer.
 
-    function returns 0, or 1 if a call has raised an exception. The caller must hold the interpreter's lock.
+    The function returns 0, or 1 if a call has raised an exception. The caller must hold the interpreter's lock.
     """
     names = [*DECLARED.values(), *CALLED.values()]
     return "\n".join([*(f"declare {signature}" for signature in names), _CHANGED, _SENT, _RECEIVED, _ALL, _EXCHANGE])

@@ -1,8 +1,8 @@
-"""LLVM text of functions that kernels call by name: calls by address, the clock, words of other threads. Interpreted
+"""LLVM text of functions that kernels call by name: calls by address, the clock, words of other threads.
 
-kernels call the Python function of the same name, which is marked `bound_late`. The buffer is the first argument, and
-*places* are indices of its entries. Addresses are derived from the buffer if possible, because LLVM may assume that
-other addresses do not alias it.
+Interpreted kernels call the Python function of the same name, which is marked `bound_late`. The buffer is the first
+argument, and *places* are indices of its entries. Addresses are derived from the buffer if possible, because LLVM may
+assume that other addresses do not alias it.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 
 class LateFunction(NamedTuple):
-    """A function that a program defines if it calls it.
+    """A function that a program defines if the program calls it.
 
     Attributes:
         text: Definition of the function.
-        result: Type of its result.
-        library: Functions of the platform's C library that it calls.
+        result: Type of the result.
+        library: Functions of the platform's C library that the function calls.
     """
 
     text: str

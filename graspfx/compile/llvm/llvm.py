@@ -1,4 +1,4 @@
-"""A program as LLVM text, with one function for each combination of argument types."""
+"""A program as LLVM text, in which each function is written once for each combination of argument types."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class LlvmProgram(NamedTuple):
     Args:
         text: Text in LLVM's language.
         arrays: Parameters of the entry that are buffers of floats; they come first.
-        numbers: Types of its other parameters, INT or FLOAT.
-        libm: Functions of the platform's library that it calls, with the prefix `graspfx_`.
+        numbers: Types of the entry's other parameters, INT or FLOAT.
+        libm: Names of the functions of the platform's library that the program calls, there as `graspfx_NAME`.
     """
 
     text: str
@@ -61,7 +61,7 @@ class Module:
         if key not in self.functions:
             tree = self.trees[name]
             if len(tree.args.args) != len(arguments):
-                raise why(f"{name} takes {len(tree.args.args)} arguments")
+                raise why(f"passes {len(arguments)} arguments to {name}, which takes {len(tree.args.args)}")
             self.functions[key] = None
             body = Statements(self, tree)
             self.functions[key], text = body.function_text(f"{name}.{len(self.functions)}", arguments)

@@ -265,7 +265,8 @@ def mantissa_and_exponent(code: Code, x: Number) -> tuple[Number, Number]:
 def _scaled(code: Code, x: Number, exponent: Number) -> Number:
     """Write math.ldexp: x 2^e, rounded once; a result that overflows is infinite, where CPython raises.
 
-    All multiplications by powers of two before the last are exact; for negative exponents they end above 2^-1022.
+    The power is applied in up to three factors. After a factor of 2^-969, a product below 2^-1022 leads to zero, so a
+    nonzero result is rounded only once.
     """
     left = extreme(code, "max", [constant(-2200), extreme(code, "min", [constant(2200), exponent])])
     for least, most in ((-969, 1023), (-969, 1023), (-1022, 1023)):

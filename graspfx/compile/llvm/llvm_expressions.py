@@ -201,7 +201,7 @@ class Expressions:
         return code.op(to, f"phi {to} {', '.join(sources)}")
 
     def detached(self, write: Callable[[], Number]) -> tuple[Number, list[str]]:
-        """Remove the lines that `write` writes from the text, and return them."""
+        """Call `write`, and remove the lines that it writes from the text; return its number and these lines."""
         mark = len(self.code.lines)
         number = write()
         text = self.code.lines[mark:]

@@ -20,7 +20,7 @@ from graspfx.compile.llvm.llvm_expressions import (
 
 @dataclass
 class Join:
-    """A join of several paths: for each path, its end, the position of its jump, and its variables."""
+    """A join of several paths: its label and, for each path, the position of the jump and the variables."""
 
     label: str
     edges: list[tuple[int, Variables]] = field(default_factory=list)
@@ -292,7 +292,7 @@ class Statements(Expressions):
         enter: Callable[[Variables], None],
         advance: Callable[[], None],
     ) -> bool:
-        """Write a loop, and repeat until the types at its head equal those at the end of its body."""
+        """Write a loop again and again until the variables' types at its head equal those at the end of its body."""
         code = self.code
         mark, returns = len(code.lines), len(self.returns)
         types = dict(scope)

@@ -54,7 +54,7 @@ def repeated(tree: ast.FunctionDef) -> set[str]:
 
 
 def value_of(item: Any) -> Lowered:
-    """Convert a value named in a module."""
+    """Convert a number or a value of a module to a lowered value."""
     if isinstance(item, bool | int | float):
         return ast.Constant(item)
     return Bundle(type(item), tuple(value_of(getattr(item, name)) for name in parts_of(type(item))))

@@ -137,7 +137,7 @@ class Scratch:
         return name
 
     def temporary(self, letter: str = "t") -> str:
-        """Return a new variable; neither its name nor the parts between underscores occur in the source."""
+        """Return a new variable; no name in the source equals its name, or begins with it and an underscore."""
         while True:
             self.temporaries += 1
             name = f"{letter}{self.temporaries}"
@@ -180,7 +180,7 @@ class Scratch:
         return result
 
     def require_index(self, node: ast.Subscript, *indices: ast.expr) -> None:
-        """Require that no index is negative: in a block, such an index is out of range."""
+        """Require that no constant index is negative: in a block, such an index is out of range."""
         for index in indices:
             try:
                 negative = ast.literal_eval(index) < 0

@@ -41,7 +41,7 @@ class Store:
         return Lowering(text, marshal.loads(code), dict(callees), tuple(files))
 
     def add(self, function: FunctionType, lowering: Lowering) -> None:
-        """Add a kernel of this package; the key does not cover third-party sources."""
+        """Add a kernel if all its sources belong to this package, because the key covers no other sources."""
         if all(is_own(file) for file in lowering.files):
             parts = lowering.text, marshal.dumps(lowering.code), tuple(lowering.callees.items()), lowering.files
             self.entries[_name(function)] = _sources_of(function), *parts
