@@ -106,7 +106,7 @@ class Operator:
     def at_rest(self, stiffness: FloatArray, force: FloatArray) -> FloatArray:
         """Compute the stiffness at rest, (d, n, n) [N/m]: r - p = K_rest^-1 f.
 
-        The stiffness at rest is K, increased by the grip forces |f|, in series with the limb, plus the reaction.
+        The stiffness at rest is K, stiffened by the grip forces |f|, in series with the limb, plus the reaction.
 
         Args:
             stiffness: Stiffness K of the hand (d, n, n) [N/m].
@@ -124,7 +124,7 @@ class Operator:
         return np.stack(away, axis=1)
 
     def _rest(self, stiffness: FloatArray, force: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute f and the displacement of the fingertips' springs, both per r - p, (d, n, n)."""
+        """Compute f and the displacement of the fingertips' springs, both per unit of r - p, (d, n, n)."""
         n = len(self.numbers)
         whole = np.array(stiffness, dtype=float)
         stretch = np.zeros_like(whole)

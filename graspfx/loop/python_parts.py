@@ -1,4 +1,4 @@
-"""Parts of a servo that run as Python code, or wait for other software, between calls."""
+"""Parts of a servo that run as Python code, or wait for other software, between the engine's calls."""
 
 from __future__ import annotations
 

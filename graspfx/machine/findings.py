@@ -24,9 +24,9 @@ class Finding:
     """Result of one check.
 
     Attributes:
-        subject: Subject of the check.
+        subject: Part of the machine or of its settings that was checked.
         text: Result of the check.
-        remedy: Remedy; empty if none is needed.
+        remedy: Advice to the user; empty if none is needed.
     """
 
     subject: str

@@ -60,8 +60,8 @@ class SafetyChain:
 
     Attributes:
         limits: Limits of all fingers.
-        pace: Memory of the scene.
-        buffers: Memory of each object.
+        pace: Memory of the scene's chain, `Pace`.
+        buffers: Memory of each object's chain, `SafetyState`.
         where: Entries of an object's memory under the names used in recordings.
     """
 
