@@ -41,7 +41,8 @@ class Body(Protocol):
         """Advance by T [s] under the wrench in the block, constant over the sample."""
 
     def free_motion(self, T: float) -> None:
-        """Fill the NEXT and COMPLIANCE entries: motion of the implicit integrator over T [s] without a wrench."""
+        """Fill the NEXT and COMPLIANCE entries: motion by the implicit integrator over T [s] without a wrench, and the
+        compliance to a wrench."""
 
 
 class BlockBody:
@@ -103,7 +104,7 @@ class NativeBody(BlockBody):
     buffer: FloatArray | None = None
 
     def fault_text(self, code: int) -> str:
-        """Return the error for a non-zero code of `stepping`."""
+        """Raise InputError, because `stepping` of a body without contacts returns no fault code."""
         raise InputError("code", code, "0: the step of a body without contacts always succeeds")
 
     def step(self, T: float) -> None:
@@ -170,9 +171,9 @@ def fill_body(
     if d not in FREEDOMS or d != dimensions:
         raise InputError("dimensions", dimensions, "1, 2 or 3")
     kinds = FREEDOMS[d]
-    moves = np.ones(len(kinds)) if free is None else finite("free", free, f"{len(kinds)} of true or false")
+    moves = np.ones(len(kinds)) if free is None else finite("free", free, f"{len(kinds)} values true or false")
     if moves.shape != (len(kinds),) or not np.isin(moves, (0, 1)).all():
-        raise InputError("free", free, f"{len(kinds)} of true or false", "forces first, then moments")
+        raise InputError("free", free, f"{len(kinds)} values true or false", "translations first, then rotations")
     if str(integrator) not in INTEGRATORS:
         raise UnknownNameError("integrator", str(integrator), INTEGRATORS)
     state[:] = 0.0

@@ -213,7 +213,7 @@ def _write_faults(file: Any, faults: Sequence[RunFault]) -> None:
 def _make_variables(
     file: Any, layout: Layout, forces: Sequence[Column], shape: tuple[int, int], storage: dict[str, Any], *, plain: bool
 ) -> dict[str, Variable]:
-    """Make the data sets of the time, the columns and the two forces, with units and dimension scales."""
+    """Make the data sets of time, columns, and external and internal forces, with units and dimension scales."""
     count, size = shape
     time = Column("time", slice(0, 0), (), (), "s", "")
     scales: dict[str, Any] = {}

@@ -70,7 +70,7 @@ def to_scene(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | 
 
 
 def file_text(path: Path) -> str:
-    """Read a TOML file.
+    """Read the text of a scene's file.
 
     Raises:
         SceneError: If the file is not UTF-8; the error states the line.

@@ -52,8 +52,8 @@ class Tremor(_Parts):
             raise InputError(
                 "tremor",
                 values,
-                "finite amplitude, frequency, width, begin and ramp; a frequency above zero, and amplitude, width and ramp "
-                "of zero or more",
+                "finite amplitude, frequency, width, begin and ramp; a frequency above zero, and amplitude, width and "
+                "ramp of zero or more",
             )
         if width >= 2.0 * frequency:
             raise InputError("width", width, f"less than twice the frequency, {2.0 * frequency:g} Hz")

@@ -23,7 +23,7 @@ class Pace(Record):
 
 
 class Tank(Record):
-    """Energy available to increase stiffness: a spring that stiffens under load stores energy from no operator."""
+    """Energy available to increase stiffness; without it, stiffening a loaded spring would generate energy."""
 
     level: float  # energy E [J]
     most: float  # capacity [J]

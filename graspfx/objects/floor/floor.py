@@ -191,7 +191,7 @@ def _features(shape: Any, d: int) -> Iterator[tuple[float, ...]]:
         yield ELLIPSOID, a, b, c, 0.0
     else:
         raise InputError(
-            "shape", shape, "a shape whose contact with planes is implemented", "list them in `floor.features`"
+            "shape", shape, "a shape whose contact with planes is implemented", "add its features to `floor.features`"
         )
 
 

@@ -54,7 +54,7 @@ def lowest(body: BodyState, feature: Feature, n: Vector) -> tuple[float, Vector]
 
 @kernel
 def thin(contacts: Many[PlaneContact], first: int, count: int, plane: FloorPlane) -> int:
-    """Reduce more than MOST contacts with a plane to the deepest and the outermost contacts in SIDES directions.
+    """Reduce more than MOST contacts with a plane to the deepest one and the outermost one in each of SIDES directions.
 
     The contacts are stored consecutively from `first` on. The remaining contacts move to the front, in their order.
     Return their number.
