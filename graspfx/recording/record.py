@@ -212,7 +212,8 @@ class Recording(Carded, History):
     def to_frame(self) -> pandas.DataFrame:
         """Convert to a pandas DataFrame with one row per recorded tick, and one column per component.
 
-        Columns have names such as `finger_force.thumb.x`. The index is the time [s]. `frame.attrs["units"]` has the SI units by quantity.
+        Columns have names such as `finger_force.thumb.x`. The index is the time [s]. `frame.attrs["units"]` has the SI
+        units by quantity.
 
         Raises:
             MissingPackageError: pandas is not installed: `pip install 'graspfx[data]'`.
