@@ -115,7 +115,7 @@ class FusedPlant(Plant, Protocol):
 
     Call `hold` after `place`, and when the hand, its gains or T change. With the block S, each sample then writes
     efforts and targets to S at `ports`, calls `kernel(S, 0)`, and reads positions and velocities from S. `advance` does
-    nothing else. The block also contains the plant's time and the targets at the sample's beginning. Sample k after
+    exactly this. The block also contains the plant's time and the targets at the sample's beginning. Sample k after
     `place` ends at (k + 1) T; its middle is at 0.5 (k T + (k + 1) T).
     """
 

@@ -106,7 +106,7 @@ class Servo:
         every: Number of ticks from one recorded row to the next.
         safety: Safety chain between law and devices, if the scene has one.
         host: Other program that simulates the object, if the scene has one.
-        guards: Guards of real devices.
+        guards: Limits for real devices, beyond which a run ends in a fault.
         memory: Memory of the parts' blocks.
     """
 
@@ -167,7 +167,7 @@ class Servo:
 
     @property
     def engine(self) -> Engine:
-        """Engine of the ticks."""
+        """Engine that runs the ticks."""
         return self._ready()
 
     @property

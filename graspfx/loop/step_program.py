@@ -31,8 +31,8 @@ def program_key() -> str:
 def source(*, make: bool = True) -> str:
     """Write the program of `steps` as Python: run(arena, rows, world, k, count, r).
 
-    With a count of -1 the program runs `sample` of the grasp at a place instead. With a count below -1 it runs
-    `external_forces` of that grasp, and writes the forces to the rows from entry r on.
+    With a count of -1 the program instead runs `sample` of the grasp at the place `world`. With a count below -1 it
+    runs `external_forces` of that grasp, and writes the forces to the rows from entry r on.
 
     Args:
         make: Whether to write the program if it is not cached; if False, a missing program raises LookupError.

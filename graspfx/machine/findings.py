@@ -45,7 +45,7 @@ def lab_report(
 
     Args:
         kind: Description of the machine.
-        findings: Findings of the doctor.
+        findings: Findings of `graspfx doctor`.
         devices: Drivers' names, each with the features of its device.
         settings: Settings of the devices; their texts, such as ports and serial numbers, are removed from the report.
     """

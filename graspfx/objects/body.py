@@ -148,13 +148,13 @@ def fill_body(
 
     Args:
         state: Block, (SIZE,), overwritten completely.
-        dimensions: Dimension d: 1, 2 or 3.
+        dimensions: Number of dimensions d: 1, 2 or 3.
         mass: Mass m [kg].
         inertia: Moment of inertia about the centre of mass [kg m^2]: a number, or in space the principal moments (3,)
             about the body's axes (also accepted in the plane, where the third is used). Required if a rotation is free.
         viscosity: Viscosity b [N s/m].
         rotational_viscosity: Rotational viscosity b_w [N m s/rad].
-        integrator: "explicit", "semi-implicit", "exact" or "implicit".
+        integrator: Name of the integrator: "explicit", "semi-implicit", "exact" or "implicit".
         free: Mask of the free degrees of freedom, w = 1, 3 or 6 entries in the order of G's rows; all are free by
             default.
         gravity: Gravity, (d,) [m/s^2].
@@ -196,7 +196,7 @@ def fill_body(
     if d == 1:
         for name, argument in (("orientation", orientation), ("angular_velocity", angular_velocity)):
             if argument is not None:
-                raise InputError(name, argument, "none on a line")
+                raise InputError(name, argument, "None, because a body on a line cannot rotate")
     if d == 2:
         motion.angle = float(_vector("orientation", orientation, 0))
         motion.angular_velocity = Vector(0.0, 0.0, float(_vector("angular_velocity", angular_velocity, 0)))

@@ -439,9 +439,8 @@ def _close(*files: Any) -> None:
 def require_contained(file: Any, place: Path) -> None:
     """Require that all data of an open HDF5 file are stored in that file and fit its size.
 
-    HDF5 reads other files if a data set has external storage, if a virtual data set has another source than
-    this file ("."), or through external links. A recording has none of these; a crafted file could use them to read
-    other files.
+    HDF5 reads other files through external storage, through virtual data sets with a source other than this file
+    ("."), and through external links. A recording has none of these; a crafted file could use them to read other files.
 
     Raises:
         ValueError: Data are stored in another file, or a data set is larger than a file of this size can hold.

@@ -32,7 +32,7 @@ class Header:
         scene: name of the scene.
         scene_text: text of the scene's file, or the scene as JSON if it has no file.
         scene_table: scene with overrides, as nested tables.
-        scene_folder: folder of relative paths in the scene; empty for the current folder.
+        scene_folder: folder to which relative paths in the scene refer; empty for the current folder.
         overrides: overrides by dotted key, including those of a preset.
         preset: name of the active preset; empty for none.
         title: title of the scene.
@@ -46,7 +46,7 @@ class Header:
         every: number of ticks from one row to the next; row k belongs to tick k `every`.
         settled: initial data of each finger, by name, in a run with hardware: `position` (d,) [m], and `offset` (d,)
             [m], its depth below the contact, which fades out in the recorded positions.
-        round_trip: median time of a reading and a writing of all hardware before the run [s]; 0 without hardware.
+        round_trip: median time to read and write all hardware before the run [s]; 0 without hardware.
         replays: name and time of the original run if this recording is a replay; empty for other recordings.
         scheduling: properties of the loop of a run with hardware: `loop` ("native", "driven", "process" or "inline"),
             `policy` ("fifo 80" or "other"), `memory` ("locked", "locked so far" or "free"), `slack` of timers [s], the

@@ -277,7 +277,7 @@ class History:
         return self.finger_position - self.contact_position - self.external_displacement
 
     def _divided(self, name: str) -> FloatArray | None:
-        """Read a derived variable from the file, or compute it in parts; None without moments."""
+        """Read a derived variable from the file, or compute it in parts; None for a moment without soft fingers."""
         self.require(*self.layout.sources_of(name))
         splits = splits_of(self.header, self.outcome.changes)  # raises an error without a defined split
         column = next((each for each in self.layout.derived if each.name == name), None)
@@ -407,7 +407,7 @@ class History:
 
     @property
     def object_orientation(self) -> FloatArray | None:
-        """Orientation of the first object, (N,) or (N, 4); None on a line."""
+        """Orientation of the first object: angles (N,) [rad] or quaternions x, y, z, w (N, 4); None on a line."""
         return self._first_object.orientation
 
     @property
@@ -457,7 +457,7 @@ class History:
 
     @property
     def faults(self) -> tuple[RunFault, ...]:
-        """Faults by tick."""
+        """Faults of the run, each with its tick."""
         return self.outcome.faults
 
     @property

@@ -225,7 +225,8 @@ class Recording(Carded, History):
     def to_csv(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
         """Write the columns of `to_frame`, with the time first, as comma-separated text; no package is needed.
 
-        The first line has the names. Numbers are in SI units and read back to the last bit; true is 1, false is 0.
+        The first line contains the names of the columns. Numbers are in SI units and read back to the last bit; true is
+        1, false is 0.
 
         Args:
             path: Path of the file; the file appears when it is complete.
@@ -241,7 +242,7 @@ class Recording(Carded, History):
     def to_html(self, path: str | PathLike[str], *, overwrite: bool = False) -> Path:
         """Write a page that plays the run in a browser: objects, fingers, forces as arrows, and charts.
 
-        The page is one file and needs no network. It has 50 to 60 frames per second with numbers rounded to 24 bits;
+        The page is one file and needs no network. It shows 50 to 60 frames per second, with numbers rounded to 24 bits;
         the charts show the minimum and maximum over all ticks.
 
         Args:

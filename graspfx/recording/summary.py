@@ -38,7 +38,7 @@ def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[s
         peak_displayed_force: Peak force on the operator of each finger [N]; None if not recorded.
         saturated: Fraction of ticks in which each finger's force is at its limit; None without limits.
         force_vibration: RMS over fingers and ticks of a finger's force above 5 Hz [N].
-        internal_force_peak, external_force_peak: Peak of each finger while it touches [N].
+        internal_force_peak, external_force_peak: Peak magnitude for each finger while it touches [N].
         internal_force_mean, external_force_mean: Mean magnitude over fingers and ticks with contact [N].
         internal_force_vibration, external_force_vibration: Like `force_vibration` [N]; all six quantities of internal
             and external forces are None for a recording of an earlier format, which does not define the split of its

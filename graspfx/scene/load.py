@@ -42,7 +42,7 @@ def load(name: str | PathLike[str], overrides: Mapping[str, Any] | None = None, 
         SceneError: If the scene has faults; the error lists all of them, with their lines.
         UnknownNameError: If no scene has that name, or the scene has no such preset.
         InputError: If the file does not exist, or does not contain a scene.
-        PluginError: If a Python file cannot be imported, or its `scene()` raises.
+        PluginError: If a Python file cannot be imported, or its `scene()` raises an exception.
     """
     path = plugins.find("scenes", name)
     text = file_text(path)

@@ -224,7 +224,7 @@ class Path(_Parts):
 
         Args:
             file: Path of the file, absolute or relative to `folder`.
-            folder: Folder of a relative path; the current one if None.
+            folder: Folder to which a relative path refers; the current folder if None.
 
         Raises:
             InputError: If the file is missing, or is not such a table; the message names the line.
@@ -294,7 +294,7 @@ class Sum(_Parts):
 
 
 def direction(axis: int | ArrayLike, dimensions: int | None = None) -> FloatArray:
-    """Compute the unit vector (d,) along a vector of any length, or along the axis 0, 1 or 2 of `dimensions`."""
+    """Compute the unit vector (d,) along a vector of any length, or along axis 0, 1 or 2 in `dimensions` dimensions."""
     if isinstance(axis, int | np.integer) and not isinstance(axis, bool):
         if dimensions is None:
             raise InputError("axis", axis, "a vector (d,)", "with the number of an axis, also give `dimensions`")

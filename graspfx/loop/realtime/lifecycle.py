@@ -169,7 +169,7 @@ def opened(devices: DeviceExchange, period: float) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Rest:
-    """Hardware at rest.
+    """State of hardware that was found at rest.
 
     Attributes:
         positions: Position (d,) of each finger of hardware, by the finger's index in the scene [m].

@@ -133,7 +133,7 @@ class Ring:
         words: Integers (512,), at the positions of `Word`.
         rows: Rows (SLOTS, width). If `every` divides k, tick k has row k / every modulo SLOTS.
         notes: Notes of the servo.
-        letters: Two halves of the mailbox, as bytes.
+        letters: Memory of the two letters, as bytes.
         goals: Goals (2, G); the k-th goals are in row k modulo 2.
         goal_log: Log of applied goals (SLOTS, 1 + G): first tick and values of each.
     """

@@ -62,7 +62,7 @@ class SafetyChain:
         limits: Limits of all fingers.
         pace: Memory of the scene's chain, `Pace`.
         buffers: Memory of each object's chain, `SafetyState`.
-        where: Entries of an object's memory under the names used in recordings.
+        where: Indices of entries in an object's memory, by the names used in recordings.
     """
 
     def __init__(

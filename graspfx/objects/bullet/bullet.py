@@ -31,7 +31,7 @@ NONE = math.inf  # impossible last angular velocity, so that the first one is al
 
 
 class BulletMember(CarriedBody):
-    """Body of a block in a PyBullet world, without PyBullet's damping.
+    """A body in a PyBullet world, described by a block and without PyBullet's damping.
 
     A body with one free rotation gets the moment of inertia of its axis about all axes, which does not change its
     motion. With two free rotations the inertia has to be isotropic.
@@ -56,7 +56,7 @@ class BulletMember(CarriedBody):
             raise InputError(
                 "free",
                 "two of three rotations",
-                "one, three, or equal moments of inertia with PyBullet",
+                "one or three rotations, or equal moments of inertia, with PyBullet",
                 "use native dynamics, or MuJoCo's",
             )
         mass = own.mass
