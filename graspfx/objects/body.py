@@ -41,8 +41,7 @@ class Body(Protocol):
         """Advance by T [s] under the wrench in the block, constant over the sample."""
 
     def free_motion(self, T: float) -> None:
-        """Fill the NEXT and COMPLIANCE entries: motion by the implicit integrator over T [s] without a wrench, and the
-        compliance to a wrench."""
+        """Fill the NEXT and COMPLIANCE entries: implicit motion over T [s] without a wrench, and compliance to one."""
 
 
 class BlockBody:
