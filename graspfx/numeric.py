@@ -23,7 +23,7 @@ def real(name: str, argument: object, expected: str = "", do: str = "") -> Float
     Args:
         name: Argument's name, for errors.
         argument: Numbers to copy.
-        expected, do: Description of a valid value, and what to do, for errors.
+        expected, do: Description of a valid value, and the next step, for errors.
 
     Raises:
         InputError: If the argument is not a rectangular array of real numbers.

@@ -118,7 +118,7 @@ def shelf(group: Group) -> Path:
 def blaming(path: Path) -> Iterator[None]:
     """Convert exceptions of the code in a file to a PluginError with file and line; pass on GraspFX's own errors.
 
-    User code may raise anything: this is the only place that catches every exception.
+    User code may raise any exception, so all of them are caught.
     """
     try:
         yield
@@ -171,14 +171,14 @@ def _plugin(group: Group, name: str | PathLike[str], folder: Path | None) -> Plu
 
 def _file_hint(group: Group, text: str, folder: Path) -> str:
     if len(text) > LONGEST_KEY or not text.isprintable():  # such a text cannot be the name of a file
-        return f"give a file with its ending {SUFFIXES[group][0]}"
+        return f"give the path of a file that ends in {SUFFIXES[group][0]}"
     for suffix in SUFFIXES[group]:
         if text and (folder / f"{text}{suffix}").is_file():
             return f"there is a file {text}{suffix}: give its name with the ending"
         close = closest(text, [path.stem for path in folder.glob(f"*{suffix}")]) if folder.is_dir() else None
         if close:
             return f"there is a file {close}{suffix}: give its name with the ending"
-    return f"give a file with its ending {SUFFIXES[group][0]}"
+    return f"give the path of a file that ends in {SUFFIXES[group][0]}"
 
 
 _tables: ContextVar[dict[Group, dict[str, list[Plugin]]] | None] = ContextVar("kept", default=None)

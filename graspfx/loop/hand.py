@@ -122,12 +122,12 @@ class Hand:
     ) -> Hand:
         """Make a hand whose arm moves the fingers' mean, and whose grip moves the fingers relative to each other.
 
-            K = k_arm 11'/n + k_grip (I - 11'/n), and B with b_arm and b_grip, on each axis
+            K = k_arm 11'/n + k_grip (I - 11'/n), and likewise B from b_arm and b_grip, on each axis
 
-        For the mean x_e, the sum of the fingers' forces is n (k_arm x_e + b_arm x_e'), which is Z+ of Kawai and
-        Yoshikawa, fig. 9. For the deviations x_i from the mean, the force of each finger is that of k_grip and b_grip,
-        Z- of Kawai and Yoshikawa (eqs. 13-19). The grip also resists a rotation of the fingers about their mean,
-        because the rotation is part of the deviations.
+        For the mean x_e of r - p, the sum of the fingers' forces is n (k_arm x_e + b_arm x_e'), which is Z+ of Kawai
+        and Yoshikawa, fig. 9. A deviation x_i of finger i from that mean adds the force k_grip x_i + b_grip x_i' on
+        the finger, which is Z- of Kawai and Yoshikawa (eqs. 13-19). The grip also resists a rotation of the fingers
+        about their mean, because the rotation is part of the deviations.
 
         Args:
             arm: Stiffness [N/m] and damping [N s/m] per finger, each a number or one per axis.
@@ -161,7 +161,7 @@ class Hand:
         return type(self).target is Hand.target and not moves
 
     def adopt(self, other: Hand) -> None:
-        """Adopt gains, rest and motions of another hand of the same structure."""
+        """Adopt the gains, rest positions and motions of another hand of the same structure."""
         adopt_block(self, other)
         self._stiffness, self._damping, self.operator = other.stiffness, other.damping, other.operator
 
@@ -196,7 +196,7 @@ class JoinedHands:
         self._plain_parts: list[tuple[plant.Hand, int, int]] = []  # entries for r and r' of hands without a kernel
         n = sum(hand.stiffness.shape[1] for hand in hands)
         if order is not None and sorted(order) != list(range(n)):
-            raise InputError("order", order, f"each of the {n} fingers once")
+            raise InputError("order", order, f"the indices of the {n} fingers, each once")
         where = list(range(n)) if order is None else list(order)
         rows = np.array(where)[:, None], np.array(where)
         self._stiffness = _frozen(_block_diagonal([hand.stiffness for hand in hands])[:, *rows])
@@ -256,7 +256,7 @@ class JoinedHands:
         return type(self).target is JoinedHands.target and not self._plain_parts and self._still
 
     def adopt(self, other: JoinedHands) -> None:
-        """Adopt gains, rests and motions of other hands of the same structure."""
+        """Adopt the gains, rest positions and motions of other joined hands of the same structure."""
         adopt_block(self, other)
         self._stiffness, self._damping, self.operator = other.stiffness, other.damping, other.operator
 
@@ -351,7 +351,7 @@ def _gains(name: str, value: ArrayLike, n: int, d: int) -> FloatArray:
     K = 0.5 * (K + np.swapaxes(K, 1, 2))
     least = np.linalg.eigvalsh(K).min()
     if least < -SYMMETRY * max(n, 1) * largest:
-        raise InputError(name, value, f"positive semidefinite matrices, found the eigenvalue {least:.6g}")
+        raise InputError(name, value, f"positive semidefinite matrices; the smallest eigenvalue is {least:.6g}")
     return _frozen(K)
 
 
@@ -365,7 +365,7 @@ def _per_axis(name: str, value: ArrayLike, d: int) -> FloatArray:
 def _block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
     d = len(blocks[0])
     if any(len(block) != d for block in blocks):
-        raise InputError("hands", [len(block) for block in blocks], "hands of the same number of dimensions")
+        raise InputError("hands", [len(block) for block in blocks], "hands with the same number of dimensions")
     n = sum(block.shape[1] for block in blocks)
     whole = np.zeros((d, n, n))
     start = 0

@@ -24,7 +24,7 @@ CLOSE = 0.05  # relative tolerance of a frequency
 
 @dataclass(frozen=True)
 class Drive:
-    """Motions with which hands excite some fingers.
+    """Excitation of a set of fingers by their hands.
 
     Attributes:
         parts: Intended motions, each with the factor that converts its offset to metres at the fingertips.
@@ -41,19 +41,19 @@ class Drive:
     noises: tuple[Operator, ...] = ()
 
     def at(self, times: NDArray[Any]) -> FloatArray:
-        """Return all intended offsets at times (M,), (M, c) [m]."""
+        """Return all intended offsets at times (M,) [s], one column per component, (M, c) [m]."""
         columns = [scale * np.array([motion.at(t)[0] for t in times.tolist()]) for motion, scale in self.parts]
         return np.concatenate([np.zeros((len(times), 1)), *columns], axis=1)
 
     def tremor(self, times: NDArray[Any]) -> FloatArray:
-        """Return the offsets of all tremors at times (M,), (M, c) [m]."""
+        """Return the offsets of all tremors at times (M,) [s], one column per component, (M, c) [m]."""
         return np.concatenate([np.zeros((len(times), 1)), *(each.over(times) for each in self.tremors)], axis=1)
 
     def noise(self, times: NDArray[Any], depth: float) -> FloatArray:
-        """Return the offsets due to noise of the muscle forces at times (M,), (M, c) [m].
+        """Return the offsets due to noise of the muscle forces, one column per finger, (M, c) [m].
 
         Args:
-            times: Times [s].
+            times: Times, (M,) [s].
             depth: Displacement of the fingers relative to the object [m]. Muscle forces cause the displacement, so a
                 relative change of these forces changes the displacement by the same fraction.
         """
@@ -64,7 +64,7 @@ class Drive:
         """Return whether motion at this frequency may be a sine of the hands, or one of its harmonics.
 
         Args:
-            frequency, resolution: Frequency and its resolution [Hz].
+            frequency, resolution: Frequency of the motion, and resolution of the estimate [Hz].
         """
         if not self.complete and frequency < FASTEST:
             return True
@@ -75,11 +75,11 @@ class Drive:
 def drive(
     table: Mapping[str, Any], fingers: Sequence[int], folder: str, start: FloatArray, centre: FloatArray
 ) -> Drive:
-    """Compute the excitation of some fingers.
+    """Compute the excitation of the fingers with these indices.
 
     Args:
         table: Table of the scene in a recording's header.
-        folder: Folder of the scene's relative paths.
+        folder: Folder to which relative paths in the scene refer.
         start: Initial positions of the fingers (k, d) [m].
         centre: Initial centre of their object (d,) [m], the default centre of a hand's rotation.
     """

@@ -32,7 +32,7 @@ def kernel_fault(parts: Parts, kind: int, index: int, code: int) -> str:
 
 
 def object_names(parts: Parts, mover: int) -> str:
-    """Return the names of the objects that a mover moves."""
+    """Return the names of the objects that a body group moves."""
     return ", ".join(parts.objects[number].name for number in parts.movers[mover].objects)
 
 

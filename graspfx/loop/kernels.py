@@ -58,7 +58,7 @@ def _numbers() -> dict[str, int]:
 
 @cache
 def _kernel(number: int) -> Kernel:
-    """Import a kernel of this package as a function of numbers and entries."""
+    """Import a kernel of this package in its lowered form, a function of buffers, offsets and numbers."""
     return source_function(_written(number))
 
 
@@ -74,7 +74,7 @@ def kernel_of(number: int) -> Kernel:
 
 
 def announce(kernel: Kernel) -> int:
-    """Return the number by which interpreted ticks find a third-party kernel."""
+    """Register a third-party kernel for interpreted ticks, and return its number."""
     number = len(KERNELS) + id(kernel)
     _ANNOUNCED[number] = kernel
     return number

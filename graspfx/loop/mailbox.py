@@ -25,17 +25,17 @@ class Mailbox:
     """Exchange between devices in a vendor's thread and Python or the native loop.
 
     The thread calls `unsigned function(void *context)` once a period; each call is a turn. In a turn all devices are
-    asked, then read, and then written in the reverse order. They receive the forces that Python has written to the
-    mailbox, or zero if Python has written none for 20 turns. A device with a fault is stopped in this and in all later
-    turns. While a loop drives the devices (`drive`), the turns call the loop instead.
+    asked for a reading, then read, and then written in the reverse order. They receive the forces that Python has
+    written to the mailbox, or zero if Python has written none for 20 turns. A device with a fault is stopped in this
+    and in all later turns. While a loop drives the devices (`drive`), the turns call the loop instead.
 
     Args:
         calls: C functions of the devices.
-        shape: Shape (k, d) of each device.
-        now, sleep: Function that returns the time, and function that waits.
+        shape: Shape (k, d) of each device's positions: fingers and dimensions.
+        now, sleep: Function that returns the time [s], and function that waits for a time [s].
 
     Attributes:
-        function, context: Addresses for the vendor's thread.
+        function, context: Addresses of the C function that the vendor's thread calls, and of its argument.
     """
 
     def __init__(

@@ -40,11 +40,11 @@ class FingerOperator(Record):
 class Operator:
     """Operator model of n fingers in addition to their hand: a limb, stiffening, a reaction and noise.
 
-        m p'' + b p' = u + F (+ h where there is no limb),    M y'' = K_l (r - y) + B_l (r' - y') - F + h
+        m p'' + b p' = u + F (+ h without a limb),    M y'' = K_l (r - y) + B_l (r' - y') - F + h
         F = (K + k G) (y - p) + (B + b G) (y' - p'),          G' = (|u| - G)/lag
         h(t) = (k (r - p) + b (r' - p') - g u)(t - delay) + share x(t) F_m
 
-    Without a limb y = r. F_m is the lagged muscle force, and x is noise with mean 0 and variance 1.
+    Without a limb y = r. u is the displayed force, F_m the lagged muscle force, and x noise of mean 0 and variance 1.
 
     Args:
         fingers: Number of fingers n.
@@ -106,7 +106,7 @@ class Operator:
     def at_rest(self, stiffness: FloatArray, force: FloatArray) -> FloatArray:
         """Compute the stiffness at rest, (d, n, n) [N/m]: r - p = K_rest^-1 f.
 
-        The stiffness at rest is K, increased by the grip forces |f|, in series with the limb, plus the reaction.
+        The stiffness at rest is K, stiffened by the grip forces |f|, in series with the limb, plus the reaction.
 
         Args:
             stiffness: Stiffness K of the hand (d, n, n) [N/m].
@@ -124,7 +124,7 @@ class Operator:
         return np.stack(away, axis=1)
 
     def _rest(self, stiffness: FloatArray, force: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute f and the displacement of the fingertips' springs, both per r - p, (d, n, n)."""
+        """Compute f and the displacement of the fingertips' springs, both per unit of r - p, (d, n, n)."""
         n = len(self.numbers)
         whole = np.array(stiffness, dtype=float)
         stretch = np.zeros_like(whole)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 Kernel = Callable[[Any, int], int]
-"""Kernel of a part, called with its state and structure; it returns zero or a fault code."""
+"""Kernel of a part, called with a buffer and the offset of the part's block; it returns zero or a fault code."""
 HandKernel = Callable[..., None]
 """Kernel of a hand, called with a record, or with a buffer and an offset, and with a time."""
 
@@ -70,8 +70,8 @@ class FusedHand(Hand, Protocol):
     def kernel(self) -> HandKernel:
         """Kernel kernel(S, o, t), which computes the targets at time t [s] of the hand whose block starts at S[o].
 
-        It is a plain function in the subset of Python that `graspfx.compile` supports, for an array or a memoryview of
-        an array.
+        It is a plain function in the subset of Python that `graspfx.compile` supports. S may be an array or a
+        memoryview of an array.
         """
         ...
 
@@ -115,7 +115,7 @@ class FusedPlant(Plant, Protocol):
 
     Call `hold` after `place`, and when the hand, its gains or T change. With the block S, each sample then writes
     efforts and targets to S at `ports`, calls `kernel(S, 0)`, and reads positions and velocities from S. `advance` does
-    nothing else. The block also contains the plant's time and the targets at the sample's beginning. Sample k after
+    exactly this. The block also contains the plant's time and the targets at the sample's beginning. Sample k after
     `place` ends at (k + 1) T; its middle is at 0.5 (k T + (k + 1) T).
     """
 
@@ -138,8 +138,8 @@ class FusedPlant(Plant, Protocol):
     def kernel(self) -> Kernel:
         """Kernel kernel(S, o), which moves the plant whose block starts at S[o] by one sample.
 
-        It is a plain function in the subset of Python that `graspfx.compile` supports, for an array or a memoryview of
-        an array. It returns 0, or a fault code if the plant cannot continue and has not moved.
+        It is a plain function in the subset of Python that `graspfx.compile` supports. S may be an array or a
+        memoryview of an array. The kernel returns 0, or a fault code if the plant cannot continue and has not moved.
         """
         ...
 

@@ -24,7 +24,7 @@ PHASES: tuple[Phase, ...] = ("write", "read", "after")
 
 
 class Played(Protocol):
-    """Protocol of a run's rows for playback, such as a `Recording`."""
+    """Protocol of a source of rows for playback, such as a `Recording`."""
 
     @property
     def layout(self) -> Layout: ...
@@ -40,7 +40,7 @@ class Played(Protocol):
 
 
 class PlayedDevice:
-    """Replacement of a recorded device, with the same features; `Playback` supplies the readings.
+    """Replacement for a recorded device, with the same features; `Playback` supplies the readings.
 
     Args:
         features: Features of the recorded device.
@@ -53,14 +53,14 @@ class PlayedDevice:
 
     @staticmethod
     def plant(devices: Sequence[Device]) -> Any:
-        """Return no plant, because the motion was recorded."""
+        """Raise NotImplementedError, because the motion was recorded."""
         raise NotImplementedError
 
     def open(self, period: float) -> None:
         """Do nothing: no preparation is needed."""
 
     def read(self) -> Any:
-        """Do nothing: `Playback` writes the readings."""
+        """Raise NotImplementedError, because `Playback` writes the readings."""
         raise NotImplementedError
 
     def write(self, forces: FloatArray) -> None:
@@ -101,7 +101,7 @@ class PlayedPlant:
 
 
 class Playback:
-    """Exchange that reads rows of a recording instead of devices, tick by tick, and repeats the recorded faults.
+    """Exchange that reads rows of a recording instead of devices, tick by tick, and repeats the first recorded fault.
 
     Args:
         recording: Recording of every tick.
@@ -147,7 +147,7 @@ class Playback:
             self._deadmen.append(fitting.deadman)
 
     def read(self, periods: int = 1) -> list[str]:
-        """Read the next tick's readings; list device faults that occurred before the reading."""
+        """Read the next tick's readings; list the recorded fault if it occurred in or before the reading."""
         self._k += 1
         row = self._row(self._k)
         position, velocity = row["finger_position"], row["finger_velocity"]

@@ -1,4 +1,4 @@
-"""Parts of a servo that run as Python code, or wait for other software, between calls."""
+"""Parts of a servo that run as Python code, or wait for other software, between the engine's calls."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from graspfx.loop.servo import Servo
 
 
 def foreign(servo: Servo) -> list[str]:
-    """List devices, plants and bodies whose Python methods run between the calls of each tick."""
+    """List devices, plants and bodies whose Python methods run between the engine's calls in each tick."""
     return list(_foreign(servo))
 
 
 def guests(servo: Servo) -> list[str]:
-    """List bodies that other software moves after the call of each tick."""
+    """List bodies that other software moves after the engine's call in each tick."""
     return [_body(servo, i) for i in servo.arena.guests]
 
 

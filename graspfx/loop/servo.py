@@ -97,15 +97,16 @@ class Servo:
 
     If all parts are kernels, one call runs any number of ticks. A Python body or plant requires one call per tick, and
     a Python device requires two; the methods of these parts run between the calls. The recording is bit-identical in
-    all cases. A tick's exchange with a guest is completed by the next tick, and by `run` after the last tick.
+    all cases. A tick's exchange with a guest, a body that other software moves, is completed by the next tick, and by
+    `run` after the last tick.
 
     Args:
-        engine: "auto", "compiled" or "interpreted".
+        engine: Name of the engine: "auto", "compiled" or "interpreted".
         record: Whether ticks are recorded; otherwise `run` must be called without a recorder.
         every: Number of ticks from one recorded row to the next.
         safety: Safety chain between law and devices, if the scene has one.
         host: Other program that simulates the object, if the scene has one.
-        guards: Guards of real devices.
+        guards: Limits for real devices, beyond which a run ends in a fault.
         memory: Memory of the parts' blocks.
     """
 
@@ -166,7 +167,7 @@ class Servo:
 
     @property
     def engine(self) -> Engine:
-        """Engine of the ticks."""
+        """Engine that runs the ticks."""
         return self._ready()
 
     @property
@@ -184,7 +185,7 @@ class Servo:
 
     @property
     def arena(self) -> Arena:
-        """Memory layout of its parts."""
+        """Memory layout of the scene's parts."""
         self._ready()
         return self._arena
 
@@ -351,7 +352,7 @@ class Servo:
                 recorder.drain()
 
     def _several(self, engine: Engine, recorder: RowTaker | None, count: int, row: int) -> None:
-        """Run ticks in machine code only, up to the first fault."""
+        """Run ticks without Python parts, up to the first fault."""
         try:
             done = engine.run(self.ticks, count, row)
         except BaseException:  # raised by other software; the ticks before the exception are kept
@@ -549,8 +550,8 @@ def settle_guests(guests: Sequence[int], movers: Sequence[BodyGroup], servo: Ser
     """Complete the last tick's exchange with guests; record a fault for the following tick.
 
     Args:
-        guests: Indices of the guests' movers.
-        movers: Movers of the scene.
+        guests: Indices of the guests among the body groups.
+        movers: Body groups of the scene.
         servo: Memory of the tick.
         k: Index of the following tick.
     """

@@ -210,7 +210,7 @@ def couple_safely(world: World, grasp: Grasp) -> int:
 
 @kernel
 def couple_to_host(world: World, servo: ServoState, grasp: Grasp, k: int) -> int:
-    """Apply the forces of another program, if any, with the soft start and the trust factors of the law's forces."""
+    """Apply the forces of another program, if any, with the same soft start and trust factors as the law's forces."""
     state, safety = GraspState(world.buffer, grasp.state), SafetyState(world.buffer, grasp.safety)
     host, pace = HostState(world.buffer, grasp.host), Pace(world.buffer, world.pace)
     code = host_forces(state, host)

@@ -1,4 +1,4 @@
-"""Program of `steps` for all scenes, as Python: every kernel that it calls, and those of parts by their numbers."""
+"""Program of `steps` for all scenes, in Python: all kernels that it calls, and the kernels of parts by number."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def run(world, k, count, r):
 
 @cache
 def program_key() -> str:
-    """Return the name of the program, and the sources from which it is made."""
+    """Return the cache key of the program, which depends on the sources from which it is made."""
     from graspfx.compile.freshness import request_key
 
     modules = {name.rpartition(".")[0] for name in KERNELS if name}
@@ -31,11 +31,11 @@ def program_key() -> str:
 def source(*, make: bool = True) -> str:
     """Write the program of `steps` as Python: run(arena, rows, world, k, count, r).
 
-    With a count of -1 the program runs `sample` of the grasp at a place instead. With a count below -1 it runs
-    `external_forces` of that grasp, and writes the forces to the rows from entry r on.
+    With a count of -1 the program instead runs `sample` of the grasp at the place `world`. With a count below -1 it
+    runs `external_forces` of that grasp, and writes the forces to the rows from entry r on.
 
     Args:
-        make: Whether to write a program that is not in the cache; otherwise a LookupError is raised.
+        make: Whether to write the program if it is not cached; if False, a missing program raises LookupError.
     """
     from graspfx.compile.freshness import recall, remember
     from graspfx.compile.kernel import keep_lowerings

@@ -162,8 +162,8 @@ class VelocityEstimator:
 
     For a sensor error of at most h and an acceleration of at most A, |v_k - v(t_k)| <= 2 h / (n T) + A n T / 2. The
     first term is noise. The second term is due to the delay of the window's centre by n T / 2. Windows longer than 1
-    reduce the error if h / T exceeds A T, that is, for a fast loop or a coarse sensor. Otherwise the plain difference
-    (window 1) is equally good.
+    reduce this bound if h / T exceeds A T / 2, that is, for a fast loop or a coarse sensor. Otherwise the plain
+    difference (window 1) has the smallest bound.
 
     For samples at irregular times, pass the times to `update`. The estimate then uses the true intervals, and an
     unchanged time leaves the velocity unchanged. If some regular samples are lost, call `miss` for each lost sample:

@@ -123,7 +123,7 @@ class Body(Record):
 
 
 class Exchange(Record):
-    """An exchange with other software in machine code."""
+    """An exchange with other software, which machine code calls."""
 
     stuck: int
     address: int

@@ -24,9 +24,9 @@ class Finding:
     """Result of one check.
 
     Attributes:
-        subject: Subject of the check.
+        subject: Part of the machine or of its settings that was checked.
         text: Result of the check.
-        remedy: Remedy; empty if none is needed.
+        remedy: Advice to the user; empty if none is needed.
     """
 
     subject: str
@@ -45,7 +45,7 @@ def lab_report(
 
     Args:
         kind: Description of the machine.
-        findings: Findings of the doctor.
+        findings: Findings of `graspfx doctor`.
         devices: Drivers' names, each with the features of its device.
         settings: Settings of the devices; their texts, such as ports and serial numbers, are removed from the report.
     """

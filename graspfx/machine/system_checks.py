@@ -44,14 +44,14 @@ def system_findings(root: Path = Path("/")) -> Iterator[Finding]:
 
 
 def priority_finding() -> Finding:
-    """Try the real-time priority of a servo in a short thread."""
+    """Try the real-time priority of a servo in a short-lived thread."""
     policies: list[str] = []
     thread = Thread(target=lambda: policies.append(set_fifo(SERVO)))
     thread.start()
     thread.join()
     if policies[0].startswith("fifo"):
         return Finding("priority", f"SCHED_FIFO {SERVO} is allowed")
-    remedy = f"add '@realtime - rtprio 99' to {LIMITS}, yourself to the group realtime, and log in again"
+    remedy = f"add '@realtime - rtprio 99' to {LIMITS}, add yourself to the group realtime, and log in again"
     return Finding("priority", "SCHED_FIFO is not allowed: other programs make the loop late", remedy)
 
 

@@ -55,7 +55,7 @@ def round_trip_findings(
     middle, most = (float(np.percentile(trips, share)) for share in (50.0, 99.0))
     text = f"p50 {1e6 * middle:.0f} us, p99 {1e6 * most:.0f} us, max {1e6 * max(trips):.0f} us"
     slow = most > TRIP_SHARE * period
-    remedy = f"use a period of {1e3 * most / TRIP_SHARE:.1f} ms or more, or a faster line" if slow else ""
+    remedy = f"use a period of {1e3 * most / TRIP_SHARE:.1f} ms or more, or a faster connection" if slow else ""
     yield Finding("round trip", f"{text}, at a period of {1e3 * period:g} ms", remedy)
     for each, samples in zip(devices.ports, fresh, strict=True):
         part = samples * each.fitting.every / count
@@ -95,7 +95,7 @@ MUCH, LITTLE = 3.0, 100e-6  # the pacer's 99th percentile may be this factor of 
 
 REMEDY = (
     "close other programs, keep processors awake (governor performance, no deep sleep), boot with PREEMPT_RT; "
-    "a longer period needs less"
+    "with a longer period, less of this is needed"
 )
 
 
@@ -148,7 +148,7 @@ class Jitter:
             deadline += late // step * step
 
     def findings(self) -> Iterator[Finding]:
-        """Judge the skipped ticks of the machine, and those of the pacer in excess of the bare loop's."""
+        """Judge the skipped ticks of the pacer, and the 99th percentile of its lateness against the bare loop's."""
         ours, bare = self.pacer.figures, self.bare.figures
         text = f"{_figures_text(ours)}; {self.missed} of {self.ticks} ticks of {1e3 * self.period:g} ms skipped"
         bad = self.missed > MISSED * self.ticks

@@ -41,7 +41,7 @@ class Body(Protocol):
         """Advance by T [s] under the wrench in the block, constant over the sample."""
 
     def free_motion(self, T: float) -> None:
-        """Fill the NEXT and COMPLIANCE entries: motion of the implicit integrator over T [s] without a wrench."""
+        """Fill the NEXT and COMPLIANCE entries: implicit motion over T [s] without a wrench, and compliance to one."""
 
 
 class BlockBody:
@@ -103,7 +103,7 @@ class NativeBody(BlockBody):
     buffer: FloatArray | None = None
 
     def fault_text(self, code: int) -> str:
-        """Return the error for a non-zero code of `stepping`."""
+        """Raise InputError, because `stepping` of a body without contacts returns no fault code."""
         raise InputError("code", code, "0: the step of a body without contacts always succeeds")
 
     def step(self, T: float) -> None:
@@ -147,13 +147,13 @@ def fill_body(
 
     Args:
         state: Block, (SIZE,), overwritten completely.
-        dimensions: Dimension d: 1, 2 or 3.
+        dimensions: Number of dimensions d: 1, 2 or 3.
         mass: Mass m [kg].
         inertia: Moment of inertia about the centre of mass [kg m^2]: a number, or in space the principal moments (3,)
             about the body's axes (also accepted in the plane, where the third is used). Required if a rotation is free.
         viscosity: Viscosity b [N s/m].
         rotational_viscosity: Rotational viscosity b_w [N m s/rad].
-        integrator: "explicit", "semi-implicit", "exact" or "implicit".
+        integrator: Name of the integrator: "explicit", "semi-implicit", "exact" or "implicit".
         free: Mask of the free degrees of freedom, w = 1, 3 or 6 entries in the order of G's rows; all are free by
             default.
         gravity: Gravity, (d,) [m/s^2].
@@ -170,9 +170,9 @@ def fill_body(
     if d not in FREEDOMS or d != dimensions:
         raise InputError("dimensions", dimensions, "1, 2 or 3")
     kinds = FREEDOMS[d]
-    moves = np.ones(len(kinds)) if free is None else finite("free", free, f"{len(kinds)} of true or false")
+    moves = np.ones(len(kinds)) if free is None else finite("free", free, f"{len(kinds)} values true or false")
     if moves.shape != (len(kinds),) or not np.isin(moves, (0, 1)).all():
-        raise InputError("free", free, f"{len(kinds)} of true or false", "forces first, then moments")
+        raise InputError("free", free, f"{len(kinds)} values true or false", "translations first, then rotations")
     if str(integrator) not in INTEGRATORS:
         raise UnknownNameError("integrator", str(integrator), INTEGRATORS)
     state[:] = 0.0
@@ -195,7 +195,7 @@ def fill_body(
     if d == 1:
         for name, argument in (("orientation", orientation), ("angular_velocity", angular_velocity)):
             if argument is not None:
-                raise InputError(name, argument, "none on a line")
+                raise InputError(name, argument, "None, because a body on a line cannot rotate")
     if d == 2:
         motion.angle = float(_vector("orientation", orientation, 0))
         motion.angular_velocity = Vector(0.0, 0.0, float(_vector("angular_velocity", angular_velocity, 0)))

@@ -142,7 +142,7 @@ class Carrier:
         return next((code for one in self._moving if (code := one.take_over(self._T))), 0)
 
     def fault_text(self, code: int) -> str:
-        """Return the error for a body that cannot continue."""
+        """Return the message for the fault code of a body that cannot continue."""
         return str(self._fault(code))
 
     def step(self, T: float) -> None:

@@ -86,7 +86,7 @@ class Guest(Protocol):
         ...
 
     def fault_text(self, code: int) -> str:
-        """Return the error for a body that cannot continue."""
+        """Return the message for the fault code of a body that cannot continue."""
         ...
 
 

@@ -117,7 +117,7 @@ def turn_exactly(body: BodyState, T: float) -> None:
 
 @kernel
 def turn_steadily(body: BodyState, T: float, J: float) -> None:
-    """Rotate with a constant moment of inertia J: w' = (m - b_w w)/J exactly, and the orientation by Magnus' 4th order.
+    """Rotate with a constant moment of inertia J: w' = (m - b_w w)/J exactly, the orientation to 4th order (Magnus).
 
     log of the rotation = integral of w + 1/2 double integral of w(s) x w(t), t < s. The double integral is along w x m
     and has a closed form.

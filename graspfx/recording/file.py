@@ -213,7 +213,7 @@ def _write_faults(file: Any, faults: Sequence[RunFault]) -> None:
 def _make_variables(
     file: Any, layout: Layout, forces: Sequence[Column], shape: tuple[int, int], storage: dict[str, Any], *, plain: bool
 ) -> dict[str, Variable]:
-    """Make the data sets of the time, the columns and the two forces, with units and dimension scales."""
+    """Make the data sets of time, columns, and external and internal forces, with units and dimension scales."""
     count, size = shape
     time = Column("time", slice(0, 0), (), (), "s", "")
     scales: dict[str, Any] = {}
@@ -439,9 +439,8 @@ def _close(*files: Any) -> None:
 def require_contained(file: Any, place: Path) -> None:
     """Require that all data of an open HDF5 file are stored in that file and fit its size.
 
-    HDF5 reads other files if a data set has external storage, if a virtual data set has another source than
-    this file ("."), or through external links. A recording has none of these; a crafted file could use them to read
-    other files.
+    HDF5 reads other files through external storage, through virtual data sets with a source other than this file
+    ("."), and through external links. A recording has none of these; a crafted file could use them to read other files.
 
     Raises:
         ValueError: Data are stored in another file, or a data set is larger than a file of this size can hold.

@@ -250,7 +250,7 @@ def has_digest(path: Path) -> bool:
         if edges != sorted(edges):
             raise ValueError("its bytes were changed since it was written: its last line is wrong")
         if line[-1:] != b"\n" or _digest(file, edges, where) != digest:
-            raise ValueError("its bytes were changed since it was written: they do not have its digest")
+            raise ValueError("its bytes were changed since it was written: its digest does not match")
     return True
 
 

@@ -36,7 +36,7 @@ def grip(
 
 
 def coefficients(header: Header, changes: Sequence[KeyChange], fingers: int) -> list[tuple[int, FloatArray]]:
-    """List the fingers' coefficients of friction (n,) with the row from which they hold; NaN for zero or stick."""
+    """List the fingers' coefficients of friction (n,) with the row from which they hold; NaN for zero or "stick"."""
     table = header.scene_table
     common = _coefficient(table.get("coupling", {}).get("friction", 0.0))
     tables: Sequence[Mapping[str, Any]] = _listed(table.get("finger", ()))

@@ -458,7 +458,7 @@ def coherent_pole(octave: Octave, stretch: Stretch) -> complex | None:
 
 
 def _size_at_end(y: FloatArray, z: complex, others: list[complex]) -> float:
-    """Estimate the log amplitude at the end."""
+    """Estimate the log amplitude of the oscillation with the pole z at the end of the interval."""
     size = float(np.abs(amplitudes(y, z, others)).max())
     return math.log(max(size, TINY)) + math.log(max(abs(z), TINY)) * len(y)
 
@@ -511,7 +511,7 @@ def stands_out(logs: FloatArray, stretch: Stretch) -> bool:
 
 
 def stops(grasp: GraspView, logs: FloatArray, stretch: Stretch, end_time: float, size: float) -> bool:
-    """Tell whether a motion that has grown a little stops although no contact changes.
+    """Tell whether a motion stops after little growth although no contact changes.
 
     The motion stops at a small size, like noise, or decays again, like a transient.
 

@@ -32,7 +32,7 @@ class Header:
         scene: name of the scene.
         scene_text: text of the scene's file, or the scene as JSON if it has no file.
         scene_table: scene with overrides, as nested tables.
-        scene_folder: folder of relative paths in the scene; empty for the current folder.
+        scene_folder: folder to which relative paths in the scene refer; empty for the current folder.
         overrides: overrides by dotted key, including those of a preset.
         preset: name of the active preset; empty for none.
         title: title of the scene.
@@ -44,13 +44,13 @@ class Header:
         split: data that define P of each object's grasp, in addition to the columns: a `SplitRule` as a table. Empty in
             recordings of formats 1 and 2.
         every: number of ticks from one row to the next; row k belongs to tick k `every`.
-        settled: for a run with hardware, contact data of each finger by name at the start: `position` (d,) [m], and
-            `offset`, its depth below the contact, which fades out in the recorded positions (d,) [m].
-        round_trip: median time of a reading and a writing of all hardware before the run [s]; 0 without hardware.
-        replays: for a replay, name and time of the original; empty for other recordings.
-        scheduling: for a run with hardware, properties of its loop: `loop` ("process" or "inline"), `policy` ("fifo 80"
-            or "other"), `memory` ("locked", "locked so far" or "free"), `slack` of timers [s], the processor's
-            `governor`.
+        settled: initial data of each finger, by name, in a run with hardware: `position` (d,) [m], and `offset` (d,)
+            [m], its depth below the contact, which fades out in the recorded positions.
+        round_trip: median time to read and write all hardware before the run [s]; 0 without hardware.
+        replays: name and time of the original run if this recording is a replay; empty for other recordings.
+        scheduling: properties of the loop of a run with hardware: `loop` ("native", "driven", "process" or "inline"),
+            `policy` ("fifo 80" or "other"), `memory` ("locked", "locked so far" or "free"), `slack` of timers [s], the
+            processor's `governor`.
     """
 
     period: float
@@ -73,7 +73,7 @@ class Header:
     scheduling: Mapping[str, Any] = field(default_factory=dict)
 
     def rows_before(self, tick: int) -> int:
-        """Count the rows before a tick, which is the index of the first row from that tick on."""
+        """Count the rows before a tick; the number is the index of the first row from that tick on."""
         return -(-tick // self.every)
 
 
@@ -198,7 +198,7 @@ def format_of(attributes: Mapping[str, Any]) -> int:
         raise ValueError("it is not a GraspFX recording")
     number = int(match[1])
     if not 1 <= number <= FORMAT:
-        raise ValueError(f"its format is {number}, and this GraspFX reads formats 1 to {FORMAT}: it is newer")
+        raise ValueError(f"its format is {number}, and this GraspFX reads formats 1 to {FORMAT}: update GraspFX")
     return number
 
 
@@ -216,9 +216,9 @@ def header_of(attributes: Mapping[str, Any]) -> Header:
     """Read the header; fields that did not exist when the recording was made get default values."""
     header = Header(**_fields(Header, attributes))
     if header.every < 1:
-        raise ValueError(f"a row every {header.every} ticks")
+        raise ValueError(f"its header has one row per {header.every} ticks, expected a number above zero")
     if not 0.0 < header.period < math.inf:
-        raise ValueError(f"a period of {header.period} s")
+        raise ValueError(f"its header has a period of {header.period} s, expected a finite time above zero")
     return header
 
 

@@ -29,7 +29,7 @@ Beside = Callable[[str, str], dict[str, Any]]  # arguments: name of an object an
 
 
 class Event(NamedTuple):
-    """Event of a run: tick, kind ("fault", "change" or "rest") and text."""
+    """Event of a run: tick, kind ("fault", "change", "mark" or "rest") and text."""
 
     tick: int
     kind: str
@@ -97,7 +97,7 @@ class Stored(Generic[Typed]):
 
 
 class History:
-    """Data of a run tick by tick: row k of each array belongs to the time k T.
+    """Data of a run tick by tick: row k of each array belongs to the time k T (k m T with one row every m ticks).
 
     Args:
         rows: Rows (N, width), read-only afterwards; or a store from which they are read on demand.
@@ -141,7 +141,7 @@ class History:
         return not isinstance(self.store, MemoryRows)
 
     def part(self, first: int, stop: int) -> Self:
-        """Return a range of rows as a recording, whose columns are read on demand."""
+        """Return a range of rows as a recording; its columns are read on demand."""
         rows = Window(self.store, first, stop) if self.is_stored else self.rows[first:stop]
         return type(self)(rows, self.layout, self.header, self.outcome, start=self.start + first)
 
@@ -277,7 +277,7 @@ class History:
         return self.finger_position - self.contact_position - self.external_displacement
 
     def _divided(self, name: str) -> FloatArray | None:
-        """Read a derived variable from the file, or compute it in parts; None without moments."""
+        """Read a derived variable from the file, or compute it in parts; None for a moment without soft fingers."""
         self.require(*self.layout.sources_of(name))
         splits = splits_of(self.header, self.outcome.changes)  # raises an error without a defined split
         column = next((each for each in self.layout.derived if each.name == name), None)
@@ -407,7 +407,7 @@ class History:
 
     @property
     def object_orientation(self) -> FloatArray | None:
-        """Orientation of the first object, (N,) or (N, 4); None on a line."""
+        """Orientation of the first object: angles (N,) [rad] or quaternions x, y, z, w (N, 4); None on a line."""
         return self._first_object.orientation
 
     @property
@@ -426,7 +426,7 @@ class History:
 
     @property
     def events(self) -> tuple[Event, ...]:
-        """Faults, changes of keys, marks and the rest, ordered by tick."""
+        """Faults, changes of keys, marks, and the start of the decay of forces ("rest"), ordered by tick."""
         kinds = {REST: "rest", MARK: "mark"}
         events = [Event(fault.tick, "fault", fault.message) for fault in self.faults]
         events += [Event(change.tick, "change", f"{change.key} = {change.value}") for change in self.changes]
@@ -457,7 +457,7 @@ class History:
 
     @property
     def faults(self) -> tuple[RunFault, ...]:
-        """Faults by tick."""
+        """Faults of the run, each with its tick."""
         return self.outcome.faults
 
     @property

@@ -210,12 +210,12 @@ class Divergence(NamedTuple):
 
     @property
     def begin(self) -> float:
-        """[s]."""
+        """Start time of the interval [s]."""
         return self.octave.begin + (1 + self.stretch.first * WINDOW) * self.octave.step
 
     @property
     def end(self) -> float:
-        """[s]."""
+        """End time of the interval [s]."""
         return self.begin + self.stretch.length * WINDOW * self.octave.step
 
     @property
@@ -255,7 +255,7 @@ SLOWEST = 0.03  # 2 sin(pi f) for f cycles per row, below which the smoother's e
 
 
 class Ringing(NamedTuple):
-    """Rows `first` to `stop` - 1 of a contact oscillation, cycles per tick, and amplitudes of the motion (c,)."""
+    """Rows `first` to `stop` - 1 of a contact oscillation, its cycles per row, and amplitudes of the motion (c,)."""
 
     first: int
     stop: int
@@ -264,7 +264,7 @@ class Ringing(NamedTuple):
 
 
 def touches(touching: BoolArray) -> list[tuple[int, int, int]]:
-    """Find each finger's longest sequence of touches without a long pause, as (first, stop, count); none if few."""
+    """List each finger's longest sequence of touches without a long pause as (first, stop, count); omit short ones."""
     spans = []
     for column in touching.T:
         onsets = np.flatnonzero(column[1:] & ~column[:-1]) + 1
@@ -286,9 +286,9 @@ def ringing(displacement: FloatArray, first: int, count: int, noise: float) -> R
     Rows are first averaged in groups if cycles are long.
 
     Args:
-        displacement: displacement (M, c) in the rows from `first` on.
+        displacement: displacement (M, c) in the rows from `first` on [m].
         count: number of touches in these rows.
-        noise: RMS noise of the measured positions.
+        noise: RMS noise of the measured positions [m].
     """
     x = displacement[-MOST_ROWS:]
     slow = _slow(len(x), count * len(x) / len(displacement))

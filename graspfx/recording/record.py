@@ -66,7 +66,7 @@ class Drawing(Protocol):
 
 
 class Recording(Carded, History):
-    """Data of a run tick by tick: row k of each array belongs to the time k T.
+    """Data of a run tick by tick: row k of each array belongs to the time k T (k m T with one row every m ticks).
 
     A row contains the readings of its tick and the quantities computed from them.
 
@@ -94,7 +94,7 @@ class Recording(Carded, History):
                 return self.typed(name)
             names = [each for each in dir(self) if not each.startswith("_")]
             meant = MEANT.get(name, "").format(name) or closest(name, names)
-            remedy = f"did you mean {meant}?" if meant else "dir(recording) lists what there is"
+            remedy = f"did you mean {meant}?" if meant else "dir(recording) lists its attributes"
             raise AttributeError(f"a recording has no {name!r}; {remedy}")
 
     def __reduce__(self) -> tuple[Callable[..., Recording], tuple[Any, ...]]:
@@ -130,7 +130,7 @@ class Recording(Carded, History):
         Args:
             others: Recordings to plot beside this one.
             titles: Title of each recording; by default the overrides of each.
-            width: Width for a screen, or of 7.2 ("page") or 3.5 ("column") inches for a journal.
+            width: Figure's width: that of a screen, or 7.2 ("page") or 3.5 ("column") inches for a journal.
 
         Returns:
             Drawing, which notebooks show; `.save(path)` writes it, `.figure` is the matplotlib figure.
@@ -156,7 +156,7 @@ class Recording(Carded, History):
             time: Time [s]; by default the instant with most fingers in contact and the largest forces, or the end.
             view: Azimuth and elevation of the camera [degrees] for scenes in space; by default a view of the fingers.
             forces: Internal and external part of each force ("two"), or their sum ("total").
-            width: Width for a screen, or of 7.2 ("page") or 3.5 ("column") inches for a journal.
+            width: Figure's width: that of a screen, or 7.2 ("page") or 3.5 ("column") inches for a journal.
 
         Returns:
             Drawing, which notebooks show; `.save(path)` writes it, `.figure` is the matplotlib figure, and `.notes`
@@ -210,9 +210,10 @@ class Recording(Carded, History):
         return recording_dataset(self)
 
     def to_frame(self) -> pandas.DataFrame:
-        """Convert to a pandas DataFrame with one row per tick, and one column per component (`finger_force.thumb.x`).
+        """Convert to a pandas DataFrame with one row per recorded tick, and one column per component.
 
-        The index is the time [s]. `frame.attrs["units"]` has the SI units by quantity.
+        Columns have names such as `finger_force.thumb.x`. The index is the time [s]. `frame.attrs["units"]` has the SI
+        units by quantity.
 
         Raises:
             MissingPackageError: pandas is not installed: `pip install 'graspfx[data]'`.
@@ -224,7 +225,8 @@ class Recording(Carded, History):
     def to_csv(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
         """Write the columns of `to_frame`, with the time first, as comma-separated text; no package is needed.
 
-        The first line has the names. Numbers are in SI units and read back to the last bit; true is 1, false is 0.
+        The first line contains the names of the columns. Numbers are in SI units and read back to the last bit; true is
+        1, false is 0.
 
         Args:
             path: Path of the file; the file appears when it is complete.
@@ -240,7 +242,7 @@ class Recording(Carded, History):
     def to_html(self, path: str | PathLike[str], *, overwrite: bool = False) -> Path:
         """Write a page that plays the run in a browser: objects, fingers, forces as arrows, and charts.
 
-        The page is one file and needs no network. It has 50 to 60 frames per second with numbers rounded to 24 bits;
+        The page is one file and needs no network. It shows 50 to 60 frames per second, with numbers rounded to 24 bits;
         the charts show the minimum and maximum over all ticks.
 
         Args:
@@ -358,13 +360,13 @@ class Difference(NamedTuple):
 
 
 def compared(one: Recording, other: Recording) -> list[str]:
-    """List the columns that two recordings share, except the times of ticks."""
+    """List the columns that two recordings share, except those that a real-time loop fills, such as times of ticks."""
     columns = [name for name in one.layout.columns if name in other.layout.columns]
     return [name for name in columns if one.layout.columns[name].filled != "loop"]
 
 
 def differences(one: Recording, other: Recording) -> list[Difference]:
-    """Compare the columns of two recordings with equal numbers of rows, except the times of ticks.
+    """Compare the columns of two recordings with equal numbers of rows, except those that a real-time loop fills.
 
     Values are compared by their bits: zeros of different sign differ, and NaN differs from numbers.
     """

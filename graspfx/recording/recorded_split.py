@@ -40,7 +40,8 @@ class RowSplit:
         layout: Columns of the rows.
         splits: Split rules, each with the row from which it holds; empty if no split is needed.
         start: Index of the first row in the recording.
-        friction: fingers' coefficients (n,), each from a row of the recording on, as `grip.coefficients` lists them.
+        friction: fingers' coefficients (n,), each from a row of the recording on, as listed by
+            `friction_margin.coefficients`.
     """
 
     def __init__(
@@ -121,7 +122,7 @@ class RowSplit:
         return {name: np.moveaxis(values, -1, 0) for name, values in variables.items()}
 
     def grip(self, fingers: Sequence[int] | None = None) -> tuple[FloatArray, FloatArray]:
-        """Compute fingers' friction margin (r,) [N] and the coefficients that they need (n, r), by `grip.grip`."""
+        """Compute the fingers' friction margin (r,) [N] and the coefficients that they need (n, r)."""
         mu, own = rows_of(self._friction, self.start, self._count), slice(None) if fingers is None else list(fingers)
         force = self.column("finger_force")
         normal = self.column("contact_normal")[:, : force.shape[1]]
@@ -163,14 +164,16 @@ def _rule_of(split: Split, name: str) -> SplitRule:
         RecordingError: The rule is missing, incomplete, or has unknown entries.
     """
     if name not in split:
-        raise RecordingError(f"the recording does not say how the forces of {name!r} divide, only of {sorted(split)}")
+        raise RecordingError(
+            f"the recording does not say how the forces of {name!r} divide; it has the rules of {sorted(split)} only"
+        )
     table = split[name]
     names = {each.name for each in fields(SplitRule)}
     if set(table) != names:
         unknown, missing = sorted(set(table) - names), sorted(names - set(table))
         raise RecordingError(
-            f"how the forces of {name!r} divide is not to be read from this recording: unknown are {unknown}, missing "
-            f"are {missing}; another version of GraspFX may have made it"
+            f"the rule by which the forces of {name!r} divide cannot be read: unknown entries {unknown}, missing "
+            f"entries {missing}; another version of GraspFX may have made this recording"
         )
     return SplitRule.from_table(table)
 
@@ -183,8 +186,8 @@ def splits_of(header: Header, changes: Sequence[KeyChange]) -> list[tuple[int, S
     """
     if not header.split:
         raise RecordingError(
-            "this recording does not say how its forces divide into external and internal ones, as an earlier GraspFX "
-            "made it: run its scene again"
+            "this recording, made by an earlier version of GraspFX, does not say how its forces divide into external "
+            "and internal parts: run its scene again"
         )
     changed = [(header.rows_before(change.tick), change.value) for change in changes if change.key == SPLIT]
     return [(0, header.split), *changed]

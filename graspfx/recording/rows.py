@@ -154,7 +154,8 @@ class BlockRows(RowStore):
     Args:
         path: path of the file, for messages.
         file: descriptor of the file, which is closed when the rows are no longer needed.
-        wide: number of entries of a stored row; in format 4 the two forces follow the layout's columns.
+        wide: number of entries of a stored row; in format 4 the external and internal forces follow
+            the layout's columns.
         pieces: blocks in order.
 
     Raises:

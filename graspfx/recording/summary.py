@@ -38,7 +38,7 @@ def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[s
         peak_displayed_force: Peak force on the operator of each finger [N]; None if not recorded.
         saturated: Fraction of ticks in which each finger's force is at its limit; None without limits.
         force_vibration: RMS over fingers and ticks of a finger's force above 5 Hz [N].
-        internal_force_peak, external_force_peak: Peak of each finger while it touches [N].
+        internal_force_peak, external_force_peak: Peak magnitude for each finger while it touches [N].
         internal_force_mean, external_force_mean: Mean magnitude over fingers and ticks with contact [N].
         internal_force_vibration, external_force_vibration: Like `force_vibration` [N]; all six quantities of internal
             and external forces are None for a recording of an earlier format, which does not define the split of its
@@ -61,8 +61,8 @@ def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[s
             [N]; None without a coefficient, or if none of these fingers touched.
         friction_needed: Largest |f_t| / f_n of these fingers, the coefficient that the recorded forces need.
         leak: Largest energy of each mode generated beyond friction, the maximum over objects [J].
-        braking: Largest damping that control added to each mode [N s/m]; None without control.
-        braked: Total energy of each mode dissipated by control [J]; None without control.
+        braking: Largest damping that the passivity controller added to each mode [N s/m]; None without a controller.
+        braked: Total energy of each mode dissipated by this controller [J]; None without a controller.
         ledger_gap: Largest gap of an object's ledger relative to its largest entry; this and the previous three are
             None unless energies are observed.
         growth: A table for each object with a detected loss of stability; empty without one. It has `object`, `mode` as
@@ -89,7 +89,7 @@ def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[s
 
 
 class Sizes:
-    """Peaks, sum and count of several quantities; NaN is kept.
+    """Peaks, sum and count of the sizes of several quantities; NaN propagates.
 
     Args:
         count: Number of quantities.
@@ -99,7 +99,7 @@ class Sizes:
         self.largest, self._sums, self.count = np.full(count, -math.inf), list[float](), 0
 
     def add(self, sizes: FloatArray, where: BoolArray | None = None) -> None:
-        """Add the sizes (things, r) selected by `where`."""
+        """Add the sizes (quantities, r) selected by `where`."""
         if not sizes.size:
             return
         some = None if where is None or where.all() else where  # a selection of all would only be copied
@@ -115,12 +115,12 @@ class Sizes:
 
     @property
     def peaks(self) -> list[float | None]:
-        """Largest size of each thing; None without any."""
+        """Largest size of each quantity; None without any."""
         return [None if value == -math.inf else float(value) for value in self.largest]
 
     @property
     def peak(self) -> float | None:
-        """Largest size of all things."""
+        """Largest size of all quantities."""
         return _largest(self.peaks)
 
 
@@ -182,7 +182,7 @@ class Tally:
         return all(column in self.layout.columns for column in columns)
 
     def add(self, block: RowSplit) -> None:
-        """Add some rows."""
+        """Add a block of rows."""
         self.rows += len(block)
         on = np.not_equal(block.column("touching"), 0.0) if self.has("touching") else None
         if on is not None:

@@ -26,7 +26,7 @@ def vibration(signal: FloatArray, period: float, above: float = VIBRATION_FROM) 
     x - s of Whittaker's smoother has the gain 1/(1 + (above/f)^8) of a Butterworth high-pass of order 4 that is run
     forwards and backwards. Moreover, it removes polynomials up to degree 3 exactly and needs no samples beyond the ends
     (E. T. Whittaker, On a new method of graduation, Proc. Edinburgh Math. Soc. 41, 1923; P. H. C. Eilers, A perfect
-    smoother, Analytical Chemistry 75(14), 2003). Ticks shorter than 1 ms are first averaged over 1 ms.
+    smoother, Analytical Chemistry 75(14), 2003). Samples less than 1 ms apart are first averaged over 1 ms.
 
     Args:
         signal: Signal (N, k, d): k vectors of d components over time.
@@ -47,7 +47,8 @@ class Vibration:
     """Mean squares of |x - s|, s minimising |x - s|^2 + q |D s|^2, D fourth differences, over a run in blocks.
 
     A block is smoothed together with the neighbouring samples that influence it (`REACH`), so that the division into
-    blocks changes the result by rounding only. Samples closer than 1 ms are first averaged over 1 ms.
+    blocks changes the result by rounding only. Samples less than 1 ms apart are first averaged over
+    1 ms.
 
     Args:
         period: Sampling period [s].

@@ -52,11 +52,11 @@ def excess(text: str) -> Fault | None:
             if parts >= DEEPEST:
                 return fault(f"a key of more than {DEEPEST} parts", at)
             if length - dots > LONGEST_WORD:
-                return fault(f"a word or number of {length} letters; expected at most {LONGEST_WORD}", at)
+                return fault(f"a word or number of {length} characters; expected at most {LONGEST_WORD}", at)
         elif kind == "equals":
             keys, values = keys + 1, values + 1
             if at - start > LONGEST_KEY:
-                return fault(f"a key of {at - start} letters; expected at most {LONGEST_KEY}", at)
+                return fault(f"a key of {at - start} characters; expected at most {LONGEST_KEY}", at)
             parts, start, in_value = 0, token.end(), True
         elif kind in ("comma", "line"):
             values += kind == "comma"

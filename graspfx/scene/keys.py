@@ -58,7 +58,7 @@ def as_faults(data: Mapping[str, Any], findings: Iterable[tuple[Key, str]]) -> l
 
 
 def reaches(keys: tuple[str, ...], key: str) -> bool:
-    """Tell whether a key in its general form is, or lies below, one of these keys."""
+    """Tell whether a key in its general form equals, lies below or contains one of these keys."""
     return any(key == each or key.startswith(f"{each}.") or each.startswith(f"{key}.") for each in keys)
 
 

@@ -42,7 +42,7 @@ def load(name: str | PathLike[str], overrides: Mapping[str, Any] | None = None, 
         SceneError: If the scene has faults; the error lists all of them, with their lines.
         UnknownNameError: If no scene has that name, or the scene has no such preset.
         InputError: If the file does not exist, or does not contain a scene.
-        PluginError: If a Python file cannot be imported, or its `scene()` raises.
+        PluginError: If a Python file cannot be imported, or its `scene()` raises an exception.
     """
     path = plugins.find("scenes", name)
     text = file_text(path)
@@ -70,7 +70,7 @@ def to_scene(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | 
 
 
 def file_text(path: Path) -> str:
-    """Read a TOML file.
+    """Read the text of a scene's file.
 
     Raises:
         SceneError: If the file is not UTF-8; the error states the line.

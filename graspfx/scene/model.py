@@ -146,7 +146,7 @@ class Scene(Carded, SceneTable):
                 assumptions.
 
         Raises:
-            InputError: If a device does not state its mass or friction.
+            InputError: If a device does not state its mass or damping, or objects have different integrators.
         """
         from graspfx.certificate.linearise import linearise
 
@@ -188,7 +188,7 @@ class Scene(Carded, SceneTable):
 
 
 def without_object(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Add an object that never moves, for the host's object, and a coupling to the tables of a scene with a host."""
+    """Add a coupling and an object that never moves, in place of the host's, to the tables of a scene with a host."""
     d = table.get("dimensions")
     thing = {**OBJECT, "free": (False,) * WIDTHS.get(d, 1) if isinstance(d, int) else ()}
     return {"object": thing, "coupling": dict(COUPLING), **table}

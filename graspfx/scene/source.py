@@ -41,7 +41,7 @@ class Source:
 
     @property
     def folder(self) -> Path | None:
-        """Folder in which relative paths of the scene start; None for the current folder."""
+        """Folder to which relative paths in the scene refer; None for the current folder."""
         return self.path.parent if self.path is not None else None
 
     @property
@@ -50,11 +50,11 @@ class Source:
         return self.path is None or self.path.suffix == ".py" or environment.is_granted()
 
     def is_of_user(self, text: str) -> bool:
-        """True if the value of an override contains this text."""
+        """True if this text is, or is part of a list or table in, the value of an override."""
         return text in texts_in(self.overrides)
 
     def holds(self, text: str) -> bool:
-        """True if a path, with links resolved, is in the folder of the scene's file, or if an override contains it.
+        """True if a path, with links resolved, is in the folder of the scene's file, or if an override gives it.
 
         Raises:
             InputError: If the path does not exist.

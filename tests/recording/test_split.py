@@ -205,9 +205,9 @@ def test_a_recording_without_a_split_says_so() -> None:
     [
         (
             {"object": {"foo": 1}},
-            r"the forces of 'object' divide is not to be read.*unknown are \['foo'\], missing are",
+            r"the forces of 'object' divide cannot be read.*unknown entries \['foo'\], missing entries",
         ),
-        ({"other": {}}, r"does not say how the forces of 'object' divide, only of \['other'\]"),
+        ({"other": {}}, r"does not say how the forces of 'object' divide; it has the rules of \['other'\] only"),
     ],
 )
 def test_a_split_that_is_damaged_says_what_is_wrong(split: dict[str, Any], why: str) -> None:

@@ -189,9 +189,10 @@ class Reach(_Parts):
 class Path(_Parts):
     """A recorded path: a monotone cubic interpolation of its points, constant before the first and after the last.
 
-    Its velocity is continuous and it does not overshoot. The slopes are those of F. N. Fritsch and R. E. Carlson
-    (Monotone piecewise cubic interpolation, SIAM J. Numerical Analysis 17(2), 1980), as in SciPy's PchipInterpolator.
-    If the path moves at one of its ends, it stops there abruptly.
+    Between its ends the velocity is continuous, and the path does not overshoot. The slopes are those of F. N. Fritsch
+    and J. Butland (A method for constructing local monotone piecewise cubic interpolants, SIAM J. Scientific and
+    Statistical Computing 5(2), 1984), as in SciPy's PchipInterpolator. If the path moves at an end, its velocity jumps
+    there.
 
     Args:
         times: Increasing times (N,), at least two [s].
@@ -223,7 +224,7 @@ class Path(_Parts):
 
         Args:
             file: Path of the file, absolute or relative to `folder`.
-            folder: Folder of a relative path; the current one if None.
+            folder: Folder to which a relative path refers; the current folder if None.
 
         Raises:
             InputError: If the file is missing, or is not such a table; the message names the line.
@@ -249,7 +250,7 @@ class Levels(_Parts):
 
     Args:
         steps: Rows x_k, begin_k [s] and duration_k [s], (N, 3). No step begins before the previous one has ended. A
-            duration of zero is a jump, whose velocity is zero.
+            step of zero duration is a jump with zero velocity.
     """
 
     def __init__(self, steps: ArrayLike) -> None:
@@ -293,7 +294,7 @@ class Sum(_Parts):
 
 
 def direction(axis: int | ArrayLike, dimensions: int | None = None) -> FloatArray:
-    """Compute the unit vector (d,) along a vector of any length, or along the axis 0, 1 or 2 of `dimensions`."""
+    """Compute the unit vector (d,) along a vector of any length, or along axis 0, 1 or 2 in `dimensions` dimensions."""
     if isinstance(axis, int | np.integer) and not isinstance(axis, bool):
         if dimensions is None:
             raise InputError("axis", axis, "a vector (d,)", "with the number of an axis, also give `dimensions`")

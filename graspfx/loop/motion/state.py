@@ -9,7 +9,7 @@ SINE, REACH, PATH, LEVELS, OTHER, TREMOR = range(1, 7)  # kinds of parts
 
 
 class Displacement(Record):
-    """A displacement and its rate at one time, on the first axes of a motion."""
+    """A displacement and its rate at one time; a motion in d dimensions uses the first d components."""
 
     value: Vector  # x [m, rad]
     rate: Vector  # x' [m/s, rad/s]

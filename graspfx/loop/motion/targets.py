@@ -30,7 +30,7 @@ from graspfx.spatial import ZERO, Matrix, Vector, cross
 
 
 def minimum_jerk(s: float) -> tuple[float, float]:
-    """Compute 10 s^3 - 15 s^4 + 6 s^5 and its derivative by s; 0 before s = 0, 1 after s = 1.
+    """Compute 10 s^3 - 15 s^4 + 6 s^5 and its derivative with respect to s; 0 for s < 0, 1 for s > 1.
 
     Of all motions between two states of rest, this one has the smallest integral of squared jerk (T. Flash and N.
     Hogan, The coordination of arm movements, J. Neuroscience 5(7), 1985).
@@ -68,7 +68,7 @@ def count_until(times: Floats, count: int, t: float) -> int:
 
 @kernel
 def add_sine(part: SinePart, t: float, now: Displacement) -> None:
-    """Add a sine."""
+    """Add the displacement and rate of a sine at time t."""
     since = t - part.begin
     if since < 0.0:
         return
@@ -83,7 +83,7 @@ def add_sine(part: SinePart, t: float, now: Displacement) -> None:
 
 @kernel
 def add_reach(part: ReachPart, t: float, now: Displacement) -> None:
-    """Add a reach."""
+    """Add the displacement and rate of a reach at time t."""
     s, ds = step(t - part.begin, part.duration)
     for j in range(part.dimensions):
         now.value[j] += s * part.displacement[j]
@@ -131,7 +131,7 @@ def add_levels(part: LevelsPart, t: float, now: Displacement) -> None:
 
 @kernel
 def add_tremor(part: TremorPart, t: float, now: Displacement) -> None:
-    """Add a tremor."""
+    """Add the displacement and rate of a tremor at time t."""
     since = t - part.begin
     if since < 0.0:
         return

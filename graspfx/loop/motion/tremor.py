@@ -28,7 +28,7 @@ class Tremor(_Parts):
     depends on time only, not on the sampling period.
 
     Args:
-        amplitude: Root mean square A [m].
+        amplitude: Root mean square A on each axis [m].
         frequency: Centre of the band [Hz].
         width: Width of the band [Hz]; zero for a single sine.
         dimensions: Number of dimensions d.
@@ -49,7 +49,12 @@ class Tremor(_Parts):
     ) -> None:
         values = (amplitude, frequency, width, begin, ramp)
         if not all(map(math.isfinite, values)) or min(amplitude, width, ramp) < 0.0 or frequency <= 0.0:
-            raise InputError("tremor", values, "a finite amplitude, frequency, width, begin and ramp, none negative")
+            raise InputError(
+                "tremor",
+                values,
+                "finite amplitude, frequency, width, begin and ramp; a frequency above zero, and amplitude, width and "
+                "ramp of zero or more",
+            )
         if width >= 2.0 * frequency:
             raise InputError("width", width, f"less than twice the frequency, {2.0 * frequency:g} Hz")
         if not 1 <= dimensions <= 3:
@@ -76,11 +81,11 @@ class Tremor(_Parts):
 
 
 def random_sines(seed: Sequence[int], low: float, high: float, count: int) -> tuple[FloatArray, FloatArray]:
-    """Draw one frequency from each of `count` equal parts of a band, and phases: (count,) each.
+    """Draw one frequency from each of `count` equal parts of a band, and phases [rad]: (count,) each.
 
     Args:
         seed: Seed, whole numbers of zero or more.
-        low, high: Ends of the band.
+        low, high: Ends of the band [Hz].
         count: Number of sines.
     """
     random = np.random.Generator(np.random.PCG64(np.random.SeedSequence(list(seed))))

@@ -48,7 +48,7 @@ class Turn:
 
     @property
     def laid_out(self) -> CourseBlock:
-        """The turn as a `Turning`."""
+        """The turn, laid out as a `Turning`."""
         _, structure, others = self._course
         start = start_of(Turning, "angle")
         fixed = np.append(start + structure, entries_of(Turning, "course_entries"))

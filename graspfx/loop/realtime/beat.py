@@ -1,7 +1,8 @@
 """One turn of the native loop: wait, ask, read, compute, write, record. The Python loop takes the same steps.
 
-`beat` runs turns of any scene whose devices are C functions. It iterates over the records of its `Beat`. The fields of
-the `Beat`, like those of its `World`, are indices into the scene's arena. Its Python source also runs interpreted.
+`beat` runs turns of any scene whose devices offer C functions. It iterates over the records of its `Beat`. The fields
+of the `Beat`, like those of its `World`, are indices into the scene's arena. The source of `beat` also runs
+interpreted.
 """
 
 from __future__ import annotations
@@ -73,9 +74,9 @@ class Beat(Record):
 
 @kernel
 def beat(loop: Beat) -> int:
-    """Run one turn if a vendor's thread calls, else all turns until the loop ends. Return 1 to be called again, 0 after
+    """Run one turn if a vendor's thread calls, else all turns until the loop ends.
 
-    the last turn.
+    Return 1 to be called again, 0 after the last turn.
     """
     publish(loop.buffer, loop.own + BUSY, 1)
     again = 1
@@ -148,7 +149,7 @@ def turn(loop: Beat, k: int) -> None:
 
 @kernel
 def run_tick(loop: Beat, k: int, row: int) -> None:
-    """Run tick k up to the writing of its devices, or its remaining part."""
+    """Run tick k up to the point where devices are written, or the rest of the tick."""
     run_steps(loop.buffer, loop.code, loop.rows, loop.world, k, row)
 
 
@@ -236,10 +237,10 @@ def stop_all(loop: Beat, k: int) -> None:
 
 @kernel
 def stop_port(loop: Beat, state: PortState, i: int) -> int:
-    """Stop a device and return its code.
+    """Stop a device and return the code of its function.
 
-    In a vendor's thread the device is asked first if it has not been: `ask` opens a frame, `write` and `stop` close it,
-    and a force can be set only in a frame.
+    In a vendor's thread a device that has not been asked is asked first: `ask` opens a frame, `write` and `stop` close
+    it, and a force can be set only in a frame.
     """
     if loop.nested and not state.is_asked:
         call_port(loop, loop.ports[i], i, 0, state.raw.offset)
@@ -304,7 +305,7 @@ def call_device(buffer: Any, words: int, block: int) -> int:
 
 @bound_late
 def run_steps(buffer: Any, code: int, rows: int, world: int, k: int, row: int) -> int:
-    """Run `steps` for tick k, up to the writing of its devices, or its remaining part."""
+    """Run `steps` for tick k, up to the point where devices are written, or for the rest of the tick."""
     return int(buffer.steps(k, 1, row))
 
 
@@ -334,7 +335,7 @@ class Reach(Scattered):
 
     Args:
         memory: Memory of the scene.
-        arrays: All separate arrays.
+        arrays: Arrays outside of that memory.
         steps: Function that runs ticks, like `Engine.run`.
     """
 

@@ -169,12 +169,12 @@ def opened(devices: DeviceExchange, period: float) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Rest:
-    """Hardware at rest.
+    """State of hardware that was found at rest.
 
     Attributes:
         positions: Position (d,) of each finger of hardware, by the finger's index in the scene [m].
         round_trip: Median time to read and write all devices [s].
-        fresh: Smallest fraction of readings with a new sample over the devices.
+        fresh: Smallest fraction, over the devices, of readings with a new sample.
     """
 
     positions: dict[int, FloatArray]
@@ -183,11 +183,11 @@ class Rest:
 
 
 def settle(devices: DeviceExchange, period: float, clock: Clock) -> Rest:
-    """Read devices at zero force until they are found to be at rest.
+    """Read devices at zero force, for at least 0.2 s and 20 readings, and require that they are at rest.
 
     Raises:
-        DeviceError: If a reading is faulty, a finger moves, a finger is outside its workspace, or there are too few
-            samples.
+        DeviceError: If a reading is faulty, a finger moves or is outside its workspace, there are too few samples, or a
+            deadman switch is released.
     """
     pacer, trips = Pacer(period, clock), list[float]()
     count = max(LEAST, math.ceil(DURATION / period))
@@ -223,7 +223,7 @@ def look_again(devices: DeviceExchange, rest: Rest, periods: int) -> dict[int, F
     """Read devices once more, `periods` periods after they came to rest, and return their fingers' positions.
 
     Raises:
-        DeviceError: If a finger has moved away.
+        DeviceError: If a reading is faulty, a deadman switch is released, or a finger has moved by more than 1 mm.
     """
     _require(devices.read(periods))
     _require([_up(each) for each in devices.ports])
@@ -253,7 +253,7 @@ def _require(faults: list[str]) -> None:
 
 
 def _speed(track: list[tuple[int, FloatArray]], period: float) -> float:
-    """Compute the largest speed along an axis from positions and their periods [m/s], ignoring reported velocities."""
+    """Compute the largest speed along an axis [m/s] from positions and their times, ignoring reported velocities."""
     pairs = zip(track, track[max(4, math.ceil(SPAN / period)) :], strict=False)
     return max((float(np.abs(q - p).max()) / ((m - k) * period) for (k, p), (m, q) in pairs), default=0.0)
 

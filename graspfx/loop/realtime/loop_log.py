@@ -65,9 +65,9 @@ class PortLog:
     Args:
         memory: Memory of the loop, `LoopState`.
         layout: Layout of its rows.
-        device: Device.
+        device: Device whose values are recorded.
         number: Index of the device in the scene.
-        fingers: Finger of each channel, -1 for none.
+        fingers: Index of the finger of each channel, -1 for none.
     """
 
     def __init__(

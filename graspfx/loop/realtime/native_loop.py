@@ -53,7 +53,7 @@ class NativeLoop:
     Args:
         arena: Arena of the scene.
         code: Program of the scene.
-        devices: All devices, in their order.
+        devices: Exchange with all devices, in the scene's order.
         parts: Parts of the scene.
         guards: Guards of hardware.
 
@@ -346,7 +346,7 @@ def _calls(port: DevicePort) -> Calls:
 
 
 def port_text(port: DevicePort, calls: Calls, why: int) -> str:
-    """Return the cause of a device's fault."""
+    """Return the message for a device's fault."""
     state = port.readings.state
     if why in ACTIONS:
         return f"{port.name} {ACTIONS[why]}: {call_text(port, calls, state.code)}; {ZERO}"

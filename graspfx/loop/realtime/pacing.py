@@ -27,7 +27,7 @@ SLACK = 1e-9  # tolerance in periods: rounding adds no tick to the decay
 
 
 class Clock(Protocol):
-    """Protocol of a clock."""
+    """Protocol of the clock that paces a loop."""
 
     def now(self) -> float:
         """Return the time, which never decreases [s]."""
@@ -95,9 +95,10 @@ def count_in(times: Lateness, time: float) -> None:
 
 
 class ClockState(Record):
-    """The clock of a loop: tick k has the deadline t_0 + k T, however long earlier ticks took. A late tick skips the
+    """The clock of a loop: tick k has the deadline t_0 + k T, however long earlier ticks took.
 
-    whole periods that have passed. Later deadlines stay on the same grid, so lateness does not accumulate.
+    A late tick skips the whole periods that have passed. Later deadlines stay on the same grid, so lateness does not
+    accumulate.
     """
 
     mode: int
@@ -182,7 +183,7 @@ class Pacer(ClockState):
 
     Args:
         period: Sampling period T [s].
-        clock: Clock.
+        clock: Clock to use; the system's monotonic clock if None.
         machine: Whether machine code computes the deadlines; it is compiled unless cached.
     """
 
@@ -204,7 +205,7 @@ class Pacer(ClockState):
         return {"skipped": self.skipped, "late": self.lateness.figures}
 
     def wait(self, stop: Callable[[], bool] | None = None) -> int:
-        """Wait for the next tick's deadline; return how many periods it skips.
+        """Wait for the next tick's deadline; return how many periods are skipped.
 
         The first tick begins at once and defines the grid.
 
@@ -283,8 +284,8 @@ def go_on(end: EndState, k: int, stop: int, faulted: float) -> int:
     """Return 1 if tick k is run, else 0.
 
     Args:
-        end: End of the loop; the decay of forces begins in time for it.
-        k: Tick.
+        end: State of the loop's end; forces begin to decay early enough to be zero by then.
+        k: Index of the tick.
         stop: Nonzero if the loop must stop.
         faulted: Nonzero after a fault, when no force is left to decay.
     """
@@ -311,10 +312,10 @@ class Chain(Protocol):
 
 
 class SoftEnd(EndState):
-    """The last ticks of a run with hardware, in which the gain of the safety chain, and so the forces on both sides,
+    """The last ticks of a run with hardware, in which forces decay.
 
-    decay. These are the last ticks of the run's duration, or as many further ticks after a stop. A run whose decay
-    would take fewer than two ticks ends at once.
+    The gain of the safety chain decays, and so do the forces on both sides. These are the last ticks of the run's
+    duration, or as many further ticks after a stop. A run whose decay would take fewer than two ticks ends at once.
 
     Args:
         chain: Chain whose gain decays; None for a run that ends at once, such as one without hardware.

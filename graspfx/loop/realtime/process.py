@@ -52,7 +52,7 @@ class Exits:
         return signal.Signals(self.numbers[0]).name if self.numbers else ""
 
     def ask(self, number: int, frame: FrameType | None) -> None:
-        """Handle a signal: record it."""
+        """Handle a signal: record it, and interrupt a driver's call that is in progress."""
         self.numbers.append(number)
         if self.heed is not None:
             self.heed(number)

@@ -41,7 +41,7 @@ class Guards:
     """Limits beyond which a run with hardware ends in a fault.
 
     Attributes:
-        speed: Largest speed of a fingertip along an axis that a reading may have [m/s]; a hand reaches 5 m/s.
+        speed: Largest plausible speed of a fingertip along an axis [m/s]; a hand reaches 5 m/s.
         hold: Number of successive readings without a new sample that are tolerated.
         late: Number of successive periods that may be skipped.
         soft_start: Time over which penetration at the start takes effect [s].
@@ -56,15 +56,15 @@ class Guards:
         if not (math.isfinite(self.speed) and self.speed > 0.0):
             raise InputError("speed", self.speed, "a finite speed above zero [m/s]")
         if self.hold < 0 or self.late < 0:
-            raise InputError("hold", (self.hold, self.late), "numbers of zero or more")
+            raise InputError("hold", (self.hold, self.late), "`hold` and `late` of zero or more")
         if not (math.isfinite(self.soft_start) and self.soft_start >= 0.0):
             raise InputError("soft_start", self.soft_start, "a finite time of zero or more [s]")
 
 
 def patience(period: float, watchdog: float) -> float:
-    """Return the time within which a device's function must return while forces are displayed [s]. This time is a
+    """Return the time within which a device's function must return while forces are displayed [s].
 
-    multiple of the watchdog time, bounded by the longest stall of a loop.
+    This time is a multiple of the watchdog time, bounded by the longest stall of a loop.
 
     Args:
         period: Sampling period T [s].
@@ -136,7 +136,7 @@ def take_sample(port: PortState, code: int, periods: int) -> int:
     A velocity may be at most `speed`. Without a new sample the last sample is kept, up to `hold` times in succession.
 
     Args:
-        port: Device with the reading in `raw`.
+        port: State of the device, with the reading in `raw`.
         code: Value returned by `read`.
         periods: Periods since the previous reading.
     """
@@ -252,14 +252,14 @@ GONE, IS_FRESH, SAMPLES = (start_of(PortState, name) for name in ("is_gone", "is
 class Readings:
     """The readings of one device, each accepted as a whole or rejected.
 
-    A reading is a tuple of two finite float64 arrays (k, d) and the time at which they were taken. The arrays are
-    copied before they are checked, because a device may change them at any time.
+    A reading is a tuple of positions [m] and velocities [m/s], two finite float64 arrays (k, d), and the time [s] at
+    which they were taken. The arrays are copied before they are checked, because a device may change them at any time.
 
     For hardware, time must not decrease and values must not jump (`take_sample`). An unchanged time means that there is
     no new sample.
 
     Args:
-        shape: Shape (k, d).
+        shape: Shape (k, d) of the positions: fingers and dimensions.
         period: Sampling period T [s].
         guards: Guards of hardware; None for a simulation, whose clock is the tick counter.
         frame: Frame of the device in the scene; None for the scene's frame.

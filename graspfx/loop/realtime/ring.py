@@ -1,4 +1,4 @@
-"""Memory shared by a servo and the recording process, without locks: rows, notes, letters and goals.
+"""Memory shared by a servo and the recording process, without locks: rows, notes, letters (new values) and goals.
 
 The memory begins with integers, each in its own cache line (`Word`). Notes and letters follow, then the rows, then
 goals of guided hands. The writer of rows publishes `HEAD` after each row, so a reader that sees the new value also sees
@@ -133,7 +133,7 @@ class Ring:
         words: Integers (512,), at the positions of `Word`.
         rows: Rows (SLOTS, width). If `every` divides k, tick k has row k / every modulo SLOTS.
         notes: Notes of the servo.
-        letters: Two halves of the mailbox, as bytes.
+        letters: Memory of the two letters, as bytes.
         goals: Goals (2, G); the k-th goals are in row k modulo 2.
         goal_log: Log of applied goals (SLOTS, 1 + G): first tick and values of each.
     """
@@ -275,7 +275,7 @@ def read_letter(place: memoryview) -> Letter:
 
 
 def pack_error(error: BaseException) -> bytes:
-    """Pack an exception for `unpack_error`; of an exception that cannot be pickled, only the message is packed."""
+    """Pack an exception for `unpack_error`; if it cannot be pickled, only its message is packed."""
     error = error.with_traceback(None)
     with suppress(Exception):  # exceptions of other libraries may contain anything
         text = _written(error)
@@ -289,7 +289,7 @@ def pack_error(error: BaseException) -> bytes:
 
 
 def unpack_error(text: bytes) -> BaseException:
-    """Restore an exception."""
+    """Restore an exception that `pack_error` packed."""
     try:
         content = pickle.loads(text)
     except Exception as error:  # noqa: BLE001 - a type that is only there in the other process
@@ -313,7 +313,7 @@ def _written(error: BaseException) -> bytes:
 
 
 def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    """Replace attributes other than plain data by the names of their types."""
+    """Replace attributes that cannot be pickled by the names of their types."""
     plain = {}
     for name, value in values.items():
         try:

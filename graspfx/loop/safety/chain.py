@@ -60,9 +60,9 @@ class SafetyChain:
 
     Attributes:
         limits: Limits of all fingers.
-        pace: Memory of the scene.
-        buffers: Memory of each object.
-        where: Entries of an object's memory under the names used in recordings.
+        pace: Memory of the scene's chain, `Pace`.
+        buffers: Memory of each object's chain, `SafetyState`.
+        where: Indices of entries in an object's memory, by the names used in recordings.
     """
 
     def __init__(

@@ -1,7 +1,7 @@
 """End of the safety chain: limits on the rate, workspace and size of each finger's force, by scaling the whole force.
 
-Finger i exerts s_i f_i with 0 <= s_i <= 1, so no force leaves its cone. The wrench and all accounts use s_i f_i. The
-set of forces that a rule admits is star-shaped about zero, so the smallest s_i of all rules satisfies every rule.
+Finger i exerts s_i f_i with 0 <= s_i <= 1, so no force leaves its cone. The wrench and the energy ledger use s_i f_i.
+The set of forces that a rule admits is star-shaped about zero, so the smallest s_i of all rules satisfies every rule.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ BAND = 0.005  # distance to a wall of the workspace within which the outward for
 
 @kernel
 def restrain(grasp: GraspState, safety: SafetyState, pace: Pace) -> int:
-    """Bring the final forces within all limits; return 0, or NOT_FINITE with zero forces."""
+    """Bring the final forces within all limits; return NOT_FINITE if they or their inputs are not finite, else 0."""
     if not all_finite(grasp, safety):
         for own in safety.fingers:
             own.last = ZERO
@@ -99,7 +99,7 @@ def growth_share(f: Vector, last: Vector, growth: float) -> float:
 
 @kernel
 def wall_share(grasp: GraspState, finger: FingerState, own: FingerLimits) -> float:
-    """Find the largest scale s <= 1 at which a force pushes no finger out of its workspace.
+    """Find the largest scale s <= 1 at which the force does not push the finger out of its workspace.
 
     The operator feels -f. At the distance x from a wall, the component towards the wall is at most L x/BAND; beyond the
     wall it is zero.

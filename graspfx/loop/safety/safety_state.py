@@ -23,7 +23,7 @@ class Pace(Record):
 
 
 class Tank(Record):
-    """Energy available to increase stiffness: stiffer springs at once store energy that no operator has supplied."""
+    """Energy available to increase stiffness; without it, stiffening a loaded spring would generate energy."""
 
     level: float  # energy E [J]
     most: float  # capacity [J]

@@ -1,4 +1,4 @@
-"""Energy tank that supplies the energy of a stiffness increase, which under load would otherwise be generated.
+"""Energy tank that pays for increases of stiffness, which would otherwise generate energy under load.
 
 At the displacement w = e + s = K^-1 f of a spring's force, a change dK costs dV = 1/2 w'dK w. The tank loses dV, or
 only the part of dK that it can pay for is applied. The tank gains the energy that softening springs release and

@@ -30,8 +30,8 @@ def keep_pace(pace: Pace, k: int) -> int:
     """Compute the soft start's factor 3 x^2 - 2 x^3, x = k/ramp, and the trust in the readings; return 0 or a cause.
 
     The trust decreases by T/DECAY per sample while a device has had no new reading for more than `hold` samples or
-    another cause persists, and increases at the same rate afterwards. At zero the function returns the cause, a fault.
-    At the end of a run the trust decreases without a fault.
+    another cause persists, and increases at the same rate afterwards. When the trust is zero, the function returns the
+    cause, which is a fault. At the end of a run the trust decreases without a fault.
     """
     pace.soft = soft_share(k, pace)
     cause = pace.cause

@@ -31,9 +31,9 @@ NONE = math.inf  # impossible last angular velocity, so that the first one is al
 
 
 class BulletMember(CarriedBody):
-    """Body of a block in a PyBullet world, without PyBullet's damping.
+    """A body in a PyBullet world, described by a block and without PyBullet's damping.
 
-    A body that rotates about one axis only has that axis's moment of inertia about all axes, which does not change its
+    A body with one free rotation gets the moment of inertia of its axis about all axes, which does not change its
     motion. With two free rotations the inertia has to be isotropic.
 
     The calls `pushes` apply the wrench that `guest.hand_over` wrote to the body's part of the buffer. After PyBullet's
@@ -56,7 +56,7 @@ class BulletMember(CarriedBody):
             raise InputError(
                 "free",
                 "two of three rotations",
-                "one, three, or equal moments of inertia with PyBullet",
+                "one or three rotations, or equal moments of inertia, with PyBullet",
                 "use native dynamics, or MuJoCo's",
             )
         mass = own.mass
@@ -138,7 +138,7 @@ def _entries(guest_state: GuestState, name: str) -> memoryview:
 
 
 class BulletCarrier(Carrier):
-    """Bodies in one PyBullet world, which closes with them.
+    """Bodies in one PyBullet world, which is closed with this object.
 
     Args:
         buffer: Flat buffer, (bodies guest.SIZE,), with a part for each body of `carried`.

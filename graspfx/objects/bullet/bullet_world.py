@@ -49,7 +49,8 @@ class BulletWorld(BulletCarrier):
 
     Raises:
         MissingPackageError: If PyBullet is not installed.
-        InputError: If a body is not in three dimensions, has some degrees of freedom locked, or is unbounded.
+        InputError: If a body is not in three dimensions, is unbounded, or has a shape and only some degrees of freedom
+            free.
     """
 
     def __init__(self, members: Sequence[Member], obstacles: Sequence[Obstacle], meeting: Meeting) -> None:
@@ -102,10 +103,11 @@ class BulletWorld(BulletCarrier):
         return total
 
     def _place_obstacle(self, obstacle: Obstacle) -> Iterator[int]:
-        """Create the fixed bodies of an obstacle; for a plane, one for each side with members, and one for boxes.
+        """Create the fixed bodies of an obstacle; for a plane, one per side with members, and a separate one for boxes.
 
-        All corners of a box touch a floor that is a box at once. They touch PyBullet's plane one by one, one per step,
-        which rotates the box, so that it slides up to 20 degrees off course. Other shapes rest better on the plane.
+        The separate body is a large box, which all corners of a resting box touch in the same step. They touch
+        PyBullet's plane one per step, which rotates the box, so that it slides up to 20 degrees off course. Other
+        shapes rest better on the plane.
         """
         kind = getattr(obstacle.shape, "kind", None)
         if kind not in (proxy.HALF_SPACE, proxy.PLANE):
@@ -201,7 +203,7 @@ def _require_whole(member: Member) -> None:
 
 
 def _quaternion(R: FloatArray) -> tuple[float, ...]:
-    """Convert a rotation matrix to x, y, z, w, starting from the largest component."""
+    """Convert a rotation matrix to a unit quaternion x, y, z, w, computed from its largest component."""
     x, y, z = np.diag(R)
     trace = np.array([x - y - z, y - x - z, z - x - y, x + y + z])
     k = int(trace.argmax())

@@ -37,7 +37,7 @@ class Triangle:
 
 @kernel
 def contact_modes(body: BodyState, floor: FloorState, T: float, n: int, modes: Table) -> tuple[int, float]:
-    """Compute orthogonal vectors whose outer products sum to W, as unit vectors, each after its squared length.
+    """Compute orthogonal vectors whose outer products sum to W; store each as its squared length and a unit vector.
 
     W = T G' M^-1 G is the velocity of the contacts per contact force held over the sample.
 

@@ -98,7 +98,7 @@ class FloorBody(NativeBody):
 
     @property
     def associated(self) -> int:
-        """Number of samples without a solution of Coulomb's law, which used the associated law (slip lifts off)."""
+        """Number of samples that used the associated law, because no solution of Coulomb's law was found."""
         return self._floor.associated
 
     def adopt(self, other: FloorBody) -> None:
@@ -191,7 +191,7 @@ def _features(shape: Any, d: int) -> Iterator[tuple[float, ...]]:
         yield ELLIPSOID, a, b, c, 0.0
     else:
         raise InputError(
-            "shape", shape, "a shape whose contact with planes is implemented", "list them in `floor.features`"
+            "shape", shape, "a shape whose contact with planes is implemented", "add its features to `floor.features`"
         )
 
 

@@ -23,7 +23,7 @@ STEEP = 0.5  # sine of a rim's tilt above which its fixed points do not count
 
 @kernel
 def lowest(body: BodyState, feature: Feature, n: Vector) -> tuple[float, Vector]:
-    """Return the acting fraction of a feature's stiffness, and its lowest point from the centre, in world axes.
+    """Return the active fraction of a feature's stiffness, and the lowest point relative to the centre, world axes [m].
 
     Ball: c - r n. Rim of radius r about z: c - r m_xy/|m_xy|. Ellipsoid: -A^2 m/|A m|. m = R'n is the normal in the
     body's axes.
@@ -54,7 +54,7 @@ def lowest(body: BodyState, feature: Feature, n: Vector) -> tuple[float, Vector]
 
 @kernel
 def thin(contacts: Many[PlaneContact], first: int, count: int, plane: FloorPlane) -> int:
-    """Reduce more than MOST contacts with a plane to the deepest and the outermost contacts in SIDES directions.
+    """Reduce more than MOST contacts with a plane to the deepest one and the outermost one in each of SIDES directions.
 
     The contacts are stored consecutively from `first` on. The remaining contacts move to the front, in their order.
     Return their number.

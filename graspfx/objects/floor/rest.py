@@ -33,7 +33,10 @@ RESTARTS = 4  # number of restarts of the search for a solution of Coulomb's law
 
 
 def lookahead(kind: int, T: float) -> float:
-    """Return the time after the sample's end at which the gap is evaluated: at x + T v+ for every integrator."""
+    """Return the time after the sample's end at which the gap is evaluated [s].
+
+    With this time, a change dv of the velocity v+ changes the gap by T dv, for every integrator.
+    """
     if kind == EXPLICIT:
         return T
     return 0.5 * T if kind == EXACT else 0.0
@@ -210,9 +213,9 @@ def remember(body: BodyState, floor: FloorState, T: float, n: int) -> None:
 
 @kernel
 def predict_on_planes(body: BodyState, floor: FloorState, T: float) -> None:
-    """Predict the implicit integrator's motion under the last sample's contact forces alone. A body at rest on a floor
+    """Predict the implicit integrator's motion under the last sample's contact forces, without a wrench of the fingers.
 
-    is thus predicted to stay at rest, and not to fall until its contacts are known.
+    A body at rest on a floor is thus predicted to stay at rest, and not to fall until its contacts are known.
     """
     gravity, next_motion = body.gravity, body.next_motion
     body.gravity += floor.force / body.mass

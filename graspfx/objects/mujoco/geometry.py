@@ -54,7 +54,7 @@ def geometries(shape: Any, d: int, *, fixed: bool = False) -> Iterator[Geometry]
 
     Args:
         shape: Shape of the scene.
-        d: Dimensions of the scene; shapes in a plane or on a line are extruded.
+        d: Number of dimensions of the scene; shapes in a plane or on a line are extruded.
         fixed: True if a concave mesh stays concave; otherwise its convex hull is used.
 
     Raises:

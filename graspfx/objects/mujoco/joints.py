@@ -34,7 +34,7 @@ def drift(body: BodyState, guest: GuestState, T: float) -> None:
     The push changes the angular velocity by T J^-1 M, where M is the moment reduced by viscosity. Then the body rotates
     for T by Euler's equations without a moment, to fourth order. This is semi-implicit like the translation, but free
     of the error of the gyroscopic term. MuJoCo rotates by its new spin u+ = u + T J^-1 (N - u x J u), which has to
-    equal the mean of that rotation.
+    equal the mean angular velocity of that rotation.
     """
     motion = body.motion
     q, w, moment, b = motion.quaternion, motion.angular_velocity, body.moment, body.rotational_viscosity

@@ -31,7 +31,7 @@ UNUSED = ("SENSOR", "ACTUATION", "EULERDAMP", "GRAVITY", "SPRING", "DAMPER", "AU
 class MujocoMember(CarriedBody):
     """A body in a MuJoCo world: a free joint, or a slide joint for each free translation and a joint for its rotations.
 
-    One free rotation is a hinge joint about the world's axis, and three are a ball joint. Two are a ball joint too,
+    One free rotation is a hinge joint about a world axis, and three are a ball joint. Two are a ball joint too,
     which only contacts can rotate about the third axis; a body with contacts may therefore not have two free rotations.
 
     Args:

@@ -195,9 +195,8 @@ class ContactStep:
       subtracted from the normal reference, and the problem is solved again until the lift is that of its solution. The
       law is then Coulomb's (De Saxce and Feng 1998). If all contacts stick or separate, MuJoCo's solution already
       satisfies it.
-    - A contact that closes with the speed v < 0 separates with -e v, or with the larger speed that removes a
-    penetration;
-      not with the sum of both.
+    - A contact that closes at the velocity v < 0 separates at -e v or at the speed that removes its penetration,
+      whichever is larger, and not at their sum.
 
     Args:
         library: The MuJoCo package.

@@ -27,7 +27,7 @@ def parts(vertices: FloatArray, faces: IntArray, *, shell: bool = False) -> Iter
     A shell has no inside, even if it is closed, so that it is never filled.
 
     Raises:
-        InputError: If the surface is not convex and has more than 5000 triangles.
+        InputError: If the surface is a shell, or has parts that are not convex, and has more than 5000 triangles.
     """
     if not shell:
         owners = _components(faces)
@@ -67,9 +67,9 @@ def is_hollow(vertices: FloatArray, faces: IntArray) -> bool:
 def pieces(vertices: FloatArray, faces: IntArray, *, shell: bool = False) -> Iterator[FloatArray]:
     """List a tetrahedron (4, 3) for each triangle: its vertices, and a point below its incentre.
 
-    The depth of the point is the width of the inscribed circle, or less if the surface turns back below the triangle. A
-    tetrahedron stays within half the angle at each edge of its triangle, so that it does not protrude there. Its point
-    is at most halfway to the surface below. The pieces of a shell are thin, at most 1/50 of its size.
+    The depth of the point is the inradius, or less if the surface turns back below the triangle. A tetrahedron stays
+    within half the angle at each edge of its triangle, so that it does not protrude there. Its point is at most halfway
+    to the surface below. The pieces of a shell are thin, at most 1/50 of its size.
 
     Raises:
         InputError: If there are more than 5000 triangles.
@@ -102,7 +102,7 @@ def pieces(vertices: FloatArray, faces: IntArray, *, shell: bool = False) -> Ite
 
 
 def _ways(corners: FloatArray, starts: FloatArray, normals: FloatArray, reach: FloatArray) -> FloatArray:
-    """Compute the distance from each triangle's incentre along its inward normal to another triangle (f,) [m].
+    """Compute the distance from each incentre along the inward normal to the nearest other triangle, (f,) [m].
 
     Intersections follow Moeller and Trumbore (1997); infinite if there is none within `reach` (f,).
     """
@@ -135,7 +135,7 @@ def _sizes(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _components(faces: IntArray) -> IntArray:
-    """Number the connected parts of a surface (f,): each triangle gets the lowest index connected to it."""
+    """Number the connected parts of a surface from 0; return the number of each triangle's part, (f,)."""
     first, second = _neighbours(faces)
     owners = np.arange(len(faces))
     while True:

@@ -94,7 +94,7 @@ class Table(BaseModel):
 
 
 def listed(value: Any) -> Any:
-    """Write arrays as nested lists."""
+    """Convert arrays to nested lists."""
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
@@ -168,7 +168,7 @@ def _check_matrices(matrices: np.ndarray[Any, np.dtype[np.float64]]) -> None:
 
 
 def _numbers(value: Any) -> np.ndarray[Any, np.dtype[np.float64]] | None:
-    """Read numbers, nested regularly, as an array; None for anything else (strings and booleans are no numbers)."""
+    """Read numbers, nested regularly, as an array; None for anything else (strings and booleans are not numbers)."""
     if isinstance(value, list | tuple):
         parts = [_numbers(item) for item in value]
         arrays = [part for part in parts if part is not None]

@@ -131,7 +131,7 @@ Turns = Annotated[Annotated[Turn, Tag("<table>")] | Annotated[tuple[Turn, ...], 
 class Step(Table):
     """A minimum-jerk step of the squeeze to a level."""
 
-    to: Number = Field(description="squeeze after the step [m]; negative is open")
+    to: Number = Field(description="squeeze after the step [m]; a negative value opens the hand")
     begin: Number = Field(description="start time [s]")
     duration: Positive = Field(description="duration [s]")
 
@@ -182,7 +182,7 @@ class Guide(Table):
 
 
 class Limb(Table):
-    """Mass between intention and fingertip; with the spring and damper of the hand it has five parameters.
+    """Mass between intention and fingertip; with the hand's spring and damper, the model has five parameters.
 
     M y'' = K_l (r - y) + B_l (r' - y') - F, and F = K (y - p) + B (y' - p') pulls the fingertip p.
     """
@@ -209,7 +209,7 @@ class Reaction(Table):
     stiffness: NotNegative = Field(default=0.0, description="stiffness k against displacement [N/m]")
     damping: NotNegative = Field(default=0.0, description="damping b against velocity [N s/m]")
     force: NotNegative = Field(
-        default=0.0, description="share g of the displayed force that is pushed back in addition"
+        default=0.0, description="fraction g of the displayed force that the voluntary force counteracts"
     )
 
 
@@ -220,7 +220,7 @@ class Tremor(Table):
     frequency: Positive = Field(default=10.0, description="centre of the band [Hz]")
     width: NotNegative = Field(default=4.0, description="width of the band [Hz]; zero for a single sine")
     seed: Count = Field(default=0, description="seed of the random numbers, which differ between hands")
-    begin: Number = Field(default=0.0, description="[s]")
+    begin: Number = Field(default=0.0, description="start time [s]")
     ramp: NotNegative = Field(default=0.5, description="fade-in time [s]")
 
 
@@ -228,7 +228,7 @@ class Noise(Table):
     """Noise of the muscle force, proportional to the force."""
 
     share: NotNegative = Field(description="coefficient of variation: standard deviation over force")
-    cutoff: Positive = Field(description="cutoff frequency, below which the noise has its power, evenly [Hz]")
+    cutoff: Positive = Field(description="cutoff frequency, below which the noise has a flat spectrum [Hz]")
     lag: Positive = Field(description="time constant with which the noise follows the muscle's force [s]")
     seed: Count = Field(default=0, description="seed of the random numbers, which differ between fingers")
 
