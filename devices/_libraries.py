@@ -35,7 +35,7 @@ def load_library(library: object, title: str, names: Mapping[str, Sequence[str]]
 
 
 def check_library(library: object, name: str) -> None:
-    """Reject values that cannot be a library, before anything is loaded.
+    """Raise InputError if the path of a library is empty, before anything is loaded.
 
     Args:
         library: Value of the setting.

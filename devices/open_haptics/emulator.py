@@ -109,7 +109,7 @@ class OpenHapticsWire(Wire):
 
     @property
     def violations(self) -> int:
-        """Violations of the library's rules: calls outside a frame or callback, crossing frames, a second callback."""
+        """Number of violations of the rules: calls outside a frame or callback, crossing frames, a second callback."""
         return int(self.state.violations)
 
     @property
