@@ -22,7 +22,7 @@ OFF = {
     2: "the velocity was above the device's safety threshold",
     3: "the device's watchdog: no force arrived in time",
     4: "a program disabled it",
-    5: "the USB cable was disconnected",
+    5: "the USB cable; check its connection",
     6: "the deadman switch was released",
 }
 

@@ -1,7 +1,7 @@
 """A touch screen as fingers without force feedback: a page in a browser, where each touch moves the nearest finger.
 
 The driver is intended for users without haptic hardware; the page shows the forces. A separate process serves the page,
-on this computer only or, with `lan`, to a tablet that has scanned a code. The driver needs the package websockets.
+on this computer only or, with `lan`, to a tablet that has scanned a QR code. The driver needs the package websockets.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def connect(
             the other axis, if None.
         lag: Time constant of a finger, which lags a steady touch by twice this time [s].
         speed: Largest speed of a finger [m/s].
-        lan: Whether a tablet in the local network may connect by scanning a printed code.
+        lan: Whether a tablet in the local network may connect by scanning a printed QR code.
 
     Raises:
         MissingPackageError: Raised by `open` if websockets is not installed; `pip install graspfx[touch]` installs it.

@@ -346,8 +346,8 @@ class ArmPlant(HeldPlant):  # type: ignore[misc] # mypy does not see devices fro
             return text
         rate, T = fastest_rate(self._block), self._block.period
         return (
-            f"two-link arms and hand move at {rate:.3g} rad/s, too fast for samples of {T:g} s: the motion has "
-            "diverged, or the hand is too stiff"
+            f"the fastest rate of two-link arms and hand is {rate:.3g} rad/s, too fast for samples of {T:g} s: "
+            "the motion has diverged, or the hand is too stiff"
         )
 
     def _put(self, position: FloatArray) -> None:
