@@ -11,7 +11,7 @@ from graspfx.protocols import DeviceError, InputError
 
 
 def load_library(library: object, title: str, names: Mapping[str, Sequence[str]], others: Sequence[str]) -> Any:
-    """Load a library from its path; return any other object unchanged, which must have the library's functions.
+    """Load a library from its path; any other object must have the library's functions and is returned unchanged.
 
     Args:
         library: Path of the library; None for its usual names.

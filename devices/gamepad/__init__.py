@@ -27,7 +27,7 @@ class Gamepad(Pointer):  # type: ignore[misc] # mypy does not see devices from i
     """A gamepad: one stick axis moves the finger along each of its axes.
 
     Args:
-        sticks: Code and sign for each axis.
+        sticks: Code of the stick axis, and its sign, for each axis of the finger.
         rate: Whether a stick sets the velocity instead of the position.
         dead: Fraction of a stick's range that is treated as its middle.
     """

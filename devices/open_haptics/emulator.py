@@ -64,7 +64,7 @@ class OpenHapticsWire(Wire):
 
     Attributes:
         library: Path of the library.
-        state: State of the library.
+        state: Memory shared with the library: its scheduler and devices.
 
     Raises:
         MissingPackageError: If there is no C compiler.

@@ -25,7 +25,7 @@ class TouchFingers:
     force until this force is zero. The switch of a finger is closed while the finger is touched.
 
     Args:
-        screen: Touch screen.
+        screen: Touch screen, whose touches move the fingers.
         workspace: Corners of the workspace (2, d) [m].
         start: Positions of the fingers when the device is opened (k, d) [m].
         lag: Time constant of a finger, which lags a target of constant velocity by twice this time [s].
