@@ -11,7 +11,7 @@ from graspfx.protocols import DeviceError, InputError
 
 
 def load_library(library: object, title: str, names: Mapping[str, Sequence[str]], others: Sequence[str]) -> Any:
-    """Load a library from its path; return any other object unchanged, which must have the library's functions.
+    """Load a library from its path; any other object must have the library's functions and is returned unchanged.
 
     Args:
         library: Path of the library; None for its usual names.
@@ -35,7 +35,7 @@ def load_library(library: object, title: str, names: Mapping[str, Sequence[str]]
 
 
 def check_library(library: object, name: str) -> None:
-    """Reject values that cannot be a library, before anything is loaded.
+    """Raise InputError if the path of a library is empty, before anything is loaded.
 
     Args:
         library: Value of the setting.

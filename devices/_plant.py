@@ -181,11 +181,11 @@ class HeldPlant(ABC):
     @property
     @abstractmethod
     def structure(self) -> Index:
-        """Integers in the block that are constant after `hold` and select the computation."""
+        """Integer entries of the block that are constant after `hold` and select the computation."""
 
     @abstractmethod
     def _put(self, position: FloatArray) -> None:
-        """Place the parts behind the fingertips; raise DeviceError, and change nothing, if that is impossible."""
+        """Set the internal states for positions (n, d) [m]; if impossible, raise DeviceError and change nothing."""
 
     @abstractmethod
     def _grip(self, K: FloatArray, B: FloatArray, T: float) -> None:

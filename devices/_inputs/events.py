@@ -54,7 +54,7 @@ class EventPort:
     Args:
         path: Path such as /dev/input/by-id/usb-Maker_Mouse-event-mouse.
         grab: Whether to withhold the events from other programs.
-        now: Clock of the reader [s].
+        now: Function that returns the time of a reading [s].
     """
 
     def __init__(self, path: str, *, grab: bool, now: Callable[[], float] = time.perf_counter) -> None:

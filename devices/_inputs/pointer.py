@@ -22,13 +22,14 @@ class Pointer(ABC):
     """One finger without force feedback: forces are checked but not displayed.
 
     Events move a target within the workspace, at most at `speed`. The finger follows the target with critical damping,
-    so that events at 60 to 1000 Hz give a smooth motion for a loop of any rate. Without events, the target is at rest.
+    so that events at 60 to 1000 Hz give a smooth motion for a loop of any rate. Without events, the target comes to
+    rest, unless a subclass moves its goal.
 
     Args:
         port: Port of the device's events.
         workspace: Corners of the workspace (2, d) [m].
         start: Position of the finger when the device is opened (d,) [m].
-        lag: Time constant of the finger, which lags a steady target by twice this time [s].
+        lag: Time constant of the finger, which lags a target of constant velocity by twice this time [s].
         speed: Largest speed of the target [m/s].
         buttons: Codes of the device's switches; the first switch is bit 0.
     """
@@ -113,11 +114,11 @@ class Pointer(ABC):
         self.close()
 
     def _begin(self) -> None:  # noqa: B027 (not every device has axes that stand somewhere)
-        """Read the axes when the device is opened."""
+        """Read the axes, when the device is opened and after lost events."""
 
     @abstractmethod
     def _act(self, event: Event) -> None:
-        """Process an event of a complete report, unless it is an event of a button."""
+        """Process an event of a complete report that is not a key event."""
 
     def _move(self, goal: FloatArray, duration: float) -> None:  # noqa: B027 (nor sticks)
         """Move the goal without events, for example while a stick is deflected."""
@@ -157,12 +158,12 @@ class Pointer(ABC):
 
 
 def box(workspace: object, size: float, dimensions: object) -> FloatArray:
-    """Return the corners of a workspace (2, d) [m]; a cube around zero if None."""
+    """Return the corners of a workspace (2, d) [m]; by default, those of the cube of half-width `size` about zero."""
     if isinstance(dimensions, bool) or not isinstance(dimensions, int) or not 1 <= dimensions <= AXES:
         raise InputError("dimensions", dimensions, "1, 2 or 3")
     if workspace is None:
         return np.array([[-size] * dimensions, [size] * dimensions])
-    expected = f"two corners of {dimensions} coordinates [m], each of the first below that of the second"
+    expected = f"two corners of {dimensions} coordinates [m], each of the first corner below that of the second"
     corners = finite("workspace", workspace, expected)
     if corners.shape != (2, dimensions) or not (corners[0] < corners[1]).all():
         raise InputError("workspace", workspace, expected)
@@ -170,7 +171,7 @@ def box(workspace: object, size: float, dimensions: object) -> FloatArray:
 
 
 def place(start: object, workspace: FloatArray) -> FloatArray:
-    """Return the initial position of a finger (d,) [m]; the middle of its workspace if None."""
+    """Return the initial position of a finger (d,) [m]; the middle of its workspace if `start` is None."""
     if start is None:
         middle: FloatArray = workspace.mean(axis=0)
         return middle

@@ -1,4 +1,4 @@
-"""Force Dimension devices (delta, omega, sigma, lambda): one finger in space, by the vendor's library.
+"""Force Dimension devices (delta, omega, sigma, lambda): one finger in space, through the vendor's library.
 
 The driver was written from the function names and constants of the vendor's interface. It was tested only against an
 emulator (`graspfx.testing.wire.ForceDimensionWire`). The library, libdrd, is part of the vendor's SDK; it is not
@@ -31,8 +31,8 @@ def connect(
     """Connect a device.
 
     Args:
-        serial: Serial number, printed on the device and shown by the vendor's tools; ids change between starts. None
-            for the first free device.
+        serial: Serial number, printed on the device and shown by the vendor's tools, whose device ids change between
+            starts; None for the first free device.
         library: Path of libdrd; None for its usual names.
         force_limit: Largest force at the handle, also set in the vendor's library [N].
         resolution: Resolution of a position [m].

@@ -1,4 +1,4 @@
-"""A Force Dimension device: positions and forces in space, by the vendor's library."""
+"""A Force Dimension device: positions and forces in space, through the vendor's library."""
 
 from __future__ import annotations
 
@@ -101,7 +101,9 @@ class PlainDelta:
         size = float(np.linalg.norm(force))
         if not np.isfinite(size):
             self.stop()
-            raise DeviceError(f"a force of {force.tolist()} N cannot be displayed: the motors are at zero force")
+            raise DeviceError(
+                f"a force of {force.tolist()} N is not finite and cannot be displayed: the motors are at zero force"
+            )
         if size > self.force_limit:
             force *= self.force_limit / size
         dhd.call("dhdSetForce", *force.tolist(), self._id)
@@ -148,7 +150,7 @@ class PlainDelta:
         return fresh
 
     def _follow(self) -> None:
-        """Use the new position; missed samples are interpolated linearly between the last sample and this one."""
+        """Update position and velocity; missed samples are interpolated linearly between the last sample and this."""
         self._position[0] = self._xyz
         self._velocity[0] = self._estimator.update(self._position[0])
 

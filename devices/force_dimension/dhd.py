@@ -18,11 +18,11 @@ STATUS = 17  # number of entries of dhdGetStatus
 FORCE, OFF_CAUSE = 5, 14
 OFF = {
     0: "no cause reported: its force may not have been switched on, or its encoders not initialised",
-    1: "the button on the device",
+    1: "the button on the device was pressed",
     2: "the velocity was above the device's safety threshold",
     3: "the device's watchdog: no force arrived in time",
-    4: "a program",
-    5: "the USB cable",
+    4: "a program disabled it",
+    5: "the USB cable; check its connection",
     6: "the deadman switch was released",
 }
 
@@ -54,7 +54,7 @@ class Dhd:
         library: Path of the library, None for its usual names, or an object with functions of these names.
 
     Attributes:
-        library: Library as loaded.
+        library: Loaded library, or the object given.
     """
 
     def __init__(self, library: object) -> None:
@@ -83,7 +83,7 @@ class Dhd:
             function = getattr(library, name)
         except AttributeError as error:
             raise DeviceError(
-                f"Force Dimension's library has no {name}: the library is another one, or too old"
+                f"Force Dimension's library has no function {name}: install a newer SDK, or set `library` to libdrd"
             ) from error
         if isinstance(library, ctypes.CDLL):
             function.argtypes, function.restype = kinds, gives

@@ -67,7 +67,7 @@ class ForceDimensionWire(Wire):
 
     Args:
         slowness: Factor by which the devices' watchdogs run slower, for tests on a busy machine.
-        clock: Clock of the watchdogs, from the first force on; by default the system's clock.
+        clock: Clock by which the watchdogs measure the age of a force; by default the system's clock.
 
     Attributes:
         library: Path of the library.

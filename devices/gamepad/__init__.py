@@ -23,11 +23,11 @@ RANGE = Range(0, -32768, 32767)  # range of an axis that reports none
 MODES = "position", "rate"
 
 
-class Gamepad(Pointer):  # type: ignore[misc] # mypy does not see the shelf from inside the package
-    """A gamepad: a stick for each axis of the finger.
+class Gamepad(Pointer):  # type: ignore[misc] # mypy does not see devices from inside the package
+    """A gamepad: one stick axis moves the finger along each of its axes.
 
     Args:
-        sticks: Code and sign for each axis.
+        sticks: Code of the stick axis, and its sign, for each axis of the finger.
         rate: Whether a stick sets the velocity instead of the position.
         dead: Fraction of a stick's range that is treated as its middle.
     """
@@ -93,7 +93,7 @@ def connect(
         mode: "position": a stick sets the position between `start` and the limits of the workspace. "rate": a stick
             sets the velocity, and the finger stays in place when the stick returns.
         sticks: Stick (x, y, z, rx, ry or rz) for each axis, with a minus sign to reverse it; further names are unused.
-        workspace: Corners of the workspace (2, d) [m]; 0.1 m to every side of zero if None.
+        workspace: Corners of the workspace (2, d) [m]; -0.1 to 0.1 m along every axis if None.
         start: Position of the finger when the device is opened (d,) [m]; the middle of the workspace if None.
         dead: Fraction of a stick's range that is treated as its middle.
         lag: Time constant of the finger, which lags a steady motion by twice this time [s].

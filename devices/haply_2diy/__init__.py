@@ -48,7 +48,7 @@ def connect(
 
     Args:
         port: Serial port, such as /dev/ttyACM0.
-        links: Lengths of the links at the motors, and from these to the handle [m].
+        links: Lengths of the links at the motors and of the links at the handle [m].
         distance: Distance between the motors [m].
         home: Directions of the links at the motors, encoders 1 and 2, for the handle's position at `open` [deg].
         counts: Counts of an encoder per revolution.

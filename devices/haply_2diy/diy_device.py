@@ -30,7 +30,7 @@ class Haply2Diy:
     The board answers a frame of torques with its angles. Therefore `ask` repeats the last torques, so that a reading is
     only as old as one exchange; the answer to `write` is discarded. Torques beyond the limit are scaled by a common
     factor, so that the force keeps its direction. An answer is rejected if it has the wrong length, comes from another
-    device, or differs too much from the last answer for the speed and acceleration of a link. In that case the line is
+    device, or exceeds the speed or acceleration limit of a link since the last answer. In that case the line is
     flushed, the last sample is kept, and the next reading asks again.
     """
 
@@ -137,7 +137,10 @@ class Haply2Diy:
         first, second = (self._J.T @ forces[0]).tolist()
         if not (math.isfinite(first) and math.isfinite(second)):
             self.stop()
-            raise DeviceError(f"a force of {forces[0].tolist()} N cannot be displayed: the motors are at zero torque")
+            raise DeviceError(
+                f"a force of {forces[0].tolist()} N is not finite and cannot be displayed: "
+                "the motors are at zero torque"
+            )
         excess = max(1.0, abs(first) / self.torque_limit, abs(second) / self.torque_limit)
         self._torque = first / excess, second / excess
         self._send()
@@ -164,7 +167,7 @@ class Haply2Diy:
         self._answering = True
 
     def _abandon(self) -> None:
-        """Write zero torque twice; a board that waits for the rest of a frame takes the first one as that rest."""
+        """Write zero torque twice; a board that waits for the rest of a frame interprets the first one as the rest."""
         self._torque = (0.0, 0.0)
         with suppress(DeviceError):  # the hardware may be gone
             for _ in range(2):
@@ -203,7 +206,7 @@ class Haply2Diy:
         return data
 
     def _can_be(self, angles: tuple[float, float], since: float) -> bool:
-        """Tell whether the angles respect the links' speed and acceleration since the last sample."""
+        """Tell whether the angles respect the links' speed and acceleration limits since the last sample."""
         time = min(max(since, self._period), LONGEST * self._period)
         step, off = FASTEST * time, HARDEST * time * time
         for new, old, rate in zip(angles, self._angles, self._rates, strict=True):
@@ -214,7 +217,7 @@ class Haply2Diy:
         return True
 
     def _follow(self, first: float, second: float) -> None:
-        """Use the next angles, at the time of their reading."""
+        """Update position and velocity from new angles [rad], read at the present time."""
         assert self._estimator is not None
         rate = self._estimator.update((first, second), self._time)
         passed = max(self._time - self._last, self._period)

@@ -29,7 +29,7 @@ def torque_frame(device: int, first: float, second: float) -> bytes:
 
 
 def angles_in(answer: bytes, device: int) -> tuple[float, float] | None:
-    """Return the angles of encoders 1 and 2 [deg] from an answer; None if it is not from this device."""
+    """Return the angles of encoders 1 and 2 [deg] in an answer; None if it is damaged or from another device."""
     if len(answer) != ANGLES.size:
         return None
     identity, second, first = ANGLES.unpack(answer)

@@ -26,19 +26,19 @@ class DiyWire(SerialWire):
     """A 2DIY board with its five-bar linkage, moved by `move`, `place` and, with an inertia, by torques.
 
     A frame truncated in its payload blocks the board for a second while the last torques persist; all bytes received
-    during this time are interpreted as the rest of the frame. Only a frame of zeros removes the torque.
+    during this time are interpreted as the rest of the frame. Only zero torques or a reset remove the torque.
 
     Args:
-        links: Lengths of the links at the motors, and from these to the handle [m].
+        links: Lengths of the links at the motors and of the links at the handle [m].
         distance: Distance between the motors [m].
-        inertia: Inertia of each link at a motor with the parts that it moves [kg m^2]; None for links that stay in
-            place.
-        friction: Viscous friction at each motor [N m s/rad]; with an inertia, encoders report integer counts.
-        seed: Seed of random damage by failures.
+        inertia: Inertia of each link at a motor with the parts that it moves [kg m^2], for links that torques move and
+            encoders that report integer counts; None for links that only `move` and `place` move.
+        friction: Viscous friction at each motor [N m s/rad].
+        seed: Seed of the random damage to data.
         clock: Same as for `SerialWire`.
 
     Attributes:
-        frames: Torques written, each with its time by the clock [s].
+        frames: Torques written to motors 1 and 2 [N m], each pair preceded by its time on the clock [s].
     """
 
     limit = CLAMP
@@ -88,7 +88,7 @@ class DiyWire(SerialWire):
         self._angles = np.array(angles, dtype=float)
 
     def _place(self, angles: FloatArray) -> FloatArray:
-        """Return the handle (2,) [m], where two links of equal length meet on the side away from the motors."""
+        """Return the handle's position (2,) [m], where links of equal length meet on the side away from the motors."""
         inner, outer = self.links
         tips = inner * np.array([np.cos(angles), np.sin(angles)]).T + [
             [-self.distance / 2, 0.0],
@@ -110,7 +110,7 @@ class DiyWire(SerialWire):
             yield from self._act(frame)
 
     def _move_on(self) -> None:
-        """Move the links under the torques since the last call: I a'' + c a' = torque, exactly."""
+        """Integrate the links' motion since the last call exactly: I a'' + c a' = torque."""
         now = self.clock.now()
         passed, self._moved = now - self._moved, now
         if self.inertia is None or passed <= 0.0:

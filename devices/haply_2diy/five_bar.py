@@ -48,7 +48,7 @@ class FiveBar:
         """Return the handle's position (x, y) [m] and J = dp/dq (2, 2) [m] at the motors' angles [rad].
 
         Raises:
-            DeviceError: If the links at these angles do not reach each other, or are too close to the limit.
+            DeviceError: If the links do not meet, or are closer than `margin` to the stretched or folded posture.
         """
         (inner, outer), half = self.links, self.distance / 2.0
         c1, s1, c2, s2 = math.cos(q1), math.sin(q1), math.cos(q2), math.sin(q2)

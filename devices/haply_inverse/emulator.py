@@ -29,14 +29,14 @@ IDLE = 0.001  # time between two checks of a connection for pending answers [s]
 class InverseWire(Wire):
     """A service whose devices are moved by tests only; a force persists until another force is set.
 
-    This is the worst case: the real service's behaviour after the death of a program is unknown. Coordinates that are
-    exactly zero are omitted from its answers.
+    This is the worst case: the real service's behaviour after the death of a program is unknown. Answers omit
+    coordinates that are exactly zero.
 
     Args:
         devices: Ids of the devices.
         config: Configuration of each device in the first message.
         stall: Delay of one answer in a thousand [s].
-        seed: Seed of random damage by failures.
+        seed: Seed of the random damage to data.
         clock: Clock of the service; by default the system's. With another clock the service has no thread,
             and its owner calls `answer`.
 

@@ -13,7 +13,7 @@ from graspfx.protocols import DeviceError, Features, InputError, ProgramLock, Ve
 
 FloatArray = NDArray[np.float64]
 
-FASTEST = 5.0  # speed limit of a hand; a faster position is rejected [m/s]
+FASTEST = 5.0  # speed limit of a hand; a position that implies a higher speed is rejected [m/s]
 NEAR = 1e-3  # additional tolerance of a position [m]
 SILENCE = 0.1  # time without a sample after which the device is lost [s]
 FIRST = 1.0  # time for the first sample [s]
@@ -25,7 +25,7 @@ def lock_of(service: Service, name: str) -> ProgramLock:
 
 
 class Inverse:
-    """An Inverse behind its service: positions and forces in the service's axes, z up.
+    """An Inverse, accessed through its service: positions and forces in the service's axes, z up.
 
     `ask` repeats the last forces, so that a reading is only as old as one exchange. A position that a hand cannot have
     reached since the last sample is rejected. Without a new position, the last sample and its time are kept.
@@ -114,7 +114,9 @@ class Inverse:
         size = float(np.linalg.norm(force))
         if not np.isfinite(size):
             self.stop()
-            raise DeviceError(f"a force of {force.tolist()} N cannot be displayed: the motors are at zero force")
+            raise DeviceError(
+                f"a force of {force.tolist()} N is not finite and cannot be displayed: the motors are at zero force"
+            )
         if size > self.force_limit:
             force *= self.force_limit / size
         x, y, z = force.tolist()

@@ -1,7 +1,7 @@
 """Messages of the Haply Inverse service: JSON, in metres and newtons, z up; every field is validated.
 
-The service omits values that equal the identity, so a missing coordinate is zero, but a position without coordinates
-is invalid. The keys of a device's configuration are assumptions, not yet confirmed with a service.
+The service omits default values, so a missing coordinate is zero, but a position without any coordinate is
+invalid. The keys of a device's configuration are assumptions, not yet confirmed with a service.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def check_config(device: Mapping[str, Any], basis: str, damping: float) -> None:
         raise _other(name, "mount", mount, "none", "set the position with the device's `frame`")
     viscous = _part(config.get("damping"), "scalar", 0.0)
     if isinstance(viscous, bool) or not isinstance(viscous, int | float) or abs(viscous - damping) > 1e-9:
-        raise _other(name, "damping", viscous, f"{damping:g} N s/m", "set the device's `damping` to it")
+        raise _other(name, "damping", viscous, f"{damping:g} N s/m", "set `damping` to the service's value")
     gate = _part(config.get("force_gate"), "enabled", True)
     if gate is False or (isinstance(gate, int | float) and gate == 0):
         raise DeviceError(f"the service blocks the force of {name}: open its force gate")

@@ -99,7 +99,7 @@ class WebSocket:
         ) from error
 
     def send(self, text: str) -> None:
-        """Send a text, even if the service has closed or violated the protocol, because zero force must be sent.
+        """Send a text, even after a closing frame or a protocol error of the service: zero force must be sent.
 
         Raises:
             DeviceError: If the connection is lost, or accepts no more data.
@@ -160,7 +160,7 @@ class WebSocket:
             self._send(answers)
 
     def _end(self) -> DeviceError:
-        """Return the reason why the protocol has ended."""
+        """Return an error that states why the connection has ended."""
         error = self._protocol.parser_exc
         if error is None:
             text = f"the service at {self.url} has closed the connection"

@@ -24,7 +24,7 @@ BUTTONS = 0x110, 0x111, 0x112  # left, right, middle
 MOST_COUNTS = 10_000  # largest count of one event
 
 
-class Mouse(Pointer):  # type: ignore[misc] # mypy does not see the shelf from inside the package
+class Mouse(Pointer):  # type: ignore[misc] # mypy does not see devices from inside the package
     """A mouse: x to the right, y away from the user, z up with the wheel."""
 
     def __init__(
@@ -59,8 +59,8 @@ def connect(
         port: Event file, such as /dev/input/by-id/usb-Maker_Mouse-event-mouse; `graspfx devices` lists them.
         dimensions: Number of dimensions of the scene.
         dpi: Resolution of the mouse [counts/inch]; doubling this value halves the finger's motion.
-        wheel: Motion along the third axis per notch [m].
-        workspace: Corners of the workspace (2, d) [m]; 0.1 m to every side of zero if None.
+        wheel: Motion along the third axis per notch of the wheel [m].
+        workspace: Corners of the workspace (2, d) [m]; -0.1 to 0.1 m along every axis if None.
         start: Position of the finger when the device is opened (d,) [m]; the middle of the workspace if None.
         lag: Time constant of the finger, which lags a steady motion by twice this time [s].
         speed: Largest speed of the finger [m/s].

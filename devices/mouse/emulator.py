@@ -31,8 +31,8 @@ class EventWire(Wire):
     """A mouse or a gamepad that a test moves, without force feedback.
 
     Args:
-        kind: Kind of the device.
-        seed: Seed of random damage by failures.
+        kind: Emulated device, "mouse" or "gamepad".
+        seed: Seed of the random damage to data.
         clock: Clock of the conformance kit; by default the system's.
     """
 
@@ -62,7 +62,7 @@ class EventWire(Wire):
 
     @property
     def position(self) -> FloatArray:
-        """Position of the finger with the device's default settings."""
+        """Position of the finger with the driver's default settings (1, 2) [m]."""
         return self._place[None, :].copy()
 
     def send(self, *events: tuple[int, int, int]) -> None:

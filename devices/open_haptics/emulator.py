@@ -64,7 +64,7 @@ class OpenHapticsWire(Wire):
 
     Attributes:
         library: Path of the library.
-        state: State of the library.
+        state: Memory shared with the library: its scheduler and devices.
 
     Raises:
         MissingPackageError: If there is no C compiler.
@@ -109,7 +109,7 @@ class OpenHapticsWire(Wire):
 
     @property
     def violations(self) -> int:
-        """Violations of the library's rules: calls outside a frame or callback, crossing frames, a second callback."""
+        """Number of violations of the rules: calls outside a frame or callback, crossing frames, a second callback."""
         return int(self.state.violations)
 
     @property

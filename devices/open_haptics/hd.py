@@ -16,7 +16,7 @@ POSITION, FORCE, FORCE_OUTPUT = 0x2050, 0x2700, 0x4000  # mm, N
 FIRST = 0xFFFF  # priority of a callback before all others
 RATE = 1000  # rate of the scheduler [Hz]
 ERRORS = {
-    0x102: "an operation that is not allowed there",
+    0x102: "the operation is not allowed in this state",
     0x200: "the motors are warm: let them cool down",
     0x201: "the force was above the device's maximum",
     0x202: "the force changed by more than the device allows",
@@ -59,7 +59,7 @@ class Hd:
         library: Path of the library, None for its usual names, or an object with ctypes functions of these names.
 
     Attributes:
-        library: Library as loaded.
+        library: Loaded library, or the object given.
     """
 
     def __init__(self, library: object) -> None:
@@ -68,7 +68,9 @@ class Hd:
         for name, kinds in {**SIGNATURES, "hdGetError": (_Error,)}.items():
             function = getattr(loaded, name, None)
             if function is None:
-                raise DeviceError(f"the OpenHaptics library has no {name}: the library is another one, or too old")
+                raise DeviceError(
+                    f"the OpenHaptics library has no function {name}: install a newer SDK, or set `library` to libHD"
+                )
             if isinstance(loaded, ctypes.CDLL):
                 function.restype, function.argtypes = kinds[0], kinds[1:]
             self._functions[name] = function

@@ -66,7 +66,7 @@ class Stylus:
         self._started().drive(function, context)
 
     def release(self, wait: float) -> bool:
-        """Stop these calls; return whether the last call has ended within `wait` seconds."""
+        """Stop the calls begun by `drive`; return whether the last call has ended within `wait` seconds."""
         mailbox = None if self._scheduler is None else self._scheduler.mailbox
         return mailbox is None or mailbox.release(wait)
 
@@ -109,7 +109,9 @@ class Stylus:
         size = float(np.linalg.norm(force))
         if not np.isfinite(size):
             mailbox.write(i, np.zeros((1, 3)))
-            raise DeviceError(f"a force of {force[0].tolist()} N cannot be displayed: the motors are at zero force")
+            raise DeviceError(
+                f"a force of {force[0].tolist()} N is not finite and cannot be displayed: the motors are at zero force"
+            )
         if size > self.force_limit:
             force *= self.force_limit / size
         mailbox.write(i, force)

@@ -68,7 +68,8 @@ class Controller:
                 raise DeviceError(f"the controller at {self.port.path} limits its motors to {text}: reduce the setting")
             if about.watchdog > watchdog:
                 raise DeviceError(
-                    f"the controller at {self.port.path} has a watchdog of {about.watchdog:g} s, which is too long"
+                    f"the controller at {self.port.path} has a watchdog of {about.watchdog:g} s, which is too long: "
+                    f"load firmware with at most {watchdog:g} s"
                 )
             self._armed = True
             self._session = about.session

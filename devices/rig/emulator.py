@@ -150,7 +150,7 @@ class RigWire(Wire):
         return lambda a: np.array(BASES[arm]) + LINK * np.array([np.cos(a).sum(), np.sin(a).sum()])
 
     def move(self) -> None:
-        """Turn the first link of each arm by 0.05 rad; while the board rests, the hands move the arms there."""
+        """Move the hands so that the first link of each arm turns by 0.05 rad; wait until idle arms have arrived."""
         self._bring(np.array(HOME) + STEP * np.array([1.0, 0.0, 1.0, 0.0]))
 
     def home(self) -> None:

@@ -61,7 +61,7 @@ class About(NamedTuple):
 
 
 class State(NamedTuple):
-    """The controller's answer to POLL."""
+    """The controller's answer to POLL, ARM or STOP."""
 
     number: int  # number of the answered message
     mode: int

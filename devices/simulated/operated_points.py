@@ -15,12 +15,12 @@ FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 
-class OperatedPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf from inside the package
+class OperatedPlant(HeldPlant):  # type: ignore[misc] # mypy does not see devices from inside the package
     """Point masses held by an operator; for the equations see `graspfx.loop.operator.Operator`.
 
     Efforts, grip forces and the operator's voluntary force are held over a sample, and targets follow the cubic through
-    their values and velocities at its ends, as for `PointPlant`. Tips and limbs then satisfy linear equations. Their
-    Taylor series are summed to rounding, in as many substeps as necessary.
+    their values and velocities at its ends, as for `PointPlant`. Tips and limbs then satisfy linear equations. The
+    Taylor series of the motion are summed to rounding error, in as many substeps as necessary.
 
     Args:
         mass: Masses (n,) [kg].
@@ -56,7 +56,7 @@ class OperatedPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the sh
 
     @property
     def structure(self) -> Index:
-        """Numbers of fingers and dimensions, and the size of the delay line."""
+        """Entries of the numbers of fingers and dimensions, and of the size of the delay line."""
         return np.array(
             [layout(OperatedPlantState)[name].place(self._block) for name in ("fingers", "dimensions", "room")]
         )
@@ -73,7 +73,7 @@ class OperatedPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the sh
 
     @property
     def mechanics(self) -> FloatArray:
-        """Masses [kg] and dampings [N s/m], then the operator's numbers (2, entries); call `hold` after a change."""
+        """Masses [kg], the operator's numbers and dampings [N s/m], (2, entries); call `hold` after a change."""
         own = [self._array("mass"), self._operator.numbers.ravel(), self._array("friction")]
         flat = np.concatenate(own)
         return np.asarray(np.append(flat, np.zeros(len(flat) % 2)).reshape(2, -1))

@@ -44,7 +44,7 @@ class Strand(Record):
     fourth: float
 
 
-class OperatedPlantState(PlantState):  # type: ignore[misc] # mypy does not see the shelf from inside the package
+class OperatedPlantState(PlantState):  # type: ignore[misc] # mypy does not see devices from inside the package
     """Point masses with their hand's gains, and the operators of all fingers with their memory."""
 
     room: int  # number of samples in the line of reactions

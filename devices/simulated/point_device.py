@@ -117,11 +117,11 @@ class PointDevice:
 
     @staticmethod
     def operated_plant(devices: Sequence[Device], operator: Operator, period: float) -> OperatedPlant:
-        """Create the plant of `plant` for a hand with an operator model.
+        """Create the plant of these devices, as `plant` does, for a hand with an operator model.
 
         Args:
             devices: Devices of this class.
-            operator: Operator model; its longest reaction determines the size of the delay line.
+            operator: Operator model; its longest delay determines the size of the delay line.
             period: Sampling period T [s].
         """
         make = partial(OperatedPlant, room=room_for(operator.reach, period), operator=operator)
@@ -133,7 +133,9 @@ class PointDevice:
         points = [device for device in devices if isinstance(device, PointDevice)]
         if not points or len(points) < len(devices):
             raise InputError(
-                "devices", [type(device).__name__ for device in devices], "at least one `simulated` device"
+                "devices",
+                [type(device).__name__ for device in devices],
+                "at least one `simulated` device, and no other device",
             )
         dimensions = {device.features.dimensions for device in points}
         if len(dimensions) > 1:
@@ -172,7 +174,7 @@ class PointDevice:
         return self._position, self._velocity, plant.time
 
     def write(self, forces: FloatArray) -> None:
-        """Apply forces (k, d) [N] to the fingertips `delay` samples from now, scaled to the force limit.
+        """Apply forces (k, d) [N], scaled down to the force limit, to the fingertips after `delay` samples.
 
         A non-finite force stops the device, clears the delay line and raises DeviceError.
         """

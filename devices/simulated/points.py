@@ -23,7 +23,7 @@ class CoupledFingers(Record):
     matrix: int  # index of the first entry in `matrices`, (2 g, 6 g)
 
 
-class PointPlantState(PlantState):  # type: ignore[misc] # mypy does not see the shelf from inside the package
+class PointPlantState(PlantState):  # type: ignore[misc] # mypy does not see devices from inside the package
     """Point masses: groups of coupled fingers, and the matrices that move them over a sample."""
 
     group_count: int  # number of groups
@@ -78,7 +78,7 @@ def advance(plant: PointPlantState) -> int:
     return 0
 
 
-class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf from inside the package
+class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see devices from inside the package
     """Point masses and the hand that holds them, with exact motion under held efforts.
 
         m_i x_i'' + b_i x_i' = u_i + sum_j K_ij (r_j - x_j) + B_ij (r_j' - x_j')      on every axis
@@ -93,7 +93,7 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf
         dimensions: Number of dimensions d.
 
     Attributes:
-        live: Whether mechanics and hand may change during a run; must be set before a tick is written.
+        live: Whether mechanics and hand may change during a run; must be set before the run is built.
     """
 
     kernel = staticmethod(advance)
@@ -107,7 +107,7 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf
 
     @property
     def structure(self) -> Index:
-        """Numbers of fingers and dimensions, and, unless the plant is `live`, whether targets are constant."""
+        """Entries of the numbers of fingers and dimensions and, unless the plant is `live`, of `still`."""
         names = ("fingers", "dimensions") + (() if self.live else ("still",))
         return np.array([layout(PointPlantState)[name].place(self._block) for name in names])
 
@@ -182,7 +182,7 @@ def _step(m: FloatArray, b: FloatArray, K: FloatArray, B: FloatArray, T: float) 
 
 
 def _coupled_groups(linked: NDArray[np.bool_]) -> list[list[int]]:
-    """List the groups of fingers that are coupled, directly or through other fingers, each in order."""
+    """List the groups of fingers that are coupled, directly or through other fingers, each in ascending order."""
     left = list(range(len(linked)))
     groups = []
     while left:

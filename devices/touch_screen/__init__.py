@@ -1,7 +1,7 @@
 """A touch screen as fingers without force feedback: a page in a browser, where each touch moves the nearest finger.
 
-The driver is intended for users without haptic hardware: the page shows the force. A separate process serves the page,
-on this computer only or, with `lan`, to a tablet that has scanned its code. The driver needs the package websockets.
+The driver is intended for users without haptic hardware; the page shows the forces. A separate process serves the page,
+on this computer only or, with `lan`, to a tablet that has scanned a QR code. The driver needs the package websockets.
 """
 
 from __future__ import annotations
@@ -37,14 +37,15 @@ def connect(
         port: Port of the page, whose default address is http://127.0.0.1:8765.
         fingers: Number of fingers, one channel each.
         dimensions: Number of dimensions of the scene, 1 or 2.
-        workspace: Corners of the workspace (2, d) [m]; 0.1 m to every side of zero if None.
-        start: Positions of the fingers when the device is opened (k, d) [m]; side by side in the middle if None.
+        workspace: Corners of the workspace (2, d) [m]; -0.1 to 0.1 m along every axis if None.
+        start: Positions of the fingers when the device is opened (k, d) [m]; evenly spaced along x, in the middle of
+            the other axis, if None.
         lag: Time constant of a finger, which lags a steady touch by twice this time [s].
         speed: Largest speed of a finger [m/s].
-        lan: Whether a tablet in the local network may connect, with a printed code.
+        lan: Whether a tablet in the local network may connect by scanning a printed QR code.
 
     Raises:
-        MissingPackageError: If websockets is not installed, at `open`; `pip install graspfx[touch]` installs it.
+        MissingPackageError: Raised by `open` if websockets is not installed; `pip install graspfx[touch]` installs it.
     """
     if dimensions not in (1, 2) or isinstance(dimensions, bool):
         raise InputError("dimensions", dimensions, "1 or 2: a screen has no depth")

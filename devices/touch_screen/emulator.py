@@ -29,10 +29,10 @@ PATIENCE = 5.0  # time for the page to answer [s]
 
 
 class ScreenWire(Wire):
-    """A touch screen with two fingers that a test moves, without force feedback. Needs the package websockets.
+    """A touch screen with two fingers that a test moves, without force feedback; it needs the package websockets.
 
     Args:
-        seed: Seed of random damage by failures.
+        seed: Seed of the random damage to data.
     """
 
     kinds: frozenset[Failure] = frozenset({"drop", "garbage"})
@@ -61,7 +61,7 @@ class ScreenWire(Wire):
 
     @property
     def position(self) -> FloatArray:
-        """Positions of the fingers on the screen."""
+        """Positions of the fingers on the screen (2, 2) [m]."""
         return self._place.copy()
 
     def touch(self, finger: int, x: float, y: float) -> None:
@@ -74,7 +74,7 @@ class ScreenWire(Wire):
         self._send(LIFT, finger)
 
     def leave(self) -> None:
-        """Close the page, like a closed browser."""
+        """Close the page, as a browser does that is closed."""
         line, self._line = self._line, None
         if line is not None:
             with suppress(OSError):
@@ -86,7 +86,7 @@ class ScreenWire(Wire):
             self.touch(finger, *place.tolist())
 
     def home(self) -> None:
-        """Lift the fingers from the screen; the device's fingers are at `start` when it is opened."""
+        """Close the page, which lifts the fingers; a device that is opened then has its fingers at `start`."""
         self.leave()
         self._place = np.array(START)
 

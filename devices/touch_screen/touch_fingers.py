@@ -25,12 +25,12 @@ class TouchFingers:
     force until this force is zero. The switch of a finger is closed while the finger is touched.
 
     Args:
-        screen: Touch screen.
+        screen: Touch screen, whose touches move the fingers.
         workspace: Corners of the workspace (2, d) [m].
         start: Positions of the fingers when the device is opened (k, d) [m].
-        lag: Time constant of a finger, which lags a steady target by twice this time [s].
+        lag: Time constant of a finger, which lags a target of constant velocity by twice this time [s].
         speed: Largest speed of a target [m/s].
-        now: Clock of the reader [s].
+        now: Function that returns the time of a reading [s].
     """
 
     def __init__(
@@ -67,8 +67,8 @@ class TouchFingers:
     def raw(self) -> FloatArray:
         """Counts of the page, and touches (5 + 3 k,).
 
-        The first five are the numbers of accepted, dropped and lost orders, the number of the last order, and the
-        number of screens. Then each finger has three: whether it is touched, and x, y [m].
+        The first five are the numbers of accepted, dropped and lost messages, the sequence number of the last message,
+        and the number of screens. Then each finger has three: whether it is touched, and x, y [m].
         """
         return self._raw
 

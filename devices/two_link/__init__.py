@@ -16,10 +16,10 @@ The paper (section IV.1) specifies the links, 128 mm, and 5 ms sampling; the pre
 | torque of a motor | at most 0.06 N m: 7 N at the tip |
 
 Two arms that hold the 50 mm cube between them, with fingers at (-0.025, 0) and (0.025, 0), are based at (-0.04, -0.18)
-with the elbow to the left and at (0.04, -0.18) with the elbow to the right. There an arm's effective mass is 0.150 kg
-along x and 0.149 along y, with an off-diagonal entry of 0.0003, and its effective damping 0.201 and 0.199 N s/m. While
-its finger moves over -0.09 ... 0.04 m the mass stays within 0.130 ... 0.178 kg, the damping within
-0.169 ... 0.246 N s/m in every direction, and the condition number of the Jacobian below 1.21.
+with the elbow to the left and at (0.04, -0.18) with the elbow to the right. At these positions an arm's effective mass
+is 0.150 kg along x and 0.149 along y, with an off-diagonal entry of 0.0003, and its effective damping 0.201 and
+0.199 N s/m. While the first finger moves along x from -0.09 to 0.04 m, the mass stays within 0.130 ... 0.178 kg, the
+damping within 0.169 ... 0.246 N s/m in every direction, and the condition number of the Jacobian below 1.21.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def connect(
         drive: "base" if both motors are at the base and the second one drives link 2 through a belt or parallelogram;
             "elbow" if the second motor is at the elbow.
         counts: Counts of an encoder per revolution of its motor, all edges.
-        gear: Revolutions of the motor per revolution of the joint; negative if it turns the other way.
+        gear: Revolutions of the motor per revolution of the joint; negative if the joint turns the other way.
         zero: Joint positions at zero counts [rad]: directions of both links from the x axis, or with `drive="elbow"`
             the direction of link 1 and the angle from it to link 2.
         torque_limit: Torque limit of a motor, before the gear [N m].

@@ -1,4 +1,4 @@
-"""A two-link arm as a device: the part common to all arms, and the arm behind a board."""
+"""A two-link arm as a device: the part common to all arms, and a real arm with its board."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class TwoLinkArm(ABC):
         q = zero + 2 pi counts/(counts per revolution x gear),   p = p(q),   v = J(q) q',   tau = J'(q) f / gear
 
     q' is estimated from the counts with a noise bound of half a count. Torques beyond `torque_limit` are scaled by a
-    common factor, so that the force keeps its direction. A finger outside the arm's reach, or an elbow on its other
+    common factor, so that the force keeps its direction. A finger outside the arm's reach, or an elbow on the wrong
     side, raises DeviceError at `read`.
     """
 
@@ -96,7 +96,7 @@ class TwoLinkArm(ABC):
         Args:
             finger: Index of the finger, 0.
             place: Position (2,) [m].
-            room: Distance from both ends of the reach, at most half of their distance [m].
+            room: Margin from the smallest and the largest reach, at most half of their difference [m].
         """
         base, (low, high) = np.array(self.arm.base), self.arm.reach
         room = min(room, 0.5 * (high - low))
@@ -146,7 +146,10 @@ class TwoLinkArm(ABC):
             return str(self.arm.reach_fault(links.x1 + links.x2, links.y1 + links.y2))
         if code == sample.OTHER_ELBOW:
             return str(self.arm.elbow_fault)
-        return f"a force of ({force.x}, {force.y}) N cannot be displayed: the arm's motors are at zero torque"
+        return (
+            f"a force of ({force.x}, {force.y}) N is not finite and cannot be displayed: "
+            "the arm's motors are at zero torque"
+        )
 
     def __enter__(self) -> Self:
         return self
@@ -174,7 +177,7 @@ class TwoLinkArm(ABC):
 
 
 class TwoLink(TwoLinkArm):
-    """An arm behind a board."""
+    """A real arm, whose board reads the encoders and drives the motors."""
 
     def __init__(
         self,

@@ -123,7 +123,7 @@ class Arm:
         return np.array([[-links.y1, -links.y2], [links.x1, links.x2]])
 
     def angles(self, x: float, y: float) -> Pair:
-        """Compute a1, a2 [rad] with the finger at x, y [m] and the elbow on its side; DeviceError out of reach."""
+        """Compute a1, a2 [rad] for the finger at x, y [m]; raise DeviceError if the finger is out of reach."""
         dx, dy = x - self.base[0], y - self.base[1]
         self.check_reach(dx, dy)
         l1, l2 = self.links
@@ -147,7 +147,7 @@ class Arm:
             f"finger at ({self.base[0] + dx:.4f}, {self.base[1] + dy:.4f}) m, {r:.4f} m from the arm's base at "
             f"({self.base[0]:.4f}, {self.base[1]:.4f}) m: the arm works from {low:.4f} to {high:.4f} m (links of "
             f"{self.links[0]:g} and {self.links[1]:g} m, {self.margin:g} m short of the {posture} posture); "
-            f"move the finger {way} the base, or the base itself"
+            f"move the finger {way} the base, or move the base"
         )
 
     @property

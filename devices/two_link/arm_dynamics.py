@@ -111,7 +111,7 @@ class ArmConstants(Record):
     course_y: Course
 
 
-class ArmPlantState(MiddlePlantState):  # type: ignore[misc] # mypy does not see the shelf from inside the package
+class ArmPlantState(MiddlePlantState):  # type: ignore[misc] # mypy does not see devices from inside the package
     """Two-link arms: the hand's gains, the arms' constants and states, and the stages of the integration."""
 
     stiffness: Table = table("2 * fingers", "fingers")  # K by axis, finger and finger [N/m]
@@ -278,7 +278,7 @@ def plan(plant: ArmPlantState) -> None:
 def advance(plant: ArmPlantState) -> int:
     """Advance the plant by one sample; targets at the end of the sample become targets at the beginning of the next.
 
-    Returns 0, or NOT_FINITE or TOO_FAST if the plant remains in place.
+    Returns 0; or NOT_FINITE or TOO_FAST, in which case the plant has not moved.
     """
     n, T = plant.fingers, plant.period
     code: int = unfit(plant.effort, 7, 2 * n)  # the targets follow the efforts in memory
@@ -296,7 +296,7 @@ def advance(plant: ArmPlantState) -> int:
     return 0
 
 
-class ArmPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf from inside the package
+class ArmPlant(HeldPlant):  # type: ignore[misc] # mypy does not see devices from inside the package
     """Two-link arms and the hand at their tips, moved together under joint torques [N m] held over the sample.
 
     The arms move in a horizontal plane, without gravity. Targets are interpolated from their positions and velocities
@@ -326,7 +326,7 @@ class ArmPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf f
 
     @property
     def structure(self) -> Index:
-        """Numbers of fingers and dimensions, and the place of each arm's second motor."""
+        """Entries of the numbers of fingers and dimensions, and of the place of each arm's second motor."""
         elbow = start_of(ArmConstants, "elbow")
         counts = [start_of(ArmPlantState, name) for name in ("fingers", "dimensions")]
         return np.array([*counts, *(arm.offset + elbow for arm in self._block.arms)])
@@ -346,8 +346,8 @@ class ArmPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf f
             return text
         rate, T = fastest_rate(self._block), self._block.period
         return (
-            f"two-link arms and hand move at {rate:.3g} rad/s, too fast for samples of {T:g} s: the motion has "
-            "diverged, or the hand is too stiff"
+            f"the fastest rate of two-link arms and hand is {rate:.3g} rad/s, too fast for samples of {T:g} s: "
+            "the motion has diverged, or the hand is too stiff"
         )
 
     def _put(self, position: FloatArray) -> None:

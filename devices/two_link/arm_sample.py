@@ -1,4 +1,4 @@
-"""One sample of a two-link arm: finger motion from counts, torques from forces; and their simulation."""
+"""One sample of a real or simulated two-link arm: finger motion from counts, and torques from forces."""
 
 from __future__ import annotations
 
@@ -58,13 +58,13 @@ NO_COUNTS, OUT_OF_REACH, OTHER_ELBOW, ENDLESS_TORQUE = range(1, 5)
 
 @kernel
 def place(arm: ArmState, a1: float, a2: float) -> None:
-    """Compute the links as vectors; the Jacobian by their directions is [[-y1, -y2], [x1, x2]]."""
+    """Compute the links as vectors; the Jacobian with respect to their directions is [[-y1, -y2], [x1, x2]]."""
     arm.links = links_at(arm.lengths, a1, a2)
 
 
 @kernel
 def limit_force(arm: ArmState) -> None:
-    """Compute the largest force in every direction: a motor's torque over the longest lever arm."""
+    """Compute the largest force reached in every direction: the smaller ratio of torque limit to lever arm."""
     x1, y1, x2, y2 = arm.links.x1, arm.links.y1, arm.links.x2, arm.links.y2
     second = math.sqrt(x2 * x2 + y2 * y2)
     if arm.elbow:

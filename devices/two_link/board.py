@@ -46,7 +46,7 @@ class Wiring:
 
     Args:
         counts: Counts of the encoder per revolution of its motor.
-        gear: Revolutions of the motor per revolution of the joint; negative if it turns the other way.
+        gear: Revolutions of the motor per revolution of the joint; negative if the joint turns the other way.
         zero: Joint position at zero counts [rad].
         torque_limit: Torque limit of the motor [N m].
     """

@@ -1,4 +1,4 @@
-"""A two-link arm moved by a plant; its time counts samples, and its encoders read the plant."""
+"""A two-link arm moved by a plant, whose time and link directions it reads."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from graspfx.protocols import Device, DeviceError, DevicePorts, InputError, Velo
 FloatArray = NDArray[np.float64]
 
 
-class SimulatedTwoLink(TwoLinkArm):  # type: ignore[misc] # mypy does not see the shelf from inside the package
-    """An arm simulated together with its board: counts are rounded, and torques are `delay` samples late.
+class SimulatedTwoLink(TwoLinkArm):  # type: ignore[misc] # mypy does not see devices from inside the package
+    """An arm simulated together with its board: counts are rounded, and torques act after `delay` samples.
 
     The kernels `reading` and `writing` run once per sample on the block `state`.
     """
@@ -54,7 +54,7 @@ class SimulatedTwoLink(TwoLinkArm):  # type: ignore[misc] # mypy does not see th
         arms = [device for device in devices if isinstance(device, SimulatedTwoLink)]
         if not arms or len(arms) < len(devices):
             kinds = [type(device).__name__ for device in devices]
-            raise InputError("devices", kinds, "at least one simulated two-link arm")
+            raise InputError("devices", kinds, "at least one simulated two-link arm, and no other device")
         plant = ArmPlant([device._require_mechanics() for device in arms])
         for i, device in enumerate(arms):
             device._wire(plant, i)

@@ -23,10 +23,10 @@ FloatArray = NDArray[np.float64]
 
 TITLE = "Rigid bodies over the time step"
 LIMITS = """
-Errors are those after 1 s of the motion of one body without contacts. Times are per step: for GraspFX a step of
+Errors are those of the motion of one body without contacts, after 1 s. Times are per step: for GraspFX a step of
 `session.step`, with a finger far away, its device and a recorded row; for the peers a bare step, called from Python.
-PyBullet receives viscosity as a force of the velocity before the step, MuJoCo as the damping of joints, which its
-integrators except RK4 treat implicitly.
+PyBullet receives viscosity as a force computed from the velocity before the step, MuJoCo as the damping of joints,
+which its integrators except RK4 treat implicitly.
 """
 
 MASS = 0.1  # [kg]

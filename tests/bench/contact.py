@@ -24,9 +24,9 @@ LIMITS = """
 The time of GraspFX is that of a whole tick of `session.step`, with devices, coupling, object and a recorded row; that
 of the peers covers their library's queries only, called from Python at the positions of the fingers. The error is the
 largest error, over the run, of the displacement from finger to contact point (zero outside), which is multiplied by a
-gain to obtain the force. On the sphere every contact point that may hold a finger is accepted, so that methods
-without a memory are also correct; on the plate it must be on the side from which the finger came. The peers take the
-side from the triangle of their nearest point. PyBullet is used up to 2000 triangles.
+gain to obtain the force. On the sphere every contact point that may hold a finger is accepted, so that methods without
+a memory are also correct; on the plate it must be on the side from which the finger came. The peers take the side from
+the triangle of the nearest point. PyBullet is measured up to 2000 triangles.
 """
 
 RADIUS, THICKNESS = 0.04, 0.001  # of the sphere, of the plate [m]

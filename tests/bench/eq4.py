@@ -23,9 +23,9 @@ TITLE = eq4.TITLE
 LIMITS = (
     eq4.LIMITS
     + """
-The closed forms take means and the turn about the centroid instead of G, as a reader who knows hard fingers would; they
+The closed forms use means and the rotation about the centroid instead of G, as an expert on hard fingers would; they
 solve 3 equations by cofactors or by LAPACK, without a rank decision, and fail or lose digits near a line. numba and JAX
-are compiled beforehand. Of the thousands of grasps in one call, errors are those of a few.
+are compiled beforehand. For thousands of grasps in one call, the error is that of a few grasps.
 """
 )
 

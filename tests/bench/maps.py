@@ -22,11 +22,11 @@ Plant = tuple[float, float, float]  # m, b and k of m x'' + b x' + k x = u
 TITLE = "Limits of stability: maps and certificates"
 LIMITS = """
 Times are per point of a map, from a call of `external_limit_map` or `wall_limit_map`. The peers have no closed form:
-they sample the plants and search for the gain at which the largest eigenvalue of the loop meets the unit circle, or
-its Nyquist curve the point -1; python-control finds all margins of any loop, of which one is used. They are timed on
-a few of the points. Errors are at these points, all with friction, without delay, against 30 digits. Certificates are
-whole calls of `gx.certify`, with every limit. Their error is that of the spectral radius of the loop, which is
-linearised again at the limit of the external gain and should be 1.
+they sample the plants and search for the gain at which the largest eigenvalue of the loop meets the unit circle, or its
+Nyquist curve the point -1; python-control finds all margins of any loop, and one of them is used. The peers are timed
+on a few of the points. Errors are at these points, all with friction, without delay, against 30 digits. Certificates
+are whole calls of `gx.certify`, with every limit. Their error is the deviation from 1 of the spectral radius of the
+loop, linearised again at the limit of the external gain.
 """
 
 T, SPRING, FRICTION, OBJECT = 0.005, 33.0, 0.2, 0.1

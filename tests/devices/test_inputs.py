@@ -177,7 +177,7 @@ def test_a_second_program_is_refused() -> None:
     ("kind", "setting", "text"),
     [
         ("mouse", {"dpi": 0.0}, "dpi"),
-        ("mouse", {"workspace": [[0.0, 0.0], [0.0, 1.0]]}, "each of the first below"),
+        ("mouse", {"workspace": [[0.0, 0.0], [0.0, 1.0]]}, "each of the first corner below"),
         ("mouse", {"start": [1.0, 0.0]}, "within the workspace"),
         ("mouse", {"dimensions": 4}, "1, 2 or 3"),
         ("mouse", {"grab": 1}, "true or false"),

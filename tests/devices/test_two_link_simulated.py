@@ -62,13 +62,13 @@ def test_preset_figures() -> None:
             (-0.04, 0.08),
             "finger at (-0.0400, 0.0800) m, 0.2600 m from the arm's base at (-0.0400, -0.1800) m: the arm works from "
             "0.0100 to 0.2460 m (links of 0.128 and 0.128 m, 0.01 m short of the stretched posture); move the finger "
-            "closer to the base, or the base itself",
+            "closer to the base, or move the base",
         ),
         (
             (-0.04, -0.175),
             "finger at (-0.0400, -0.1750) m, 0.0050 m from the arm's base at (-0.0400, -0.1800) m: the arm works from "
             "0.0100 to 0.2460 m (links of 0.128 and 0.128 m, 0.01 m short of the folded posture); move the finger "
-            "away from the base, or the base itself",
+            "away from the base, or move the base",
         ),
     ],
 )
