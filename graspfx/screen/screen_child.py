@@ -29,7 +29,7 @@ def main(board: int, answers: int, settings: str) -> None:
 
     Args:
         board: Descriptor of the memory shared with the device.
-        answers: Descriptor of a pipe; one line reports that the page is served, or why not.
+        answers: Descriptor of a pipe; one line reports the page's address, or why the page is not served.
         settings: Fingers, port, box, lan and scenery, as JSON.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the device's process, which then closes this one

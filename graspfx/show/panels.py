@@ -152,7 +152,7 @@ class Row:
 
 
 def views(recordings: Iterable[Recording]) -> list[View]:
-    """List every object that fingers touch, recording by recording; the first object of a recording without fingers."""
+    """List the objects that fingers touch, recording by recording, or a recording's first object without fingers."""
     views_ = []
     for recording in recordings:
         numbers = sorted(set(recording.layout.finger_objects)) or [0]
@@ -225,7 +225,7 @@ def pushes(parts: Sequence[Modes | None]) -> list[int]:
 def _parts(
     label: str, columns: Sequence[View], parts: Sequence[Modes | None], axes: Sequence[int], scale: float
 ) -> list[Row]:
-    """Plot the squeeze (of more than two fingers, its mean and range) and the push along each noticeable axis."""
+    """Plot the squeeze (for more than two fingers its mean and range), and the push along each noticeable axis."""
     if not any(parts):
         return []
     crowded = any(len(view.fingers) > 2 for view in columns)

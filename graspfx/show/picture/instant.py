@@ -279,7 +279,7 @@ def _described(recording: Recording, table: Mapping[str, Any], k: int, d: int, n
 
 
 def _pose(recording: Recording, name: str) -> tuple[FloatArray, FloatArray | None]:
-    """Return the pose of a shape's frame over time, from the body's centre if recorded."""
+    """Return the pose over time of the frame in which a scene describes a shape, or else of the object."""
     describe = getattr(recording, "described_pose", None)
     if describe is not None:
         position, orientation = describe(name)

@@ -28,7 +28,7 @@ class Contacts:
     """Contact points of n fingers in the object's frame.
 
     Attributes:
-        face: Faces of the fingers, to be passed to the next sample, (n,); 0 on a sphere.
+        face: Index of the face of each finger, to be passed to the next sample, (n,); 0 on a sphere.
         point: Contact points on the surface, (n, d) [m].
         normal: Unit normals into the object, (n, d).
         gap: Gap, > 0 outside and < 0 inside, (n,) [m]; finger - point = -gap normal for a point, and -(gap + radius)
@@ -105,7 +105,7 @@ class Shape(ABC):
         """Find the contact points of fingers at `points` (n, d) in the object's frame.
 
         Args:
-            faces: Faces of the fingers at the last sample, (n,).
+            faces: Index of the face of each finger at the last sample, (n,); -1 for a new finger.
             previous: Contact points at the last sample, (n, d).
             radius: Radius of ball fingertips [m]; zero for points.
         """
