@@ -92,7 +92,7 @@ class Crew:
 
 @contextmanager
 def crew_of(executor: Any) -> Iterator[Crew]:
-    """Make the crew for an argument; resources made for it end with the block.
+    """Make the crew for an argument; resources made for the crew end with the block.
 
     Args:
         executor: None for this process; "threads:N", "processes:N", "local:N", "tcp://..." (N defaults to the number of
@@ -264,7 +264,7 @@ class ChunkLoop:
             result: ChunkResult = future.result()
         except BrokenExecutor as error:
             if not self.crew.mends:
-                text = "a process of the executor died, which ends it: use another executor, or 'processes:N'"
+                text = "a process of the executor died, so it accepts no more calls: use another, or 'processes:N'"
                 raise SweepError(f"{text}, which replaces dead processes") from error
             return None
         except CancelledError as error:
@@ -300,7 +300,7 @@ class ChunkLoop:
             raise SweepError(BORN_DEAD) from error
 
     def _alone(self, chunk: Chunk, tries: int, *, told: bool = False) -> ChunkResult:
-        """Run a chunk alone, or its halves if it kills its worker; a single variant that kills it becomes a failure."""
+        """Run a chunk alone, or its halves if it kills its worker; a variant that kills workers becomes a failure."""
         for _ in range(tries):
             result = self._result(self._submit(chunk))
             if result is not None:
