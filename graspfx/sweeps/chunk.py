@@ -99,8 +99,9 @@ def take_order(content: bytes) -> tuple[SceneOrder, Scene]:
 
     order: SceneOrder = pickle.loads(content)
     if order.version != __version__:
-        have = f"a worker has GraspFX {__version__}, but the sweep has {order.version}"
-        raise SweepError(f"{have}: install the same on all machines")
+        raise SweepError(
+            f"a worker has GraspFX {__version__}, but the sweep has {order.version}: install the same on all machines"
+        )
     for package, version in order.engines.items():
         if version_of(package) != version:
             have = f"{package} {version_of(package)}"
