@@ -61,7 +61,7 @@ class Board:
 
     @contextmanager
     def writing(self) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Change the head and the fingers (k, 4) consistently within the block."""
+        """Yield the head and the fingers (k, 4), to be changed within the block; no reader sees a partial change."""
         half = self._orders
         half[0] += 1.0
         yield half[1:HEAD], half[HEAD:].reshape(-1, OF_FINGER)[: self._fingers]

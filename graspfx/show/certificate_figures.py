@@ -304,7 +304,7 @@ def gains_sheet(answer: OperatorCertificate, width: str = "screen") -> Sheet:
 
 
 def _draw_region(ax: Axes, region: OperatorRegion, answer: OperatorCertificate, drawing: Sheet) -> None:
-    """Draw margins as a map with the limit's contour over two keys, or as a curve over one key."""
+    """Draw margins as a map over two keys, with the contour at margin 1, or as a curve over one key."""
     weight = drawing.width.weight
     margin = np.minimum(region.margin, MOST_MARGIN)
     keys = [each.key for each in region.ranges]

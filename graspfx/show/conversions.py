@@ -255,7 +255,7 @@ def batch_dataset(batch: Batch, labels: Labels | None = None) -> xarray.Dataset:
 
     Args:
         batch: Batch to convert.
-        labels: Labels; by default the labels of the batch.
+        labels: Labelled arrays; by default those of `batch_labels`.
     """
     xr = _package("xarray", "Batch.to_xarray")
     if labels is None:

@@ -111,7 +111,7 @@ def write_bag(recording: Recording, path: str | PathLike[str], kind: str, *, ove
 
 
 def stamps(recording: Recording) -> NDArray[np.int64]:
-    """Compute the time of each row since 1970 [ns]: time of the recording, plus tick x period."""
+    """Compute the time of each row since 1970 [ns]: creation time of the recording, plus tick x period."""
     try:
         start = round(datetime.fromisoformat(recording.header.created).timestamp()) * SECOND
     except ValueError:

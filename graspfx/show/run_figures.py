@@ -281,7 +281,7 @@ def _thin_out(row: Row, panels: Sequence[Axes], height: float) -> None:
 
 
 def _sampled_places(values: FloatArray) -> IntArray:
-    """Select the ticks to draw: all ticks of a short run; of a long run, extreme values in short intervals."""
+    """Select the ticks to draw: all ticks of a short run, or the extreme values in short intervals of a long run."""
     size = 2 * len(values) // MOST_POINTS
     if size < 3:
         return np.arange(len(values))

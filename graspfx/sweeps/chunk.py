@@ -109,7 +109,7 @@ def take_order(content: bytes) -> tuple[SceneOrder, Scene]:
     for name, digest in order.files.items():
         own = digest_of(name)
         if own != digest:
-            state = "is missing" if own is None else "differs"
+            state = "is missing" if own is None else "is different"
             raise SweepError(f"{name} {state} on a worker: give all machines the same files at the same paths")
     with permitted(order):
         return order, Scene(order.source, **order.table)
@@ -312,7 +312,7 @@ def reason(error: Exception) -> str:
 
 
 def forget() -> None:
-    """Clear this thread's memory for further chunks."""
+    """Clear the memory that this thread keeps for further chunks."""
     _thread.__dict__.clear()
 
 

@@ -53,7 +53,7 @@ class Crew:
     Args:
         executor: Executor of the calls; None for this process, which runs each call at once.
         workers: Number of simultaneous calls.
-        threads: Number of threads per call; None if its process decides.
+        threads: Number of threads per call; None if the process of the call decides.
         anew: Function that makes a new executor after a process has died; None if only the executor's owner can do so.
     """
 
@@ -72,7 +72,7 @@ class Crew:
         return self._anew is not None
 
     def submit(self, call: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Submit a call; in this process, run it."""
+        """Submit a call, or run it at once if the crew is this process."""
         if self.executor is not None:
             return self.executor.submit(call, *arguments)
         future: Future[Any] = Future()

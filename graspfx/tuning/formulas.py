@@ -31,7 +31,7 @@ Tree = float | str | tuple[str, "Tree", "Tree"]
 
 @dataclass(frozen=True)
 class Expression:
-    """A formula of names, as entered."""
+    """A formula of names and numbers, and its text as entered."""
 
     text: str
     tree: Tree

@@ -295,7 +295,7 @@ class Noisy(PointDevice):
     ("kind", "promise", "found"),
     [
         (UnknownAsZero, "None, never zero", "mass = 0.0"),
-        (WorkspaceUpsideDown, "features", "lower and a higher corner"),
+        (WorkspaceUpsideDown, "features", "lower and an upper corner"),
         (FeaturesAfterOpen, "features are reported before `open`", "DeviceError: .*not open"),
         (FlatPositions, "`read` returns", r"positions of shape \(4,\), expected \(2, 2\)"),
         (NoForceLeft, "`largest_force` is a positive force", r"\[1.0, 0.0\] N"),

@@ -60,7 +60,7 @@ def closest(kind: int, d: int, size: Vector, p: Vector, face: int, last: Vector)
 
 @kernel
 def closest_to_ball(kind: int, d: int, size: Vector, radius: float, p: Vector, face: int, last: Vector) -> Nearest:
-    """Find the contact of a ball fingertip centred at p: the gap is the ball's, the contact point is on the shape.
+    """Find the contact of a ball fingertip centred at p: the ball's gap, and the contact point on the shape.
 
     The ball's centre has a proxy q on the shape offset by the ball's radius: q = c - radius n, p - q = -gap n.
     Displacements are measured from q, e = p + radius n - c, and vanish where the ball just touches. The offset shape

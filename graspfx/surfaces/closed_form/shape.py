@@ -48,7 +48,7 @@ def contacts(each: Sequence[Nearest], d: int) -> Contacts:
 
 
 class Shape(ABC):
-    """Shape about its centre, in its own frame: `kind` and `parameters` are those of `proxy.closest`."""
+    """Shape about its centre, in its own frame; `proxy.closest` receives `kind`, and `parameters` as its `size`."""
 
     kind: ClassVar[int]
     endless: ClassVar[bool] = False  # an endless shape has no mass properties
@@ -132,7 +132,7 @@ class Shape(ABC):
 
     def _check(self, d: int) -> None:
         if not self.dimensions_ok(int(number("dimensions", d, "1, 2 or 3"))):
-            raise InputError("dimensions", d, f"those of {self}", "give vectors one entry per dimension")
+            raise InputError("dimensions", d, f"the dimensions of {self}", "give vectors one entry per dimension")
 
 
 @dataclass(frozen=True)
