@@ -50,7 +50,7 @@ class Vector:
 
 @dataclass(frozen=True, slots=True)
 class Vector4:
-    """Contact coordinates of a finger: a vector, and the torsion of a soft finger in units of its patch radius."""
+    """Contact coordinates of a finger: a vector, and the torsion of a soft finger, scaled by its patch length."""
 
     x: float
     y: float
@@ -146,7 +146,7 @@ class Quaternion:
         return Vector(self.x, self.y, self.z)
 
     def __matmul__(self, other: Quaternion) -> Quaternion:
-        """Compose rotations: Return the rotation by `other`, followed by this rotation."""
+        """Compose rotations: return the rotation by `other`, followed by this rotation."""
         return Quaternion(
             self.w * other.x + self.x * other.w + self.y * other.z - self.z * other.y,
             self.w * other.y - self.x * other.z + self.y * other.w + self.z * other.x,

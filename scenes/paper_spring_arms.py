@@ -1,4 +1,4 @@
-"""paper-spring in the plane with the paper's arms: each tip on a real spring of 33 N/m, encoders in counts."""
+"""paper-spring in the plane with the paper's arms, whose encoders have finite resolution: tips on 33 N/m springs."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import graspfx as gx
 
 
 def scene() -> gx.Scene:
-    """Stretch the springs by 10 mm into the cube; sticking contacts hold it sideways."""
+    """Stretch the springs by 7 mm, which press the tips 3 mm into the cube; sticking contacts hold it sideways."""
     spring = gx.load("paper-spring")
     fingers = [
         {

@@ -13,7 +13,7 @@ KIP, HAND = 800.0, 300.0  # coupling stiffness and stiffness of a finger's hand 
 def prism(sides: int, radius: float, height: float) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     """Build vertices (2 s + 2, 3) [m] and faces (4 s, 3) of a regular prism about z: two rings and two centres.
 
-    Corners lie on the radius; the first side, between corners 0 and 1, faces along x.
+    Corners are at the distance `radius` from the axis; the first side, between corners 0 and 1, faces along x.
     """
     corner = np.arange(sides)
     following = (corner + 1) % sides
@@ -50,7 +50,7 @@ def scene(
         height: Height [m].
         fingers: Number of fingers, at least two and at most one per side; evenly spaced if it divides the number of
             sides.
-        pinch: Force of each finger [N]; its sum times the friction must exceed the prism's weight.
+        pinch: Force of each finger [N]; the sum of these forces times `friction` must exceed the prism's weight.
         density: Density [kg/m^3]; by default wood.
         friction: Coefficient of friction.
     """

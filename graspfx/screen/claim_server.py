@@ -123,8 +123,8 @@ class ClaimServer(SocketThread):
         hello: First message to every client; empty for none.
 
     Attributes:
-        counts: Number of orders by outcome: "taken", or the reason for dropping; "fault" counts errors while items of
-            a lost client were released.
+        counts: Number of orders by outcome ("taken", or the reason for dropping), of refused requests ("refused 403"),
+            and of errors while items of a lost or silent client were released ("fault").
     """
 
     def __init__(self, line: socket.socket, name: str, gate: Gate, terms: Terms, things: int, hello: str = "") -> None:

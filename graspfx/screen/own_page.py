@@ -48,7 +48,7 @@ def listen_at(host: str, port: int | None, first: int, name: str = "port") -> so
             reason = "it is in use" if error.errno == errno.EADDRINUSE else str(error.strerror)
             raise InputError(name, number, "a free port", reason) from error
         return line
-    raise InputError(name, f"{first} to {first + MOST - 1}", "a free port", "all are in use")
+    raise InputError(name, f"{first} to {first + MOST - 1}", "a free port", "all are in use or not permitted")
 
 
 def single(headers: Any) -> Mapping[str, str] | None:

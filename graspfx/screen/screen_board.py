@@ -18,8 +18,8 @@ from graspfx.system import shared_memory
 
 FloatArray = NDArray[np.float64]
 
-HEAD = 8  # numbers before the fingers': counter, time, orders taken, dropped, lost, number of the last, screens
-OF_FINGER = 4  # numbers per finger: whether it is touched, x, y, count of its touches
+HEAD = 8  # numbers before the fingers: counter, time, orders taken, dropped and lost, last order's number, screens
+OF_FINGER = 4  # numbers per finger: whether it touches, x, y, number of its touches
 HALF = HEAD + OF_FINGER * MOST_FINGERS
 TRIES = 8  # attempts to read consistent numbers
 
@@ -30,7 +30,7 @@ class Touches(NamedTuple):
     Attributes:
         time: Time of the server's last write, on the clock of `time.monotonic` [s].
         counts: Orders taken, dropped and lost, number of the last order, number of screens (5,).
-        fingers: Whether each finger is touched, x and y [m], and the count of touches (k, 4).
+        fingers: For each finger, whether it touches, x and y [m], and its number of touches (k, 4).
     """
 
     time: float
@@ -61,7 +61,7 @@ class Board:
 
     @contextmanager
     def writing(self) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Change the head and the fingers (k, 4) consistently within the block."""
+        """Yield the head and the fingers (k, 4), to be changed within the block; no reader sees a partial change."""
         half = self._orders
         half[0] += 1.0
         yield half[1:HEAD], half[HEAD:].reshape(-1, OF_FINGER)[: self._fingers]

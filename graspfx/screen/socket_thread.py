@@ -34,7 +34,7 @@ class SocketThread:
         name: Name of the thread.
 
     Raises:
-        DeviceError: If the socket cannot be served, on entering the block.
+        DeviceError: If the socket cannot be served when the block is entered.
     """
 
     def __init__(self, line: socket.socket, name: str) -> None:

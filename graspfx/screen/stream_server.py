@@ -31,7 +31,7 @@ class StreamOrder(NamedTuple):
     """Valid order of a client.
 
     Attributes:
-        kind: "goal", "release" (gives up a guide and keeps its goal) or "alive".
+        kind: Kind of order: "goal", "release" (gives up a guide, which keeps its goal) or "alive".
         number: Number of the message; it increases within a connection.
         guide: Number of the guide; -1 for "alive".
         offset: Operator offset (3,) [m]; None keeps the present offset.
@@ -51,7 +51,7 @@ def read_stream_order(data: bytes | str, guides: int, farthest: float, closest: 
     Args:
         data: Content of the message.
         guides: Number of guides.
-        farthest: Largest component of an offset [m].
+        farthest: Largest absolute component of an offset [m].
         closest: Largest absolute squeeze [m].
     """
     if not isinstance(data, str) or len(data) > LONGEST:
@@ -111,7 +111,7 @@ class Bounds(NamedTuple):
 
     Attributes:
         guides: Number of guides that can be moved; 0 for none.
-        farthest: Largest component of an offset [m].
+        farthest: Largest absolute component of an offset [m].
         closest: Largest absolute squeeze [m].
     """
 

@@ -27,7 +27,7 @@ def listen(host: str, port: int | None = None) -> socket.socket:
 
 
 def network_address() -> str:
-    """Return this machine's address in the network, of the interface with the default route; sends nothing.
+    """Return the address of this machine's interface with the default route; no packet is sent.
 
     Raises:
         InputError: If the machine is not in a network.
@@ -62,7 +62,7 @@ def code(text: str) -> str:
     try:
         import segno
     except ImportError as error:
-        raise MissingPackageError.of_extra("segno", "a code for a tablet", "touch") from error
+        raise MissingPackageError.of_extra("segno", "a QR code for a tablet", "touch") from error
     page = io.StringIO()
     segno.make(text, error="l", micro=False).terminal(page, compact=True)
     return page.getvalue()

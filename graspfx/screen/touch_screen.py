@@ -36,7 +36,7 @@ class TouchScreen:
         fingers: Number of fingers.
         port: Port of the page.
         box: Area of valid positions [m].
-        lan: Whether a tablet in the network has access, by a printed code.
+        lan: Whether a tablet in the network has access through a printed QR code.
 
     Attributes:
         address: Address of the page while it is open.

@@ -29,7 +29,7 @@ def _text() -> str:
 
 
 def page_for(host: str) -> tuple[bytes, dict[str, str]]:
-    """Return the page and its headers for a host such as 127.0.0.1:8765; the policy lets only its own script run."""
+    """Return the page and its headers for a host such as 127.0.0.1:8765; they allow only the page's own script."""
     nonce = secrets.token_urlsafe(16)
     policy = (
         f"default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; connect-src ws://{host}; "
@@ -70,8 +70,8 @@ class TouchServer(ClaimServer):
         note: Function called with the client, every well-formed order, and its outcome.
 
     Attributes:
-        counts: As in `ClaimServer`, with "lost", the number of missing orders, and the number of fingers released from
-            lost screens.
+        counts: As in `ClaimServer`; also the number of missing orders ("lost"), and of fingers released because their
+            screen was lost or silent ("let go: lost", "let go: silence").
         last: Number of the last order received.
 
     Raises:

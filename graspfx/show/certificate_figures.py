@@ -217,7 +217,7 @@ def z_width(region: ZWidth, width: str = "screen", title: str = "") -> Drawing:
     with style.look(width):
         sheet = style.figure([2.6], width=width)
         ax, B = sheet.panels[0, 0], region.wall_damping
-        curves = [(region.passive, PASSIVE, "passive to every operator")]
+        curves = [(region.passive, PASSIVE, "passive for every operator")]
         if region.stable is not None:
             curves.insert(0, (region.stable, STABLE, "stable without an operator"))
         top = max(float(values.max()) for values, _, _ in curves)
@@ -304,7 +304,7 @@ def gains_sheet(answer: OperatorCertificate, width: str = "screen") -> Sheet:
 
 
 def _draw_region(ax: Axes, region: OperatorRegion, answer: OperatorCertificate, drawing: Sheet) -> None:
-    """Draw margins as a map with the limit's contour over two keys, or as a curve over one key."""
+    """Draw margins as a map over two keys, with the contour at margin 1, or as a curve over one key."""
     weight = drawing.width.weight
     margin = np.minimum(region.margin, MOST_MARGIN)
     keys = [each.key for each in region.ranges]
@@ -336,7 +336,7 @@ def _draw_region(ax: Axes, region: OperatorRegion, answer: OperatorCertificate, 
 
 
 def _plain_ticks(ax: Axes, region: OperatorRegion) -> None:
-    """Use plain numbers on logarithmic axes of less than two decades."""
+    """Label logarithmic axes with plain numbers, at 1, 2 and 5 in every decade."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     for axis, each in zip((ax.xaxis, ax.yaxis), region.ranges, strict=False):

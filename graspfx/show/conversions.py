@@ -53,7 +53,7 @@ NO_UNIT = ("coupling.friction",)  # these keys have no unit, although other keys
 
 
 def label_of(key: str) -> str:
-    """Return a key's label with its unit; omit missing parts."""
+    """Return a key's label, with its unit if known."""
     unit = unit_of(key)
     return f"{NAMES.get(key, key)} [{unit}]" if unit else NAMES.get(key, key)
 
@@ -94,7 +94,8 @@ def quantities(recording: Recording, works: Mapping[str, NDArray[Any]] | None = 
 
     Args:
         recording: Complete recording, or a part.
-        works: For a part, its rows of `works_of` the complete recording, because works accumulate from the beginning.
+        works: Rows of `works_of` of the complete recording that belong to a part, because work accumulates from the
+            beginning; None for a complete recording.
     """
     layout = recording.layout
     for column in layout.columns.values():
@@ -147,7 +148,7 @@ def parts_of_objects(layout: Layout) -> Mapping[str, Column]:
 
 
 def object_name(part: str) -> str:
-    """Return the name of the quantity of all objects, for the name of an object's column."""
+    """Return the name of the quantity that combines a column of all objects."""
     return "object_" + part.replace("/", "_")
 
 
@@ -254,7 +255,7 @@ def batch_dataset(batch: Batch, labels: Labels | None = None) -> xarray.Dataset:
 
     Args:
         batch: Batch to convert.
-        labels: Labels; by default the labels of the batch.
+        labels: Labelled arrays; by default those of `batch_labels`.
     """
     xr = _package("xarray", "Batch.to_xarray")
     if labels is None:

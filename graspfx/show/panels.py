@@ -113,7 +113,7 @@ class Curve:
     Attributes:
         label: Label in the legend.
         values: Values (N,).
-        stroke: Stroke of the line.
+        stroke: Style of the line.
         many: Values (N, k) whose mean is `values`; the range of these values is drawn as a band. k = 0 for a single
             curve.
     """
@@ -152,7 +152,7 @@ class Row:
 
 
 def views(recordings: Iterable[Recording]) -> list[View]:
-    """List every object that fingers touch, recording by recording; the first object of a recording without fingers."""
+    """List the objects that fingers touch, recording by recording, or a recording's first object without fingers."""
     views_ = []
     for recording in recordings:
         numbers = sorted(set(recording.layout.finger_objects)) or [0]
@@ -165,7 +165,7 @@ def rows(columns: Sequence[View], strokes: Mapping[str, Stroke]) -> list[Row]:
 
     Args:
         columns: Views to show side by side.
-        strokes: Strokes by finger name.
+        strokes: Line styles by finger name.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         axes = _axes_worth_showing([_ranges(view) for view in columns])
@@ -225,7 +225,7 @@ def pushes(parts: Sequence[Modes | None]) -> list[int]:
 def _parts(
     label: str, columns: Sequence[View], parts: Sequence[Modes | None], axes: Sequence[int], scale: float
 ) -> list[Row]:
-    """Plot the squeeze (of more than two fingers, its mean and range) and the push along each noticeable axis."""
+    """Plot the squeeze (for more than two fingers its mean and range), and the push along each noticeable axis."""
     if not any(parts):
         return []
     crowded = any(len(view.fingers) > 2 for view in columns)
@@ -294,7 +294,7 @@ def _rotation_vector(orientation: FloatArray | None) -> FloatArray:
 
 
 def _changes(row: Row) -> Row:
-    """Replace a row whose lines would look straight by the changes since the first tick, labelled with the start."""
+    """Return a row, or changes since the first tick if its lines would look straight; labels then state the start."""
     curves = [curve for panel in row.panels for curve in panel]
     ends = [_ends(values) for curve in curves for values in (curve.values, curve.many)]
     span = max((high for _, high in ends), default=0.0) - min((low for low, _ in ends), default=0.0)
@@ -315,7 +315,7 @@ def _since_start(curve: Curve, starts: set[str]) -> Curve:
 
 
 def _of_fingers(view: View, values: FloatArray, strokes: Mapping[str, Stroke]) -> tuple[Curve, ...]:
-    """Draw one curve per finger from values (N, n); for many fingers, mean and range."""
+    """Return one curve per finger of values (N, n); for many fingers, one curve with their mean and range."""
     if len(view.fingers) > MOST_FINGERS:
         return (curve(ALL, mean(values, np.isfinite(values)), FINGERS_TOGETHER, values),)
     return tuple(curve(name, values[:, i], strokes[name]) for i, name in enumerate(view.names))

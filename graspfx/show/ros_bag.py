@@ -46,10 +46,10 @@ class Topic(NamedTuple):
 
 
 def topics(recording: Recording) -> Iterator[Topic]:
-    """Yield the topics of a recording; messages with NaN are omitted.
+    """Yield the topics of a recording; bags omit messages with NaN or infinity.
 
     The topics of a finger contain its position (a pose without rotation), its velocity, and its total, internal and
-    external force on the object. The topics of an object contain its pose, twist and received wrench. All data are in
+    external wrench on the object. The topics of an object contain its pose, twist and received wrench. All data are in
     space: a line becomes the x axis, and a plane the plane of x and y.
     """
     rows, columns = len(recording), recording.layout.columns
@@ -111,7 +111,7 @@ def write_bag(recording: Recording, path: str | PathLike[str], kind: str, *, ove
 
 
 def stamps(recording: Recording) -> NDArray[np.int64]:
-    """Compute the time of each row since 1970 [ns]: time of the recording, plus tick x period."""
+    """Compute the time of each row since 1970 [ns]: creation time of the recording, plus tick x period."""
     try:
         start = round(datetime.fromisoformat(recording.header.created).timestamp()) * SECOND
     except ValueError:
@@ -189,7 +189,7 @@ def _word(name: str) -> str:
 
 
 def _spatial(spin: FloatArray) -> FloatArray:
-    """Convert angular quantities to vectors (N, 3), in the plane along z."""
+    """Convert angular quantities to vectors (N, 3); those of a plane are along z."""
     if spin.ndim == 2 and spin.shape[1] == 3:
         return spin
     vectors = np.zeros((len(spin), 3))

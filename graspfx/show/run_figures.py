@@ -155,7 +155,7 @@ def figure(
     width: str = "screen",
     form: str = "",
 ) -> Path:
-    """Draw one recording, or several side by side, as by `sheet`, and write the figure.
+    """Draw one recording, or several side by side, with `sheet`, and write the figure.
 
     Args:
         recordings: One or more recordings.
@@ -188,15 +188,15 @@ def sheet(
 
     Rows, from the top: positions of object and fingers along each axis of noticeable motion; displacements of the
     fingers from their contacts, and then forces, as the two signed modes of a grasp; with more than two fingers, the
-    magnitude of each finger's force; the rotation of the object from its start, if it rotates. The internal mode is the
-    squeeze, positive into the object; the external mode is the push, along each axis with a noticeable push. Six or
-    more fingers are shown by their mean and range. Internal parts are drawn while at least two fingers touch, external
-    parts while at least one does.
+    magnitude of each finger's force; with friction, the grip margin; the rotation of the object from its start, if it
+    rotates. The internal mode is the squeeze, positive into the object; the external mode is the push, along each axis
+    with a noticeable push. Six or more fingers are shown by their mean and range. Internal parts are drawn while at
+    least two fingers touch, external parts while at least one does.
 
     With `brief`, the figure has three rows: mean and range of the fingers' penetration depth, the squeeze, and the
     push.
 
-    Panels of columns that the scene's `record` omits are omitted, and the title says so.
+    If the scene's `record` omits a column, the panels that need it are omitted, and the title says so.
 
     If positions would look straight, their change since the first tick is drawn, and labels state the initial values. A
     recording of several objects gets a column for each object that fingers touch.
@@ -281,7 +281,7 @@ def _thin_out(row: Row, panels: Sequence[Axes], height: float) -> None:
 
 
 def _sampled_places(values: FloatArray) -> IntArray:
-    """Select the ticks to draw: all ticks of a short run; of a long run, extreme values in short intervals."""
+    """Select the ticks to draw: all ticks of a short run, or the extreme values in short intervals of a long run."""
     size = 2 * len(values) // MOST_POINTS
     if size < 3:
         return np.arange(len(values))

@@ -47,7 +47,7 @@ class Width:
 
     @property
     def title(self) -> float:
-        """Size of titles [points]."""
+        """Font size of titles [points]."""
         return self.text + 1.0
 
 

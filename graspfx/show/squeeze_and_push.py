@@ -50,7 +50,8 @@ def directions(contacts: FloatArray, displacement: FloatArray) -> FloatArray:
     """Compute unit vectors (N, n, d) from each contact to the centre of all contacts.
 
     If all contacts coincide, such as contacts attached to an object's centre, two fingers get the axis of their largest
-    distance over the run, with a positive squeeze if finger 1 enters from below. More fingers get no direction.
+    distance over the run, with a positive squeeze if finger 1 enters from its negative side. More fingers get no
+    direction.
 
     Args:
         contacts: Contact points (N, n, d) [m].

@@ -131,10 +131,10 @@ ROWS: tuple[Row, ...] = (
     ("object vibration above 5 Hz, RMS", "object_vibration", "um", 1e6),
     ("energy at each device port", "port_energy", "mJ", 1e3),
     ("leak: internal, translation, rotation", "leak", "mJ", 1e3),
-    ("brake, at most", "braking", "N s/m", 1.0),
-    ("taken by the brake", "braked", "mJ", 1e3),
-    ("gap of the energy's ledger", "ledger_gap", "", 1.0),
-    ("share of time in touch, per finger", "touching", "%", 100.0),
+    ("largest damping of the brake", "braking", "N s/m", 1.0),
+    ("energy dissipated by the brake", "braked", "mJ", 1e3),
+    ("residual of the energy ledger", "ledger_gap", "", 1.0),
+    ("time touching, per finger", "touching", "%", 100.0),
     ("coupling.fade too short by", "fade_shortfall", "mm", 1e3),
     ("samples in the blend's band", "blended", "%", 100.0),
     ("samples with the associated law", "associated", "%", 100.0),
@@ -143,17 +143,17 @@ ROWS: tuple[Row, ...] = (
     ("wall time", "wall_time", "s", 1.0),
     ("ticks per second", "ticks_per_second", "1/s", 1.0),
     ("cost per tick", "tick_cost", "us", 1.0),
-    ("ticks ran", "engine", "", 1.0),
+    ("tick engine", "engine", "", 1.0),
     ("faults", "faults", "", 1.0),
-    ("values changed in mid-run", "changes", "", 1.0),
+    ("values changed during the run", "changes", "", 1.0),
 )
 
 BRIEF: tuple[Row, ...] = (
     ("depth of a finger, mean", "invasion_mean", "mm", 1e3),
     ("squeeze: internal force, mean", "internal_force_mean", "N", 1.0),
-    ("its vibration above 5 Hz, RMS", "internal_force_vibration", "mN", 1e3),
+    ("squeeze: vibration above 5 Hz, RMS", "internal_force_vibration", "mN", 1e3),
     ("push: external force, mean", "external_force_mean", "N", 1.0),
-    ("its vibration above 5 Hz, RMS", "external_force_vibration", "mN", 1e3),
+    ("push: vibration above 5 Hz, RMS", "external_force_vibration", "mN", 1e3),
     ("force vibration above 5 Hz, RMS", "force_vibration", "mN", 1e3),
 )
 
@@ -237,7 +237,7 @@ FASTEST = 5.0  # contacts per second; a hand does not close faster [1/s]
 
 
 def remarks(recording: Recording) -> list[str]:
-    """Return a sentence for each warning; none for attached contacts or a run without ticks."""
+    """Return a sentence for each warning; none for attached contacts, omitted columns or a run without ticks."""
     needs = {"gap", "touching", *(f"objects/{name}/position" for name in recording.layout.objects)}
     if not needs.isdisjoint(recording.layout.omitted) or recording.gap is None or not len(recording):
         return []

@@ -34,7 +34,7 @@ MANY = 50.0  # ratio of largest to smallest number up to which an axis is linear
 ROUNDING = 1e-6  # smallest relative change that is drawn
 SPREAD = 0.02  # fraction of outliers at either end that may exceed the colour scale
 BAD = CONTACTS["limit"]
-EDGE = "beyond it runs grow"
+EDGE = "runs grow beyond this line"
 LIMIT = "certificate: margin 1"
 UNJUDGED = "not judged by the certificate"
 DASHES = (0.0, (3.0, 1.5))
@@ -101,7 +101,7 @@ def variants_sheet(
         InputError: If the width is unknown, or there is nothing to draw.
     """
     if not surfaces or not bad.size:
-        raise InputError("measures", len(surfaces), "at least one measure, of one variant")
+        raise InputError("measures", len(surfaces), "at least one measure and one variant")
     clean = [each._replace(values=np.where(bad, np.nan, each.values)) for each in surfaces]
     with style.look(width):
         if len(values) == 1 and not together:
@@ -304,7 +304,7 @@ def _along(ax: Axes, axis: Axis, name: str) -> None:
 
 
 def _words(ax: Axes, axis: Axis, name: str) -> None:
-    """Label an axis with words, or with powers of ten if it covers many decades."""
+    """Label an axis with words, or make it logarithmic if its numbers differ by more than a factor of `MANY`."""
     if not axis.words and _goes_over_many(float(axis.places.min()), float(axis.places.max())):
         (ax.set_xscale if name == "x" else ax.set_yscale)("log")
     if axis.words:
@@ -323,7 +323,7 @@ def _grows(surface: Surface) -> bool:
 
 
 def _range(ax: Axes, values: FloatArray, *, grows: bool) -> None:
-    """Choose an ordinate range for most values, without a few diverged runs; logarithmic for ratios."""
+    """Choose an ordinate range for most values, without a few diverged runs; logarithmic for a wide range of growth."""
     finite = values[np.isfinite(values)]
     if not finite.size:
         ax.text(0.5, 0.5, "no number", transform=ax.transAxes, ha="center", color=NOTE)
@@ -344,7 +344,7 @@ def _goes_over_many(low: float, high: float) -> bool:
 
 
 def _shades(surface: Surface) -> Normalize:
-    """Choose the colour scale; growth over several decades is logarithmic."""
+    """Choose the colour scale; it is logarithmic for growth that differs by more than a factor of `MANY`."""
     from matplotlib.colors import LogNorm, Normalize
 
     finite = surface.values[np.isfinite(surface.values)]
@@ -370,7 +370,7 @@ def _colours(values: FloatArray) -> tuple[float, float]:
 
 
 def _limit(ax: Axes, surface: Surface) -> None:
-    """Draw the line without growth."""
+    """Draw the line at growth 1, on which runs neither grow nor decay."""
     if surface.name.endswith(".growth"):
         ax.axhline(1.0, color=NOTE, lw=0.8, ls=(0.0, (4.0, 3.0)))
 

@@ -78,7 +78,7 @@ def _gap(shape: Shape | Mesh, u: FloatArray, t: float) -> tuple[float, FloatArra
 
 
 def _extent(shape: Shape | Mesh) -> float:
-    """Return an upper bound on the distance of the shape from its centre [m]."""
+    """Return an upper bound on the distance of the shape's points from its centre [m]."""
     if shape.kind == MESH:
         return float(np.linalg.norm(shape.vertices, axis=1).max())  # type: ignore[union-attr]
     return float(sum(shape.parameters))

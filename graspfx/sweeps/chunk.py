@@ -63,10 +63,10 @@ class SceneOrder:
         duration: Duration that replaces the scene's [s].
         shapes: Shapes of the measured quantities, by name.
         statistics: Statistics of each quantity.
-        native: Whether a first variant consisted of kernels only.
+        native: Whether the examined variant consists of kernels only.
         files: Digests of the scene's files, by path.
         engines: Versions of the physics engines, by distribution.
-        home: Process that made the order.
+        home: Host name and process number of the process that made the order.
         version: Version of GraspFX.
     """
 
@@ -99,7 +99,9 @@ def take_order(content: bytes) -> tuple[SceneOrder, Scene]:
 
     order: SceneOrder = pickle.loads(content)
     if order.version != __version__:
-        raise SweepError(f"a worker has GraspFX {__version__}, the sweep {order.version}: install one version")
+        raise SweepError(
+            f"a worker has GraspFX {__version__}, but the sweep has {order.version}: install the same on all machines"
+        )
     for package, version in order.engines.items():
         if version_of(package) != version:
             have = f"{package} {version_of(package)}"
@@ -107,7 +109,7 @@ def take_order(content: bytes) -> tuple[SceneOrder, Scene]:
     for name, digest in order.files.items():
         own = digest_of(name)
         if own != digest:
-            state = "is not there" if own is None else "is another"
+            state = "is missing" if own is None else "is different"
             raise SweepError(f"{name} {state} on a worker: give all machines the same files at the same paths")
     with permitted(order):
         return order, Scene(order.source, **order.table)
@@ -222,7 +224,7 @@ def run_chunk(content: bytes, chunk: Chunk, threads: int | None = None) -> Chunk
     Args:
         content: Order as bytes.
         chunk: Variants to run.
-        threads: Number of threads; by default all in the process of the order, otherwise one.
+        threads: Number of threads; by default one per processor in the process that made the order, one in others.
 
     Raises:
         SweepError: If this process has other files or another GraspFX version.
@@ -310,7 +312,7 @@ def reason(error: Exception) -> str:
 
 
 def forget() -> None:
-    """Clear this thread's memory for further chunks."""
+    """Clear the memory that this thread keeps for further chunks."""
     _thread.__dict__.clear()
 
 

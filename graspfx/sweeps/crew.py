@@ -53,7 +53,7 @@ class Crew:
     Args:
         executor: Executor of the calls; None for this process, which runs each call at once.
         workers: Number of simultaneous calls.
-        threads: Number of threads per call; None if its process decides.
+        threads: Number of threads per call; None if the process of the call decides.
         anew: Function that makes a new executor after a process has died; None if only the executor's owner can do so.
     """
 
@@ -72,7 +72,7 @@ class Crew:
         return self._anew is not None
 
     def submit(self, call: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Submit a call; in this process, run it."""
+        """Submit a call, or run it at once if the crew is this process."""
         if self.executor is not None:
             return self.executor.submit(call, *arguments)
         future: Future[Any] = Future()
@@ -92,7 +92,7 @@ class Crew:
 
 @contextmanager
 def crew_of(executor: Any) -> Iterator[Crew]:
-    """Make the crew for an argument; resources made for it end with the block.
+    """Make the crew for an argument; resources made for the crew end with the block.
 
     Args:
         executor: None for this process; "threads:N", "processes:N", "local:N", "tcp://..." (N defaults to the number of
@@ -264,7 +264,7 @@ class ChunkLoop:
             result: ChunkResult = future.result()
         except BrokenExecutor as error:
             if not self.crew.mends:
-                text = "a process of the executor died, which ends it: use another executor, or 'processes:N'"
+                text = "a process of the executor died, so it accepts no more calls: use another, or 'processes:N'"
                 raise SweepError(f"{text}, which replaces dead processes") from error
             return None
         except CancelledError as error:
@@ -300,7 +300,7 @@ class ChunkLoop:
             raise SweepError(BORN_DEAD) from error
 
     def _alone(self, chunk: Chunk, tries: int, *, told: bool = False) -> ChunkResult:
-        """Run a chunk alone, or its halves if it kills its worker; a single variant that kills it becomes a failure."""
+        """Run a chunk alone, or its halves if it kills its worker; a variant that kills workers becomes a failure."""
         for _ in range(tries):
             result = self._result(self._submit(chunk))
             if result is not None:

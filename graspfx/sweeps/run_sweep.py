@@ -68,9 +68,9 @@ def sweep(
     """Simulate many variants of any scene in chunks, which are saved when complete; a killed sweep can be resumed.
 
     Results are identical to those of `run_batch` bit by bit, except that every zero is positive. Results do not depend
-    on the chunks or the executor. A variant that is not native runs separately and is measured by the same code. For a
-    variant with a fault, `fault_tick` is the tick of the fault. For a variant that is not a valid scene, or that kills
-    its process, `failure` states the reason, and measures are NaN.
+    on the chunks or the executor. A variant with parts that are not kernels runs separately and is measured by the same
+    code. For a variant with a fault, `fault_tick` is the tick of the fault. For a variant that is not a valid scene, or
+    that kills its process, `failure` states the reason, and measures are NaN.
 
     With `out` each chunk becomes a file, written atomically. To resume a killed sweep, call it again with the same
     arguments and any executor. When all chunks are complete, `sweep.nc` is written: netCDF 4 with names, units and
@@ -93,8 +93,8 @@ def sweep(
             require the rows of each variant, which takes some milliseconds per variant.
         sample: "lhs:N" for N variants of a Latin hypercube: ranges are sampled continuously, list values equally often.
         seed: Seed of the sample, which is recorded.
-        chunk: Number of variants per chunk; by default as many as take a second or two. A resumed sweep keeps its
-            number of variants.
+        chunk: Number of variants per chunk; by default as many as take a second or two. A resumed sweep keeps the
+            number with which it began.
 
     Raises:
         SweepError: If `out` has another sweep, another process is running it, or workers have other files.

@@ -292,7 +292,7 @@ def folder_of(out: object) -> Path:
 
 
 def now() -> str:
-    """Write the time in UTC."""
+    """Return the time in UTC, in the format of ISO 8601."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
@@ -378,7 +378,7 @@ def _brief(items: Sequence[Any]) -> str:
 
 
 def netcdf(labels: Labels) -> bytes:
-    """Write labelled arrays to the bytes of a file."""
+    """Return the bytes of a netCDF file of labelled arrays."""
     import h5py
 
     content = BytesIO()

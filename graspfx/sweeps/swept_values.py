@@ -186,7 +186,7 @@ class VariantGrid:
 
 
 def scattered(count: int, size: int) -> list[IndexArray]:
-    """Distribute the numbers below a count to sorted parts of a size, each spread over the whole range.
+    """Distribute the numbers below a count to sorted parts of a given size, each spread over the whole range.
 
     The first complete part then represents the whole. Because each part contains most values of every key, the same
     entries vary in all parts, and the same programs run all parts. The order is the order of the fractional parts of k

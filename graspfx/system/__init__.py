@@ -1,1 +1,1 @@
-"""Interfaces to the operating system. Each module also defines the result on systems without the feature."""
+"""Interfaces to the operating system. Each module also defines results for systems that lack an interface."""

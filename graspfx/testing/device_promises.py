@@ -77,10 +77,10 @@ def check_device(
     stop and after close; that the device is at rest alone and follows a hand; and that two runs are identical. With a
     factory, the kit checks that two devices in one process are independent.
 
-    With a wire, which is an emulator of the hardware to which the device's settings lead, the kit also checks the
-    motors: zero force after `stop`, `close`, exceptions and non-finite forces; the force limit; the units newton, metre
-    and second if the emulator knows the mechanism; removal of the force after the program is killed, by a watchdog or
-    by the driver's `quench`; and the driver's response to every failure of the wire. With a factory, it checks that a
+    With a wire, that is, an emulator of the hardware to which the device connects, the kit also checks the motors: zero
+    force after `stop`, `close`, exceptions and non-finite forces; the force limit; the units newton, metre and second
+    if the emulator knows the mechanism; removal of the force after the program is killed, by a watchdog or by the
+    driver's `quench`; and the driver's response to every failure of the wire. With a factory, the kit checks that a
     second device is refused. This takes some seconds.
 
     The report lists whether each promise has passed, is not visible, or needs a person. `print` shows it.
@@ -141,7 +141,7 @@ class _Bench:
         self.newtons = True  # whether efforts are forces, as far as known
         if isinstance(device, SimulatedDevice):
             with promises(
-                "a simulated device shows `plant(devices)`, which moves its fingertips from where they are placed"
+                "a simulated device has `plant(devices)`, which moves its fingertips from where they are placed"
             ):
                 self.plant = type(device).plant([device])
                 self.plant.place(self.start)
@@ -198,7 +198,7 @@ def _check_features(device: Device, promises: Promises) -> Features:
             lower, upper = (np.asarray(corner, dtype=float) for corner in features.workspace)
             promise.holds(
                 lower.shape == upper.shape == (d,) and np.isfinite((lower, upper)).all() and (lower < upper).all(),
-                f"workspace = {features.workspace!r}, expected a lower and a higher corner ({d},)",
+                f"workspace = {features.workspace!r}, expected a lower and an upper corner ({d},)",
             )
     return features
 
@@ -387,14 +387,14 @@ def _check_stop(bench: _Bench, force: float) -> None:
         bench.device.write(bench.push(force))
         for _ in range(2):
             bench.device.stop()
-            promise.holds(bench.plant is None or not bench.effort.any(), "an effort after it")
+            promise.holds(bench.plant is None or not bench.effort.any(), "an effort after `stop`")
 
 
 def _check_close(bench: _Bench) -> None:
     promise_ = "removes the force, and returns even when" if bench.plant is not None else "returns, even when"
     with bench.promises(f"`close` {promise_} called again") as promise:
         bench.device.close()
-        promise.holds(bench.plant is None or not bench.effort.any(), "an effort after it")
+        promise.holds(bench.plant is None or not bench.effort.any(), "an effort after `close`")
         bench.device.close()
     with bench.promises("the end of `with device` propagates exceptions") as promise:
         error = DeviceError("an error inside `with`")
@@ -404,7 +404,7 @@ def _check_close(bench: _Bench) -> None:
 def _check_two(a: Device, b: Device, promises: Promises, period: float, force: float, start: ArrayLike | None) -> None:
     simulated = isinstance(a, SimulatedDevice)
     promise_ = "are independent" if simulated else "share no arrays, and one still reads after the other is closed"
-    with promises(f"two devices of a kind in one process {promise_}") as promise:
+    with promises(f"two devices of one kind in one process {promise_}") as promise:
         promise.holds(a is not b, "the factory returned the same device twice")
         one, two = _Bench(a, promises, period, start), _Bench(b, promises, period, start)
         try:
@@ -441,5 +441,5 @@ def _start(features: Features, start: ArrayLike | None) -> FloatArray:
         return np.array(np.broadcast_to(middle, shape))
     at = np.array(start, dtype=float)
     if at.shape not in (shape, shape[1:]) or not np.isfinite(at).all():
-        raise InputError("start", start, f"finite positions {shape}, or one for all fingers {shape[1:]} [m]")
+        raise InputError("start", start, f"finite positions of shape {shape}, or {shape[1:]} for all fingers [m]")
     return np.array(np.broadcast_to(at, shape))

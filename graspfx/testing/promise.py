@@ -139,11 +139,11 @@ SIMULATED = (BlindSpot("velocities are the derivatives of the positions", "the k
 
 NO_LIMIT = BlindSpot("a force limit", "`features.peak_force` is None, so no limit was tested")
 NOT_NEWTONS = BlindSpot(
-    "forces, and their limit, in newtons",
+    "forces and their limit are in newtons",
     "efforts have other units: the kit checks only their fingers and that they are bounded",
 )
 ONE_DEVICE = BlindSpot(
-    "two devices of a kind are independent", "one device was given: pass a function that creates one"
+    "two devices of one kind are independent", "one device was given: pass a function that creates one"
 )
 ALWAYS = (
     BlindSpot("`read` and `write` neither wait nor allocate more than necessary", "no time is measured"),

@@ -28,7 +28,7 @@ FloatArray = NDArray[np.float64]
 Number = tuple[str | Callable[["Recording"], Any], Any, float]
 
 ROUNDING = 64.0 * np.finfo(float).eps  # rounding of a sum over fingers, relative to its terms
-TOGETHER = 300  # ticks for which two servos run in turns
+TOGETHER = 300  # ticks for which two servos run alternately
 MOST_NUMBERS = 20  # largest number of values in a message
 SMALL_SHARE = 1e-3  # fraction of the largest energy in the ledger
 
@@ -45,8 +45,8 @@ def check_scene(
     The scene loads, has a plan and runs without a fault. All recorded values are finite, and two runs are identical.
     The wrench on each object is the sum of its fingers' forces and of their moments about its centre, to rounding.
     Devices receive the negative of the force on the object, and their recorded energy is this force times the
-    displacement of the fingertip. Two servos of the scene, built at the same time, share no memory; when they run in
-    turns, each gives the result of a single servo. Energy is bounded, and given numbers are reproduced.
+    displacement of the fingertip. Two servos of the scene, built at the same time, share no memory; when they run
+    alternately, each gives the result of a single servo. Energy is bounded, and given numbers are reproduced.
 
     **Energy bounded**: at every tick,
 
@@ -163,7 +163,7 @@ def _check_wrench(scene: Scene, recording: Recording) -> None:
 
 
 def _ahead_of_sample(scene: Scene, number: int, motion: ObjectMotion) -> FloatArray:
-    """Bound the distance of the moments' reference point from the recorded centre (N,) [m]; implicit: v T."""
+    """Bound the distance of the moments' reference point from the recorded centre (N,) [m]; zero unless implicit."""
     table = scene.object[number]
     if table.dynamics != "native" or table.integrator != "implicit":
         return np.zeros(len(motion.position))
@@ -296,7 +296,7 @@ class _Listener:
 
 
 def _check_together(scene: Scene, recording: Recording) -> None:
-    """Run two servos at once, in turns, and record the forces written to their devices."""
+    """Run two servos alternately in one process, and check their rows and the forces written to their devices."""
     from graspfx.assembly.build import build
     from graspfx.loop.servo_parts import DeviceWiring
     from graspfx.recording.header import Header
@@ -304,7 +304,7 @@ def _check_together(scene: Scene, recording: Recording) -> None:
 
     ticks = min(len(recording), TOGETHER)
     with ExitStack() as stack:
-        with _promise("two servos of a scene can be built at once"):
+        with _promise("two servos of a scene can be built at the same time"):
             pair = [stack.enter_context(build(scene)) for _ in range(2)]
         with _promise("two servos of a scene share no memory") as promise:
             for a in _arrays(pair[0]):
@@ -329,7 +329,7 @@ def _check_together(scene: Scene, recording: Recording) -> None:
                         used = station.fingers >= 0
                         same = np.array_equal(each.forces[0][used], -force[station.fingers[used]])
                         promise.holds(same, f"{each.forces[0][used].tolist()} for {force.tolist()} on the object")
-        with _promise("two servos that run in turns each give the result of a single servo") as promise:
+        with _promise("two servos that run alternately each give the result of a single servo") as promise:
             for recorder in recorders:
                 rows = recorder.finish().rows
                 promise.holds(np.array_equal(rows, recording.rows[:ticks]), "different rows than in a separate run")

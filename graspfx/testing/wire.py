@@ -1,6 +1,6 @@
 """Emulators of hardware for drivers: they show the motors' forces, and fail on demand.
 
-The emulator of a built-in driver is in the driver's folder, in `emulator.py`; it is imported from here by its name.
+The emulator of a built-in driver is in the driver's folder, in `emulator.py`; this module imports it on first use.
 """
 
 from __future__ import annotations
@@ -137,12 +137,12 @@ class Wire(Resource):
         """Let the wire fail from now on, until `heal`.
 
         Args:
-            kind: "late": answers are `number` seconds late. "drop": one answer in `number` is lost. "flip": a bit of an
-                answer is changed with the probability `number`. "cut": only `number` bytes of an answer are
-                transmitted; with -1 the number of bytes changes from answer to answer, so that every byte is the last
-                at some time. "garbage": `number` random bytes precede every answer. "wrong-id": answers come from
-                another device. "unplugged": the cable is unplugged. "blocked": the board neither reads nor answers, and
-                its motors continue.
+            kind: Kind of failure. "late": answers are `number` seconds late. "drop": one answer in `number` is lost.
+                "flip": a bit of an answer is changed with the probability `number`. "cut": only `number` bytes of an
+                answer are transmitted; with -1 this number changes from answer to answer, so that answers are cut at
+                every byte. "garbage": `number` random bytes precede every answer. "wrong-id": answers come from another
+                device. "unplugged": the cable is unplugged. "blocked": the board neither reads nor answers, and its
+                motors continue.
             number: Parameter of the failure; the default is in NUMBERS.
 
         Raises:

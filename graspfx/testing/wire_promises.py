@@ -144,7 +144,7 @@ class _Bench:
     def becomes(
         self, state: Callable[[], bool], act: Callable[[], Any] | None = None, within: float | None = None
     ) -> bool:
-        """Tell whether the wire reaches a state in time while `act` ticks the device, or while nothing does if None."""
+        """Tell whether the wire reaches a state in time while `act` ticks the device; if None, it does not tick."""
         wait = within if within is not None else PATIENCE if act is not None else self.patience
         deadline, looks = self.wire.clock.now() + wait, 0
         while True:
@@ -158,11 +158,11 @@ class _Bench:
             self.wire.clock.sleep(min(self.period, 1e-3))
 
     def place_error(self, seen: FloatArray) -> float:
-        """Return the largest distance of read positions from the true positions [m], which the wire must know."""
+        """Return the largest difference between the read positions and the true positions on the wire [m]."""
         return float(np.abs(seen - np.asarray(self.wire.position, dtype=float)).max())
 
     def force_error(self, forces: FloatArray) -> float:
-        """Return the largest difference of forces on the wire, which must know them, from the written forces [N]."""
+        """Return the largest difference between the forces on the wire and the written forces [N]."""
         return float(np.abs(np.asarray(self.wire.force, dtype=float) - forces).max())
 
     def is_quiet(self) -> bool:
@@ -259,7 +259,10 @@ def _check_forces(bench: _Bench, promises: Promises) -> None:
         for factor in (10.0, 1000.0):
             levels.append(_level(bench, factor * peak * bench.forces / bench.size))
             most = float(np.abs(levels[-1]).max())
-            promise.holds(most <= wire.limit * (1.0 + 1e-6), f"{most} on the wire, above its limit of {wire.limit}")
+            promise.holds(
+                most <= wire.limit * (1.0 + 1e-6),
+                f"a torque [N m] or force [N] of {most} on the wire, above its limit of {wire.limit}",
+            )
         off = float(np.abs(levels[1] - levels[0]).max())
         promise.holds(
             off <= 0.1 * np.abs(levels[0]).max(),
@@ -305,7 +308,7 @@ def _check_zero(bench: _Bench, promises: Promises) -> None:
             bench.open()
             bench.push()
             raise _Interruption
-        promise.holds(bench.falls_silent(), f"torques {bench.wire.torque.tolist()} after it")
+        promise.holds(bench.falls_silent(), f"torques {bench.wire.torque.tolist()} after the exception")
     with promises(NOT_FINITE) as promise:
         for bad in (math.nan, math.inf, -math.inf):
             bench.open()
@@ -332,7 +335,7 @@ def _check_alone(bench: _Bench, promises: Promises) -> None:
 
 
 def _drop(bench: _Bench, promise: Promise, watchdog: float | None) -> None:
-    """Check that a force without further commands is removed: by a watchdog [s], or by the driver's `quench`."""
+    """Check that a force without further commands is removed by a watchdog after its time [s], or by `quench`."""
     wait = PATIENCE if watchdog is None else PATIENCE + 2.0 * watchdog * bench.wire.slowness
     if bench.becomes(bench.is_quiet, within=wait):
         return
@@ -340,7 +343,7 @@ def _drop(bench: _Bench, promise: Promise, watchdog: float | None) -> None:
     module = _driver(bench.device)
     promise.holds(
         module is not None,
-        "the hardware has no watchdog, and the driver no `quench(**settings)`: the force persists",
+        "the hardware has no watchdog, and the driver has no `quench(**settings)`: the force persists",
     )
     if module is not None:
         module.quench(**bench.wire.settings)
@@ -348,7 +351,7 @@ def _drop(bench: _Bench, promise: Promise, watchdog: float | None) -> None:
 
 
 def _killed(bench: _Bench, promise: Promise) -> float | None:
-    """Let another process open the device and display a force; kill it, and return its watchdog time [s]."""
+    """Let another process open the device and display a force; kill it, and return the device's watchdog time [s]."""
     bench.wire.home()
     ours, theirs = os.pipe()
     with warnings.catch_warnings():
@@ -409,7 +412,10 @@ def _check_failure(bench: _Bench, promises: Promises, kind: Failure) -> None:
                 promise.holds(not exact or away <= NEAR, f"the reading of a finger at rest is off by {away} m")
                 promise.holds(kind != "blocked" or now == before, "a new time, although the board sends nothing")
                 most = float(np.abs(wire.torque).max())
-                promise.holds(most <= wire.limit * (1.0 + 1e-6), f"{most} on the wire, above its limit of {wire.limit}")
+                promise.holds(
+                    most <= wire.limit * (1.0 + 1e-6),
+                    f"a torque [N m] or force [N] of {most} on the wire, above its limit of {wire.limit}",
+                )
         except DeviceError as trouble:
             error = trouble
         if kind == "unplugged":

@@ -31,7 +31,7 @@ Tree = float | str | tuple[str, "Tree", "Tree"]
 
 @dataclass(frozen=True)
 class Expression:
-    """A formula of names, as entered."""
+    """A formula of names and numbers, and its text as entered."""
 
     text: str
     tree: Tree
@@ -205,21 +205,24 @@ def _frequency(one: Judgement) -> float:
 
 
 MEASURES: dict[str, Measure] = {
-    "margin": Measure("smallest limit over gain of all modes while all fingers hold", "", lambda one: one.margin),
-    "margin.internal": Measure("limit over gain of k_ip", "", lambda one: one.margin_of("internal")),
-    "margin.external": Measure("limit over gain of k_ep", "", lambda one: one.margin_of("external")),
+    "margin": Measure("smallest ratio of limit to gain, while all fingers hold", "", lambda one: one.margin),
+    "margin.internal": Measure("ratio of limit to gain for k_ip", "", lambda one: one.margin_of("internal")),
+    "margin.external": Measure("ratio of limit to gain for k_ep", "", lambda one: one.margin_of("external")),
     "margin.external_translation": Measure(
-        "limit over gain of k_ep for translations only", "", lambda one: one.margin_of("external translation")
+        "ratio of limit to gain for k_ep of translations", "", lambda one: one.margin_of("external translation")
     ),
     "margin.external_rotation": Measure(
-        "limit over gain of k_ep for rotations only", "", lambda one: one.margin_of("external rotation")
+        "ratio of limit to gain for k_ep of rotations", "", lambda one: one.margin_of("external rotation")
     ),
-    "margin.standing": Measure("limit over gain of the supports of the object", "", _standing),
+    "margin.standing": Measure("ratio of limit to gain for an object on its support", "", _standing),
     "margin.pushing": Measure(
-        "smallest limit over gain of fingers that push without the others", "",
+        "smallest ratio of limit to gain for fingers that push without the others", "",
         lambda one: min((row.limit.margin for row in one.pushing), default=math.inf),
     ),
-    "grip": Measure("squeeze at rest over the least for weight, drag and acceleration", "", lambda one: one.grip),
+    "grip": Measure(
+        "ratio of the squeeze at rest to the squeeze required by weight, drag and acceleration", "",
+        lambda one: one.grip,
+    ),
     "depth": Measure("distance of the deepest fingertip from its contact at rest", "m", lambda one: one.depth),
     "squeeze": Measure("largest internal force of a finger at rest", "N", lambda one: one.squeeze),
     "force": Measure("largest force of a finger at rest", "N", lambda one: one.force),
@@ -247,12 +250,12 @@ def key_of(scene: Scene, name: str) -> str | None:
     try:
         value = value_of(scene, key)
     except UnknownNameError as error:
-        remedy = str(error) if "." in name else "or any key of the scene that is a number"
+        remedy = str(error) if "." in name else "or use any key of the scene that is a number"
         raise UnknownNameError("measure or key", name, (*MEASURES, *GAINS), remedy) from error
     except GraspFXError:
         value = None
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InputError(name, value, "a key with a single number", "a measure, or another key")
+        raise InputError(name, value, "a key with a single number", "use a measure or another key")
     return key
 
 

@@ -21,11 +21,11 @@ from graspfx.tuning.tuning import Check, ConstraintValue, Tuning, six_digits
 
 OWN = "own"
 USUAL = "margin >= 1.5"
-MORE = 1.01  # factor on the objective for the verification
+MORE = 1.01  # factor on a key for the verification
 NEAR = 2e-3  # a constraint with a larger slack is not active
 FRESH = 32  # number of random operators for the verification
 SAME = 1e-6  # smaller relative increases of the objective are rounding
-TIGHTEST = 6  # number of hands for which a 1 % larger objective is judged
+TIGHTEST = 6  # number of hands for which values beyond the optimum are judged
 EDGE = 1e-6  # distance from the end of a range, relative to the range
 
 
@@ -44,7 +44,7 @@ def tune(
     hand for these gains in the whole box. The worst hand is added to the few hands, until no hand violates a constraint
     (Blankenship and Falk 1976). For one key, roots are bracketed by a grid; several keys use sequential quadratic
     programming from points that sample the box. Each judgement is a certificate at the rest with the judged values. New
-    judgements verify the result, including judgements for random hands and with a 1 % larger objective.
+    judgements verify the result, including judgements for random hands and with each key 1 % beyond the optimum.
 
     Names are `margin`, `margin.internal`, `margin.external`, `margin.external_translation`, `margin.external_rotation`,
     `margin.standing`, `margin.pushing`, `grip`, `depth` [m], `squeeze` [N], `force` [N], `frequency` [Hz],
@@ -55,8 +55,8 @@ def tune(
         scene: Scene, or its name or path.
         maximise: Formula of names, numbers, + - * / and brackets.
         subject_to: Comparisons of formulas by >= or <=, as one comma-separated text or a sequence.
-        over: Ranges of the keys that may change, {"internal.stiffness": (50.0, 2000.0)} or "KEY=FROM:TO". By default
-            the gains of the objective, from a hundredth to a hundred times their values.
+        over: Ranges of the keys that may change, {"internal.stiffness": (50.0, 2000.0)} or a list of "KEY=FROM:TO". By
+            default the objective's keys, or both stiffnesses if it has none, from 1/100 to 100 times their values.
         operators: Set of operators as for `certify_operators`; "own" for the scene's own operator. By default, the
             ranges of the scene's table [operators], or else the usual ranges.
         seed: Seed of the random hands of the verification.

@@ -42,7 +42,7 @@ class ConstraintValue:
 
     @property
     def reason(self) -> str:
-        """Values of both sides, and for a stability margin also the mode, its limit and its frequency."""
+        """The constraint and the value of its left side; for a stability margin also the mode and its limit."""
         row = self.row
         return f"{self.text} is {self.left:.5g}{f': {row.text}' if row is not None else ''}"
 
@@ -62,7 +62,7 @@ class ConstraintValue:
 
 @dataclass(frozen=True)
 class Check:
-    """Verification beyond the optimum, with a 1 % larger objective.
+    """Verification beyond the optimum, with one key changed by 1 % towards a larger objective.
 
     Attributes:
         values: Judged values by key.
@@ -127,7 +127,7 @@ class Tuning(Carded):
 
     @property
     def pushing(self) -> Limit | None:
-        """The weakest set of fingers that push without the others in `certificates`; None if no set can push alone."""
+        """Smallest limit in `certificates` of fingers that push without the others; None if none can push alone."""
         rows = [row for each in self.certificates for row in each.limits if row.mode.startswith(PUSHING)]
         return min(rows, key=lambda row: row.margin, default=None)
 
@@ -264,7 +264,7 @@ class Tuning(Carded):
 
 
 def six_digits(value: float) -> str:
-    """Return a tuned value in six digits, rounded towards zero."""
+    """Return a tuned value, rounded to six significant digits, as text."""
     if value == 0.0 or not math.isfinite(value):
         return repr(float(value))
     return repr(float(f"{value:.6g}"))

@@ -384,7 +384,7 @@ OPEN = (
     "close it, or set shell = true for contact with its front only"
 )
 MISSING = "given 'none.stl', expected the path of a file; paths are relative to the scene's file"
-NUMBERS = "given an array of shape (1, 3), expected whole numbers of vertices, 0 to 7"
+NUMBERS = "given an array of shape (1, 3), expected integer vertex indices from 0 to 7"
 DISC = {"kind": "sphere", "radius": 0.1}
 FLOOR = {"kind": "plane", "normal": [0.0, 0.0, 1.0]}
 DENSE = {"mass": None, "density": 1000.0}
@@ -438,7 +438,7 @@ def faults(tables: dict[str, Any]) -> list[str]:
 def test_files_that_are_no_meshes_are_faults_of_their_key(tmp_path: Path) -> None:
     (tmp_path / "a.stl").write_text("no mesh")
     (tmp_path / "a.shape").write_text("no mesh")
-    for name, wanted in (("a.stl", "a sound stl file"), ("a.shape", "a file that ends in .glb, .obj")):
+    for name, wanted in (("a.stl", "a valid stl file"), ("a.shape", "a file that ends in .glb, .obj")):
         with pytest.raises(SceneError, match=rf"object\.shape\.mesh: .* expected {wanted}"):
             gx.Scene(**table(3, {"mesh": str(tmp_path / name)}, [[0.1, 0.0, 0.0]]))
 

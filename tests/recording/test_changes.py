@@ -75,8 +75,8 @@ def test_a_summary_shows_changes(capsys: pytest.CaptureFixture[str]) -> None:
     assert rec.summary()["changes"] == MOST_CHANGES + 3
     print_summary([rec])
     text = capsys.readouterr().out
-    assert "values changed in mid-run" in text
+    assert "values changed during the run" in text
     assert "note: from 0.5 s on coupling.internal.stiffness = 51.0\n" in text
     assert "note: and 3 more changes" in text and text.count("note: from") == MOST_CHANGES
     print_summary([wave])
-    assert "in mid-run" not in capsys.readouterr().out
+    assert "changed during the run" not in capsys.readouterr().out

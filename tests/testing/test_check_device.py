@@ -133,10 +133,10 @@ def test_report_on_a_simulated_device_leaves_out_what_its_plant_shows():
     assert "a force limit" in [each.promise for each in unseen.not_visible]
     assert "`stop` sets zero force at once, even when called again" in seen.checks
     for report in (seen, unseen):
-        assert "two devices of a kind are independent" in [each.promise for each in report.not_visible]
+        assert "two devices of one kind are independent" in [each.promise for each in report.not_visible]
         assert not any("metres" in each.promise for each in report.not_visible)
     both = check_device(partial(connect, mass=0.15, dimensions=1, force_limit=3.0))
-    assert "two devices of a kind in one process are independent" in both.checks
+    assert "two devices of one kind in one process are independent" in both.checks
     assert len(both.not_visible) == len(seen.not_visible) - 1
 
 
@@ -295,7 +295,7 @@ class Noisy(PointDevice):
     ("kind", "promise", "found"),
     [
         (UnknownAsZero, "None, never zero", "mass = 0.0"),
-        (WorkspaceUpsideDown, "features", "lower and a higher corner"),
+        (WorkspaceUpsideDown, "features", "lower and an upper corner"),
         (FeaturesAfterOpen, "features are reported before `open`", "DeviceError: .*not open"),
         (FlatPositions, "`read` returns", r"positions of shape \(4,\), expected \(2, 2\)"),
         (NoForceLeft, "`largest_force` is a positive force", r"\[1.0, 0.0\] N"),
@@ -312,9 +312,9 @@ class Noisy(PointDevice):
         (ClippedNaN, "non-finite", "nan on finger 0 was accepted"),
         (SilencedNaN, "non-finite", "nan on finger 0 was accepted"),
         (LastForceKept, "non-finite", r"the effort \[0.1, 0.0\] after nan"),
-        (StopsLater, "`stop` sets zero force", "an effort after it"),
+        (StopsLater, "`stop` sets zero force", "an effort after `stop`"),
         (ClosesOnce, "`close` removes the force", "OSError: the port is closed"),
-        (KeepsForceWhenClosed, "`close` removes the force", "an effort after it"),
+        (KeepsForceWhenClosed, "`close` removes the force", "an effort after `close`"),
         (SomebodyElse, "the device itself", "another object"),
         (SwallowsErrors, "propagates exceptions", "swallowed"),
         (Noisy, "identical, bit for bit", "moves differently"),
@@ -413,7 +413,7 @@ def test_two_that_are_not_independent(kind, found):
     check_device(kind(**SETTINGS))  # one alone keeps its promises
     with pytest.raises(ConformanceError, match=found) as error:
         check_device(lambda: kind(**SETTINGS))
-    assert "two devices of a kind" in error.value.promise
+    assert "two devices of one kind" in error.value.promise
 
 
 def test_a_factory_that_gives_one_device_twice():

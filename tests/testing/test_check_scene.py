@@ -128,7 +128,7 @@ FAULTS = {
     "memory: a body that counts all of its kind": (
         "import sys; sys.steps = getattr(sys, 'steps', 0) + 1; self.real.step(T)\n"
         "        self.state[integrators.POSITION] += 1e-9 * (sys.steps > {runs} and self.steps < 5)",
-        "two servos that run in turns each give the result of a single servo",
+        "two servos that run alternately each give the result of a single servo",
     ),
 }
 

@@ -239,7 +239,7 @@ class NeverNoticed(Delta):
         (BrakesAlone, "`stop` and `close` set zero force", "after `close`"),
         (NeverClosed, "zero force", "after the end of `with`"),
         (KeptWhenNotFinite, "non-finite force is displayed as zero", "after nan N"),
-        (Alone, "without further writes", "no watchdog, and the driver no `quench"),
+        (Alone, "without further writes", "no watchdog, and the driver has no `quench"),
         (BoastsOfAWatchdog, "without further writes", "did not remove the force after 0.03 s"),
         (ZeroWhenItFails, "failing wire", "at rest is off by"),
         (FreshWhenItFails, "failing wire", "although the board sends nothing"),

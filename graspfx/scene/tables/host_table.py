@@ -20,19 +20,21 @@ class Host(Table):
     name: Name = Field(description="name under which the host finds the loop: `feedback.connect(name)`")
     predict: Literal["hold", "linear", "model"] = Field(
         default="hold",
-        description="forces between two samples: held, along the slope of the last two, or by the stiffnesses below",
+        description="forces between two samples: constant, extrapolated linearly, or by the stiffnesses below",
     )
     push_stiffness: NotNegative = Field(
-        default=0.0, description='stiffness that a finger feels when all move together, for `predict = "model"` [N/m]'
+        default=0.0,
+        description='stiffness that a finger feels if all fingers move together, for `predict = "model"` [N/m]',
     )
     squeeze_stiffness: NotNegative = Field(
         default=0.0, description='stiffness that a finger feels in a squeeze, for `predict = "model"` [N/m]'
     )
     silence: Positive = Field(
-        default=0.1, description="time without a new sample after which forces fade to zero in 20 ms, a fault [s]"
+        default=0.1,
+        description="time without a new sample after which forces fade to zero in 20 ms and a fault follows [s]",
     )
     tank: NotNegative = Field(
-        default=0.05, description="initial energy of each tank, of push and squeeze [J]; 0 switches them off"
+        default=0.05, description="initial energy of the push tank and of the squeeze tank [J]; 0 switches both off"
     )
     tank_room: NotNegative = Field(default=0.5, description="largest energy of a tank [J]")
     speed: Positive = Field(

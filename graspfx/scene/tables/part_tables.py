@@ -35,7 +35,7 @@ BLEND_OF_OBJECT = (0.001, 0.01)  # [m]
 
 
 class Object(Table):
-    """The object in the fingers: m a + b v = f_v (27), translation and rotation."""
+    """An object that fingers move by m a + b v = f_v (27), in translation and rotation."""
 
     name: Name = Field(default="object", description="name that fingers and recordings refer to")
     mass: Positive | None = Field(
@@ -45,7 +45,7 @@ class Object(Table):
     )
     density: Positive | None = Field(
         default=None,
-        description="density [kg/m^3], in space, of a shape with a volume",
+        description="density [kg/m^3]; only in space, for a shape with a volume",
         json_schema_extra={"excludes": "`mass`, an open mesh, `dimensions` below 3"},
     )
     viscosity: NotNegative = Field(description="viscosity b [N s/m]")
@@ -58,11 +58,14 @@ class Object(Table):
         json_schema_extra={"excludes": "`dimensions = 1`"},
     )
     shape: Shape | None = Field(default=None, description="shape of the surface; required for unilateral contact")
-    free: Annotated[tuple[Switch, ...], Field(description="mask of the w freedoms that can move")] | None = None
-    dynamics: str = Field(default="native", description="native, bullet, mujoco or another name from `graspfx list`")
+    free: Annotated[tuple[Switch, ...], Field(description="mask of the free degrees of freedom, (w,)")] | None = None
+    dynamics: str = Field(
+        default="native", description="dynamics engine: native, bullet, mujoco or another name from `graspfx list`"
+    )
     integrator: Literal["explicit", "semi-implicit", "exact", "implicit"] = Field(
         default="exact",
-        description="integrator of the motion under a held force; implicit solves for force and motion together",
+        description="integrator of the motion under a force that is constant over a tick; implicit solves for force "
+        "and motion together",
     )
     position: Vector | None = Field(
         default=None,
@@ -70,7 +73,7 @@ class Object(Table):
     )
     orientation: NumberOrVector | None = Field(
         default=None,
-        description="plane: an angle [rad]; space: a quaternion x, y, z, w",
+        description="initial orientation: an angle [rad] in the plane, a unit quaternion x, y, z, w in space",
         json_schema_extra={"excludes": "`dimensions = 1`"},
     )
     velocity: Vector | None = Field(default=None, description="initial velocity, (d,) [m/s]; zero if not given")
@@ -91,7 +94,7 @@ class Obstacle(Table):
     )
     orientation: NumberOrVector | None = Field(
         default=None,
-        description="plane: an angle [rad]; space: a quaternion x, y, z, w",
+        description="initial orientation: an angle [rad] in the plane, a unit quaternion x, y, z, w in space",
         json_schema_extra={"excludes": "`dimensions = 1`"},
     )
 
@@ -123,23 +126,23 @@ class ObjectImpedance(Table):
     """Displayed stiffness and damping of the object, in the axes of its shape, distributed over its fingers."""
 
     object_stiffness: Gain = Field(
-        description="K_o at zero squeeze, w x w on the object's freedoms, forces before moments [N/m, N, N m/rad]; its "
-        "diagonal as a list, or on a line a number"
+        description="K_o at zero squeeze, (w, w), translations before rotations [N/m, N, N m/rad]; or its diagonal as "
+        "a list; on a line a number"
     )
     object_damping: Gain | None = Field(default=None, description="D_o, in the same forms; zero if not given")
     object_point: Vector | None = Field(
         default=None,
-        description="point of K_o and D_o, from the object's centre of mass (d,) [m]; that centre if not given",
+        description="reference point of K_o and D_o, from the centre of mass (d,) [m]; the centre of mass if not given",
     )
 
     @property
     def stiffness(self) -> tuple[tuple[float, ...], ...]:
-        """K_o as a square."""
+        """K_o as a square matrix."""
         return _square(self.object_stiffness)
 
     @property
     def damping(self) -> tuple[tuple[float, ...], ...]:
-        """D_o as a square."""
+        """D_o as a square matrix."""
         if self.object_damping is None:
             size = len(self.stiffness)
             return ((0.0,) * size,) * size
@@ -154,7 +157,7 @@ class ObjectImpedance(Table):
 
 
 def _square(gain: Any) -> tuple[tuple[float, ...], ...]:
-    """Write a gain of an object as a square: a number and a list are its diagonal."""
+    """Return a gain of an object as a square matrix; a number or a list is its diagonal."""
     rows = (gain,) if isinstance(gain, float) else gain
     if isinstance(rows[0], tuple):
         return tuple(rows)
@@ -234,7 +237,7 @@ class Coupling(Table):
     )
     weights: Vector | None = Field(
         default=None,
-        description="weight of each finger of the scene, above zero and of any unit: their mean on an object is 1",
+        description="weight of each finger of the scene, above zero; weights are scaled to a mean of 1 on each object",
         json_schema_extra={"excludes": '`split = "pseudoinverse"`, `split = "mass"`'},
     )
     metric: Literal["equal", "mass"] = Field(
@@ -242,7 +245,8 @@ class Coupling(Table):
         description='alternative name of `split`: "mass" is `split = "mass"`, "equal" is `split = "pseudoinverse"`',
     )
     absent: Literal["fade", "follow"] = Field(
-        default="fade", description="a free finger leaves the split as its gap grows, or follows the object permanently"
+        default="fade",
+        description="role of a free finger: it fades out of the split as its gap grows, or remains in the split",
     )
     fade: PairOrAuto = Field(
         default="auto",
@@ -251,7 +255,7 @@ class Coupling(Table):
     )
     passivity: Literal["off", "observe", "control"] = Field(
         default="off",
-        description="energies by mode: not computed, recorded, or also dissipated where they are generated",
+        description="energy of each mode: not computed, recorded, or also dissipated in the modes that create it",
     )
     damping_depth: NotNegative = Field(
         default=0.0,
@@ -264,12 +268,12 @@ class Coupling(Table):
     )
     enter: Literal["refuse", "ramp"] = Field(
         default="refuse",
-        description="finger of hardware that is inside its object when a run begins: refuse it, or ramp its force up",
+        description="start of a run with a hardware finger inside its object: refuse it, or ramp the finger's force up",
     )
     blend: PairOrOff = Field(
         default=(0.00025, 0.001),
-        description="rms arms between which a rotation fades into the external space [m]; 'off': as soon as it has "
-        "an arm, as in eq. (4); [0.001, 0.01] with an `object_stiffness`, which a short arm makes stiff at a fingertip",
+        description="rms lever arms between which a rotation fades into the external space [m]; 'off': it enters with "
+        "any arm, as in eq. (4); [0.001, 0.01] with an `object_stiffness`, because short arms make a fingertip stiff",
     )
 
     @model_validator(mode="after")
@@ -282,7 +286,7 @@ class Coupling(Table):
 
 
 class Frame(Table):
-    """Pose of a device in the scene, p = origin + scale R p_device; forces times scale R', which preserves power."""
+    """Pose of a device, p = origin + scale R p_device; its forces are scale R' times the scene's, at equal power."""
 
     origin: Vector | None = Field(
         default=None, description="position of the device, (d,) [m]; the scene's origin if not given"
@@ -299,12 +303,12 @@ def _range(value: tuple[float, float]) -> tuple[float, float]:
     low, high = value
     if low <= high:
         return value
-    text = "expected the smaller one first; given {given}"
+    text = "expected the smaller number first; given {given}"
     raise PydanticCustomError("range", text, {"given": abbreviate(list(value))})
 
 
 class Measures(Table):
-    """Measured properties of a device, as written by `graspfx calibrate`; they replace what its driver states."""
+    """Measured properties of a device, as written by `graspfx calibrate`; they replace its driver's values."""
 
     mass: Positive | None = Field(default=None, description="effective mass at a fingertip [kg]")
     friction: NotNegative | None = Field(default=None, description="viscous friction at a fingertip [N s/m]")
@@ -312,19 +316,19 @@ class Measures(Table):
     latency: NotNegative | None = Field(default=None, description="age of a sample when it is read [s]")
     lateness: NotNegative | None = Field(
         default=None,
-        description="time from the reading of a sample to its force, without half a sample of hold [s]",
+        description="time from the reading of a sample to its force, without the half period of the hold [s]",
     )
     jitter: Annotated[Pair, AfterValidator(_no_negative), AfterValidator(_range)] | None = Field(
         default=None, description="1st and 99th percentile of the lateness; certificates use the worse one [s]"
     )
     round_trip: NotNegative | None = Field(
         default=None,
-        description="time of a reading and a writing, part of the lateness; a recording's own value replaces it [s]",
+        description="duration of reading and writing, included in the lateness; a recording's value replaces it [s]",
     )
 
 
 class Device(Table):
-    """A driver with its settings: the scene's own keys, and the arguments of the driver's `connect`."""
+    """A driver with its settings: keys that all devices have, and the arguments of the driver's `connect`."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -373,7 +377,7 @@ class Placement(Table):
     """A start position given by a direction from the object's centre and a gap, instead of coordinates."""
 
     toward: Vector = Field(
-        description="direction from the object's initial centre of mass, world axes, of any length (d,)"
+        description="direction from the object's initial centre of mass, in world axes, of any length, (d,)"
     )
     gap: NotNegative = Field(
         default=0.0, description="gap between the fingertip, including its ball, and the surface [m]"
@@ -387,7 +391,7 @@ PointOrPlacement = Annotated[Annotated[Vector, Tag("<list>")] | Annotated[Placem
 class Finger(Table):
     """A fingertip: its device, its hand, and the object that it touches."""
 
-    name: Name | None = Field(default=None, description="name in recordings and figures; its number if not given")
+    name: Name | None = Field(default=None, description="name in recordings and figures; finger0, ... if not given")
     device: DeviceOrName = Field(description="device table, or label of a [[device]]")
     channel: Count = Field(default=0, description="index of the finger on the device")
     hand: HandOrName | None = Field(default=None, description="hand table, or name of a [[hand]]")
@@ -412,9 +416,9 @@ class Finger(Table):
     )
     pad: Pad | None = Field(
         default=None,
-        description="compliant fingertip: f_n = k depth^1.5 [N] along the normal, where the depth [m] adds to e_n of "
-        "eq. (4); for unilateral contacts",
-        json_schema_extra={"excludes": '`coupling.contact = "attached"`, the integrator implicit with damping'},
+        description="compliant fingertip: f_n = k depth^1.5 [N] along the normal; eq. (4) receives e_n less the depth "
+        "[m]; for unilateral contacts",
+        json_schema_extra={"excludes": '`coupling.contact = "attached"`, `integrator = "implicit"` with damping'},
     )
     safety: FingerSafety | None = Field(default=None, description="finger's own limits, in a scene with [safety]")
 

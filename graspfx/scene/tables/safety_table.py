@@ -60,12 +60,12 @@ class FingerSafety(Table):
     )
     workspace: Workspace | None = Field(
         default=None,
-        description="box out of which no force pushes the finger, [[lower], [upper]] [m]; the scene's if not given",
+        description="box beyond which forces do not push the finger, [[lower], [upper]] [m]; the scene's if not given",
     )
 
 
 class Safety(Table):
-    """Safety chain between the coupling law and the devices; the object receives its output."""
+    """Safety chain between the coupling law and the devices; the object, too, receives the limited forces."""
 
     force: Positive | None = Field(
         default=None,
@@ -92,6 +92,6 @@ class Safety(Table):
     )
     workspace: Workspace = Field(
         default="device",
-        description="box out of which no force pushes a finger, [[lower], [upper]] [m]; 'device': its device's own; "
-        "'none'",
+        description="box beyond which forces do not push a finger, [[lower], [upper]] [m]; 'device': the box of its "
+        "device; 'none': no box",
     )

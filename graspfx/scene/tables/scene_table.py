@@ -49,11 +49,11 @@ def _plain(value: Any) -> Any:
 
 
 class Preset(Table):
-    """Values that replace the scene's, before those of `--set`, if the user names the preset."""
+    """Values that replace the scene's if the user names the preset; those of `--set` are applied afterwards."""
 
     reason: Annotated[str, AfterValidator(_stated)] = Field(description="purpose of the preset, in a sentence")
     set: Annotated[dict[str, Any], BeforeValidator(values_by_key)] = Field(
-        description=f"by dotted key: {PRESET_EXAMPLE}"
+        description=f"values by dotted key, as in {PRESET_EXAMPLE}"
     )
 
 
@@ -66,7 +66,9 @@ class OperatorSpan(Table):
     low: Number = Field(description="smallest value")
     high: Number = Field(description="largest value")
     law: Literal["log", "uniform", "normal", "lognormal"] = Field(
-        default="log", description="distribution of a population; normal laws have 95 % in the range, and are truncated"
+        default="log",
+        description="distribution over a population, by default uniform if low is not above zero; normal laws have "
+        "95 % in the range, and are truncated to it",
     )
 
     @model_validator(mode="before")

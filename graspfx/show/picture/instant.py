@@ -74,7 +74,7 @@ def fingertip_radii(table: Table, count: int) -> FloatArray:
 
 
 def apart_on_a_line(count: int) -> FloatArray:
-    """Place fingers across a line, (n,), in units of their distance."""
+    """Return offsets that separate fingers across a line, (n,), in units of their distance."""
     return np.asarray(0.5 * (count - 1) - np.arange(count))
 
 
@@ -84,7 +84,7 @@ def colours_of(names: Sequence[str], movable: Sequence[str]) -> list[str]:
 
 
 def slid(surface: Surface, middle: FloatArray) -> Surface:
-    """Move the drawn part of an infinite surface to the point closest to the centre."""
+    """Move the drawn part of an infinite surface to the surface's point closest to the centre of the drawing."""
     v = surface.vertices
     if len(middle) == 3:
         along = np.array([v[1] - v[0], v[3] - v[0]])
@@ -279,7 +279,7 @@ def _described(recording: Recording, table: Mapping[str, Any], k: int, d: int, n
 
 
 def _pose(recording: Recording, name: str) -> tuple[FloatArray, FloatArray | None]:
-    """Return the pose of a shape's frame over time, from the body's centre if recorded."""
+    """Return the pose over time of the frame in which a scene describes a shape, or else of the object."""
     describe = getattr(recording, "described_pose", None)
     if describe is not None:
         position, orientation = describe(name)

@@ -88,7 +88,7 @@ class Layer:
         return rgba
 
     def clear_depth(self, reach: int) -> FloatArray:
-        """Compute at each pixel the farthest depth within a reach; points behind it are hidden, also at rims."""
+        """Compute the farthest depth within `reach` pixels of each pixel; points behind this depth are hidden."""
         depth = self.depth.copy()
         for one in (depth, depth.T):  # along columns, then along rows
             whole = one.copy()
@@ -128,7 +128,7 @@ def weld(vertices: FloatArray, faces: IntArray) -> IntArray:
 
 
 def corner_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Average the normals (f, 3, 3) of triangles around each corner that no crease separates."""
+    """Return normals at the corners of faces (f, 3, 3), averaged over triangles that no crease separates."""
     corners = vertices[faces]
     doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])  # by area
     lengths = np.linalg.norm(doubled, axis=1, keepdims=True)
@@ -346,7 +346,7 @@ ALONG_AN_AXIS = (45, 60, 75)  # azimuths relative to FRONT at which a face of a 
 
 
 def best_view(contacts: FloatArray, out: FloatArray, extent: float) -> tuple[float, float]:
-    """Find the view with most contacts on the near side and well separated; by default the usual corner.
+    """Find the view with most contacts on the near side and well separated; ties favour the default view.
 
     Args:
         contacts: Points to show (n, 3) [m].

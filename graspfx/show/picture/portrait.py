@@ -73,7 +73,7 @@ def shown_forces(now: Instant, forces: Forces) -> list[tuple[FloatArray, list[st
 
 
 def outward(now: Instant) -> FloatArray:
-    """Compute a direction out of the object at each contact: against its force, or away from the centre."""
+    """Return a point outside the object near each contact, (n, d) [m]: against its force, or away from the centre."""
     away = -now.forces
     idle = ~now.touching | (np.linalg.norm(away, axis=1) == 0.0)
     away[idle] = (now.contacts - now.middle)[idle]
@@ -454,7 +454,7 @@ def _frame(drawing: Sheet, axes: Axes, now: Instant, scale: float, longest: floa
 
 
 def _bar(axes: Axes, right: float, length: float, words: str, arrow: str, text: float) -> None:
-    """Draw a scale under the picture, from its right end; lengths are fractions of the picture's width."""
+    """Draw a scale under the picture; its right end and its length are fractions of the picture's width."""
     axes.annotate(
         "", (right, BELOW), (right - length, BELOW), xycoords="axes fraction", textcoords="axes fraction",
         arrowprops={"arrowstyle": arrow, "color": INK, "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0},

@@ -210,7 +210,7 @@ def _stadium(shape: Mapping[str, Any], _: float) -> Surface:
 
 
 def _ground(shape: Mapping[str, Any], extent: float) -> Surface:
-    """Build a strip of ground below a plane, or a line for a sheet."""
+    """Build a strip of ground for a half-space, or a line for a plane."""
     w = np.zeros(2)
     w[: len(shape["normal"])] = shape["normal"]
     w /= np.linalg.norm(w)

@@ -34,7 +34,7 @@ def closest(kind: int, d: int, size: Vector, p: Vector, face: int, last: Vector)
             CYLINDER, radius and half length, along z; 0 mantle, 1 cap at +z, 2 cap at -z.
             ELLIPSOID, semi-axes; 0 and 1 are the two sides of the shortest.
         face: Finger's face at the last sample; -1 for none, which selects the face with the largest signed distance.
-        last: Contact point at the last sample. If several points are nearest, as all points are to a sphere's centre,
+        last: Contact point at the last sample. If several points are nearest, for example to the centre of a sphere,
             the finger keeps its direction.
     """
     p, last = in_dimensions(p, d), in_dimensions(last, d)
@@ -60,7 +60,7 @@ def closest(kind: int, d: int, size: Vector, p: Vector, face: int, last: Vector)
 
 @kernel
 def closest_to_ball(kind: int, d: int, size: Vector, radius: float, p: Vector, face: int, last: Vector) -> Nearest:
-    """Find the contact of a ball fingertip centred at p: the gap is the ball's, the contact point is on the shape.
+    """Find the contact of a ball fingertip centred at p: the ball's gap, and the contact point on the shape.
 
     The ball's centre has a proxy q on the shape offset by the ball's radius: q = c - radius n, p - q = -gap n.
     Displacements are measured from q, e = p + radius n - c, and vanish where the ball just touches. The offset shape

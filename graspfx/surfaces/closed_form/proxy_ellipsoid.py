@@ -49,7 +49,7 @@ class Pairs:
 
 @kernel
 def on_ellipsoid(d: int, size: Vector, p: Vector, face: int, last: Vector) -> Nearest:
-    """Find c_i = e_i^2 p_i/(t + e_i^2) with t such that c is on the surface; t = 0 there, n opposes c_i/e_i^2.
+    """Find c_i = e_i^2 p_i/(t + e_i^2) with t such that c is on the surface (t = 0 if p is); n opposes c_i/e_i^2.
 
     Besides the nearest point, the squared distance has at most one local minimum on the surface, beyond the plane of
     the two longer semi-axes (Martinez 1994). A finger therefore has a side, 0 or 1, of the shortest semi-axis. It keeps
@@ -128,7 +128,7 @@ def near_side(h: Vector, u: Vector) -> Foot:
     |y(s)| = 1 with y_i = h_i u_i/(s + h_i^2 - h3^2) is solved by Newton's method for 1/|y|, which is concave: iterates
     from below the root rise to it and never pass it. The start is a lower bound that is close to the root for any
     finger. The iteration ends in pairs of floats, since a nearby evolute magnifies rounding. s = 0 with y3 >= 0 means
-    the plane of the longer semi-axes, or with h2 = h3 the line of the longest.
+    that the finger is on the plane of the longer semi-axes, or for h2 = h3 on the line of the longest.
     """
     d1, r1 = squares_apart(h.x, h.z)
     d2, r2 = squares_apart(h.y, h.z)
@@ -228,7 +228,7 @@ def far_side(h: Vector, u: Vector) -> Foot:
 
 
 def lower_bound(k: float, left: float, slope: float) -> float:
-    """Return an s with (k/s)^2 >= left + slope s; the root of equality is within a small factor of it."""
+    """Return an s with (k/s)^2 >= left + slope s; the root of equality is larger by a small factor at most."""
     bound = k / math.sqrt(2.0 * left) if left > 0.0 else math.inf
     if slope > 0.0:
         exponent = (2 * math.frexp(k)[1] - 3 - math.frexp(slope)[1]) // 3  # cube root of k^2/(2 slope), rounded down

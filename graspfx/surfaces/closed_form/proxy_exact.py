@@ -27,7 +27,7 @@ def exact_product(a: float, b: float) -> tuple[float, float]:
 
 
 def radial_excess(x: float, y: float, radius: float) -> float:
-    """Compute |(x, y)| - radius to full relative accuracy: x^2 + y^2 - radius^2 exactly, over the sum of the roots."""
+    """Compute |(x, y)| - radius to full relative accuracy: exact x^2 + y^2 - radius^2, over |(x, y)| + radius."""
     p, pr = exact_product(x, x)
     q, qr = exact_product(y, y)
     r, rr = exact_product(radius, radius)

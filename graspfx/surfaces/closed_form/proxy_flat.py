@@ -15,9 +15,10 @@ TINY = 1e-280  # smaller squared lengths have lost their digits
 def on_box(d: int, half: Vector, p: Vector, face: int) -> Nearest:
     """Find the contact with a box: a face holds a finger that is behind it and within its edges.
 
-    Any other finger is outside, and its contact is its projection. A contact that slides over an edge to a nearer face
-    would end at the same projection, because a finger beyond an edge is in front of the neighbouring face. Outside, the
-    finger's face is the one that it is farthest in front of, so that it enters through that face.
+    The contact of any other finger is its projection, for a new finger inside on the nearest face. A contact that
+    slides over an edge to a nearer face would end at the same projection, because a finger beyond an edge is in front
+    of the neighbouring face. Outside, the finger's face is the one that it is farthest in front of, so that it enters
+    through that face.
     """
     ex, ey, ez = abs(p.x) - half.x, abs(p.y) - half.y, abs(p.z) - half.z
     if d < 3:

@@ -28,7 +28,7 @@ class Contacts:
     """Contact points of n fingers in the object's frame.
 
     Attributes:
-        face: Faces of the fingers, to be passed to the next sample, (n,); 0 on a sphere.
+        face: Index of the face of each finger, to be passed to the next sample, (n,); 0 on a sphere.
         point: Contact points on the surface, (n, d) [m].
         normal: Unit normals into the object, (n, d).
         gap: Gap, > 0 outside and < 0 inside, (n,) [m]; finger - point = -gap normal for a point, and -(gap + radius)
@@ -48,7 +48,7 @@ def contacts(each: Sequence[Nearest], d: int) -> Contacts:
 
 
 class Shape(ABC):
-    """Shape about its centre, in its own frame: `kind` and `parameters` are those of `proxy.closest`."""
+    """Shape about its centre, in its own frame; `proxy.closest` receives `kind`, and `parameters` as its `size`."""
 
     kind: ClassVar[int]
     endless: ClassVar[bool] = False  # an endless shape has no mass properties
@@ -105,7 +105,7 @@ class Shape(ABC):
         """Find the contact points of fingers at `points` (n, d) in the object's frame.
 
         Args:
-            faces: Faces of the fingers at the last sample, (n,).
+            faces: Index of the face of each finger at the last sample, (n,); -1 for a new finger.
             previous: Contact points at the last sample, (n, d).
             radius: Radius of ball fingertips [m]; zero for points.
         """
@@ -132,7 +132,7 @@ class Shape(ABC):
 
     def _check(self, d: int) -> None:
         if not self.dimensions_ok(int(number("dimensions", d, "1, 2 or 3"))):
-            raise InputError("dimensions", d, f"those of {self}", "give vectors one entry per dimension")
+            raise InputError("dimensions", d, f"the dimensions of {self}", "give vectors one entry per dimension")
 
 
 @dataclass(frozen=True)

@@ -125,7 +125,7 @@ def settle(mesh: MeshTree, ball: MeshFinger, radius: float, step: float, scale: 
 
 @kernel
 def roll(mesh: MeshTree, ball: MeshFinger, radius: float, scale: float, g: Vector) -> None:
-    """Roll a proxy that is held only by an edge or a vertex around it, towards g, by at most STEP, if nothing is hit.
+    """Roll a proxy around the one edge or vertex that holds it, towards g, by at most STEP [rad], if nothing is hit.
 
     Tangent planes alone converge too, but more slowly the deeper g is. Both ends of this short path are a radius away
     from every triangle, so that nothing lies between them.

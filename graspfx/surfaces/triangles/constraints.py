@@ -28,10 +28,10 @@ PARALLEL = 1e-18  # squared volume of the normals below which they are linearly 
 def project(
     mesh: MeshTree, ball: MeshFinger, radius: float, reach: float, scale: float, g: Vector
 ) -> tuple[int, Vector]:
-    """Find the point nearest to g in front of all planes within reach, and the size of its active set, stored first.
+    """Return the number of active planes, stored first, and the point nearest to g in front of all planes in reach.
 
     The most violated plane is added to the active set. Of these planes (at most four), only those that hold the point
-    remain active. The distance from g grows with every change, so that the method terminates. The size is -1 if no
+    remain active. The distance from g grows with every change, so that the method terminates. The number is -1 if no
     point is in front of all planes.
     """
     x = g
@@ -110,7 +110,7 @@ def is_covered_by_any(ball: MeshFinger, count: int, triangle: Triangle, radius: 
 def is_covered(triangle: Triangle, plane: Plane, radius: float, slack: float) -> bool:
     """True if every point in front of a plane is a radius away from the whole triangle.
 
-    This holds across a flat or convex edge, where the tangent plane would keep the proxy from crossing the edge.
+    This holds across a flat or convex edge, where the triangle's own plane would keep the proxy from crossing the edge.
     """
     behind = plane.distance - radius + slack
     n = plane.normal

@@ -97,7 +97,7 @@ class Mesh:
             raise InputError("points", points, "finite positions of shape (n, 3)")
         S = new_fingers(len(p)) if state is None else state
         if getattr(S, "shape", None) != (len(p), STATE) or S.dtype != np.float64 or not S.flags.c_contiguous:
-            raise InputError("state", state, f"what new_fingers({len(p)}) gives")
+            raise InputError("state", state, f"the array that new_fingers({len(p)}) returns")
         radius = number("radius", radius, "a finite length, zero or more [m]")
         mesh = MeshTree(memoryview(self.data))
         fingers: Many[MeshFinger] = Many(MeshFinger, memoryview(S.reshape(-1)), 0, len(p))
@@ -108,7 +108,7 @@ class Mesh:
         return contacts(each, 3)
 
     def mass_properties(self, *, mass: float | None = None, density: float | None = None) -> MassProperties:
-        """Compute mass properties of the solid from its mass [kg] or density [kg/m^3]; of a shell, over its surface.
+        """Compute mass properties of the solid, or of a shell's surface, from the mass [kg] or density [kg/m^3].
 
         Raises:
             InputError: If neither or both are given, a density is given for a shell, the surface has no inside, or it
@@ -158,7 +158,7 @@ def load_mesh(
     most_bytes: int = MOST_BYTES,
     most_triangles: int = MOST_TRIANGLES,
 ) -> Mesh:
-    """Load a mesh from an STL, OBJ, PLY, OFF or GLB file, times `scale` (0.001 for a file in millimetres).
+    """Load a mesh from an STL, OBJ, PLY, OFF or GLB file, scaled by `scale` (0.001 for a file in millimetres).
 
     Only positions and triangles are read; materials and referenced files are ignored.
 
@@ -173,7 +173,7 @@ def load_mesh(
 def make_mesh(
     vertices: ArrayLike, faces: ArrayLike, *, scale: float = 1.0, shell: bool = False, name: str = "mesh"
 ) -> Mesh:
-    """Make a mesh from vertices (v, 3) and triangles (f, 3), times `scale`, with checks and safe repairs.
+    """Make a mesh from vertices (v, 3), scaled by `scale`, and triangles (f, 3), with checks and safe repairs.
 
     Equal vertices are merged. Triangles without area are dropped, and their neighbours are split at the vertex in the
     middle of the shared side. Triangles that face the wrong way are reversed. `notes` lists every repair.
@@ -184,13 +184,13 @@ def make_mesh(
     """
     scale = number("scale", scale, "finite and above zero", zero=False)
     v = real(name, vertices, "finite coordinates")
-    corners = finite("faces", faces, "whole numbers of vertices")
+    corners = finite("faces", faces, "integer vertex indices")
     if v.ndim != 2 or v.shape[1] != 3 or corners.ndim != 2 or corners.shape[1] != 3 or not len(corners):
         raise InputError(
             name, f"{v.shape} vertices, {corners.shape} faces", "a surface of triangles: (v, 3) and (f, 3)"
         )
     if (corners % 1.0).any() or corners.min() < 0 or corners.max() >= len(v):
-        raise InputError("faces", corners, f"whole numbers of vertices, 0 to {len(v) - 1}")
+        raise InputError("faces", corners, f"integer vertex indices from 0 to {len(v) - 1}")
     f = corners.astype(np.intp)
     v[f] = scale * finite(name, v[f], "finite coordinates")
     size = float(np.ptp(v[f].reshape(-1, 3), axis=0).max())
@@ -291,7 +291,7 @@ def _principal(inertia: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _eigen(A: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Find the eigenvalues of a symmetric (3, 3), ascending, and eigenvectors as columns, by Jacobi rotations.
+    """Find the eigenvalues of a symmetric matrix (3, 3), ascending, and eigenvectors as columns, by Jacobi rotations.
 
     LAPACK's last digits depend on the processor, and a scene's body must not depend on it.
     """

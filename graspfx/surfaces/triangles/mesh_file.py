@@ -44,7 +44,7 @@ def read_mesh_file(path: str | PathLike[str], most_bytes: int, most_triangles: i
     if len(data) > most_bytes:
         raise InputError("mesh", str(path), f"a file of at most {most_bytes} bytes", "raise most_bytes to read it")
     if kind == ".stl" and (missing := _missing_of_stl(data)):
-        raise InputError("mesh", str(path), "a sound stl file", f"it is truncated: {missing}; copy or export it again")
+        raise InputError("mesh", str(path), "a valid stl file", f"it is truncated: {missing}; copy or export it again")
     trimesh = load_trimesh()
     try:
         with warnings.catch_warnings():
@@ -52,17 +52,17 @@ def read_mesh_file(path: str | PathLike[str], most_bytes: int, most_triangles: i
             vertices, faces, count = _surface(trimesh, kind[1:], data, most_triangles)
     except Exception as error:  # trimesh may raise anything on a damaged file
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:LONGEST]
-        raise InputError("mesh", str(path), f"a sound {kind[1:]} file", f"trimesh cannot read it: {reason}") from error
+        raise InputError("mesh", str(path), f"a valid {kind[1:]} file", f"trimesh cannot read it: {reason}") from error
     if count > most_triangles:
         fault = f"it has {count} triangles, and most_triangles is {most_triangles}"
         raise InputError(
-            "mesh", str(path), f"at most {most_triangles} triangles", f"{fault}; raise it to read the file"
+            "mesh", str(path), f"at most {most_triangles} triangles", f"{fault}; raise the limit to read the file"
         )
     fault = "it has no triangles" if not len(faces) else ""
     if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
         fault = f"a triangle refers to a missing vertex: there are {len(vertices)} vertices"
     if fault:
-        raise InputError("mesh", str(path), f"a sound {kind[1:]} file", fault)
+        raise InputError("mesh", str(path), f"a valid {kind[1:]} file", fault)
     return vertices, faces
 
 

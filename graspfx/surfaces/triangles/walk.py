@@ -1,10 +1,10 @@
 """Contact of a finger with a triangle mesh: a contact point that walks over the surface and never passes through it.
 
-A finger is free or in contact, and keeps its state until one of these events:
+A finger is free or in contact:
 
-- free: while it moves by less than its distance from the surface, it cannot touch it. Otherwise the segment from its
-  last position to its position is cast against the triangles that face it. Within reach of the surface, the nearest
-  point is found in every sample.
+- free: a finger that moves by less than its distance from the surface cannot touch the surface. Otherwise the segment
+  from its last position to its present position is cast against the triangles that face the finger. Within reach of
+  the surface, the nearest point is found in every sample.
 - in contact: the contact point descends over edges and vertices to the nearest point in its neighbourhood (Zilles and
   Salisbury, 1995; Ho, Basdogan and Srinivasan, 1999), so that the side on which it entered holds a finger deep in a
   thin plate. Once the finger is outside, by the pseudonormal at that point (Baerentzen and Aanaes, 2005), it is

@@ -86,7 +86,7 @@ def _crossing(low: FloatArray, high: FloatArray, cavity: NDArray[np.bool_]) -> i
 
 
 def _cavities(corners: FloatArray, pieces: IntArray, low: FloatArray, high: FloatArray) -> NDArray[np.bool_]:
-    """Find the pieces inside an odd number of others, by each piece's solid angle as seen from a point of the other."""
+    """Find the pieces inside an odd number of others, by the others' solid angles as seen from a point of a piece."""
     count = len(low)
     first = np.unique(pieces, return_index=True)[1]
     cavity = np.zeros(count, dtype=bool)
@@ -108,7 +108,7 @@ def _cavities(corners: FloatArray, pieces: IntArray, low: FloatArray, high: Floa
 
 
 def _turns(corners: FloatArray) -> FloatArray:
-    """Compute the solid angles of triangles (f, 3, 3) from the origin, over 4 pi (van Oosterom and Strackee, 1983)."""
+    """Compute solid angles of triangles (f, 3, 3) at the origin, divided by 4 pi (van Oosterom and Strackee, 1983)."""
     a, b, c = np.moveaxis(corners, 1, 0)
     la, lb, lc = np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1), np.linalg.norm(c, axis=1)
     below = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
