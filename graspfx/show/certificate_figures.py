@@ -76,7 +76,8 @@ def _curves(limits: SweptLimits, width: str) -> Sheet:
     )
     ax.set_ylim(0.0, 1.08 * top)
     if not positive.any():
-        ax.text(0.5, 0.5, "no gain is too large", transform=ax.transAxes, ha="center", color=NOTE)
+        text = "no gain is too large" if np.isposinf(values).all() else "no limit is finite and above zero"
+        ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", color=NOTE)
     if len(x) > 1:
         ax.set_xlim(x[0], x[-1])
     panel(ax, x=label_of(limits.sweeps[0].key), y=LIMIT)
