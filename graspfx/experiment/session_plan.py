@@ -55,12 +55,12 @@ def trial_order(
 
     Args:
         order: "fixed" repeats the conditions in the order of the file; "random" shuffles all trials; "blocks" shuffles
-            conditions, each with all its repetitions in a row; "latin-square" also keeps the repetitions together, with
-            the conditions in the order of the participant's row of Williams' design.
+            the conditions and keeps the repetitions of each one together; "latin-square" also keeps the repetitions
+            together, with the conditions in the order of the participant's row of Williams' design.
         count: Number of conditions.
         repetitions: Number of repetitions of each condition.
         rng: Random generator of the session.
-        participant: Participant's number, which selects the row: 1 has the first row, and rows are reused cyclically.
+        participant: Participant's label; for "latin-square" a number, which selects the row (1 the first) cyclically.
 
     Raises:
         InputError: If the order is "latin-square" and the participant is not a whole number of at least 1.
@@ -94,7 +94,7 @@ class Cell:
         values: Values of the scene, by dotted key.
         answer: Correct answer; empty if there is none, or if two intervals are compared.
         compare: Comparison of two intervals; None for one interval.
-        increment: Relative increment of the comparison; NaN if a staircase chooses it.
+        increment: Relative increment of the comparison; NaN without a comparison, or if a staircase chooses it.
     """
 
     condition: str
@@ -113,7 +113,7 @@ class Cell:
         """Make a trial.
 
         Args:
-            number: Number in the session.
+            number: Number in the session, from 1.
             repetition: Repetition of the condition.
             place: Interval with the larger value, 0 or 1.
             increment: Increment of the larger value, if a staircase chooses it.
@@ -140,7 +140,7 @@ def levels_of(factor: Factor) -> Iterator[tuple[Any, Mapping[str, Any]]]:
 
 
 def cells(table: ExperimentTable) -> Sequence[Cell]:
-    """Cross conditions, factors and increments; the last factor varies fastest."""
+    """Cross conditions, factors and increments; increments vary fastest, then the last factor."""
     crossed = []
     for condition in table.condition or (Condition(name=ALL),):
         for levels in product(*(levels_of(factor) for factor in table.factor)):
@@ -202,7 +202,7 @@ def session_plan(table: ExperimentTable, participant: str, session: str) -> Sess
     """Plan a session. The plan depends only on the file, the participant and the session.
 
     Raises:
-        InputError: If the order is "latin-square" and the participant is not a number.
+        InputError: If the order is "latin-square" and the participant is not a whole number of at least 1.
         MissingPackageError: If a staircase needs questplus, which is not installed.
     """
     design = cells(table)

@@ -74,9 +74,9 @@ class Row:
     Attributes:
         trial: Planned trial.
         response: Response; empty if there is none.
-        response_time: Time from the question to the response [s]; NaN without a response.
+        response_time: Time from the question to the response [s]; NaN without a response, or if timing is not observed.
         onset: Time of the first interval since the session began [s].
-        duration: Time from the onset to the response [s].
+        duration: Time from the onset to the response, or to the end of the last interval without one [s].
         fault: Description of a fault in the runs; empty for none.
         path: Folder of the recordings, relative to the table.
     """

@@ -32,7 +32,7 @@ COLUMNS: dict[str, dict[str, Any]] = {
     "correct": {"Description": "whether the response is correct", "Levels": {"true": "", "false": ""}},
     "response_time": {"Description": "time from the question, once it can be answered, to the response", "Units": "s"},
     "onset": {"Description": "time of the trial's first stimulus since the start of the session", "Units": "s"},
-    "duration": {"Description": "time from the onset to the response", "Units": "s"},
+    "duration": {"Description": "time from the onset to the response, or without one to the end", "Units": "s"},
     "fault": {"Description": "fault of a run in the trial, after which its forces were zero"},
     "path": {"Description": "folder of the trial's recordings, relative to this file"},
 }
@@ -75,14 +75,14 @@ def describe(experiment: Study, files: SessionFiles, mode: str) -> dict[str, Any
 
 
 def now_precisely() -> str:
-    """Return the time of day in UTC, ISO 8601, with microseconds."""
+    """Return the date and time in UTC, in ISO 8601 with microseconds."""
     from datetime import UTC
 
     return datetime.now(UTC).isoformat(timespec="microseconds")
 
 
 def begin(experiment: Study, files: SessionFiles, mode: str) -> tuple[RowFile, float]:
-    """Create the table of a session; return it with the start of the session, time of day [s].
+    """Create the table of a session; return it with the start of the session, as POSIX time [s].
 
     Raises:
         RecordingError: If the table exists or cannot be written.
@@ -210,7 +210,7 @@ def require_same(about: Mapping[str, Any], experiment: Study, files: SessionFile
 
     Args:
         about: Description of the interrupted session.
-        experiment, files, mode: Those of the session to resume.
+        experiment, files, mode: Experiment, files and mode with which it is to be resumed.
 
     Raises:
         RecordingError: If the identity differs; the message lists the differences.

@@ -48,10 +48,10 @@ class Feedback(Carded):
     Args:
         push_gain: Gain Kp of the external forces: a number, or a matrix (d, d).
         squeeze_gain: Gain Ks of the internal forces: a number, or a matrix (d, d).
-        moment_gain: Gain of the moment; `push_gain` as a number if not given, else 1.
-        fingers: Number n of fingers; if not given, contacts are fingers, and n is their largest number so far.
+        moment_gain: Gain of the moment; by default `push_gain` if that is a number, else 1.
+        fingers: Number n of fingers; by default the largest number in any sample so far.
         fade: Time over which the jump of forces at a change of contacts is faded out [s].
-        largest: Largest force of a contact that is plausible [N].
+        largest: Largest plausible component of a contact force [N].
         engine: "auto", "compiled" or "interpreted".
 
     Raises:
@@ -99,7 +99,7 @@ class Feedback(Carded):
 
         Args:
             points: Contact points (m, d) [m]; (0, d) without contacts.
-            forces: Forces of the object on the fingers there, (m, d) [N].
+            forces: Forces of the object on the fingers at these points, (m, d) [N].
             time: Time of the sample on the host's clock [s], which must increase.
             normals: Normals into the object (m, d), of any length; by default the direction of a finger points to the
                 mean of the other fingers' points.
@@ -251,7 +251,7 @@ class Feedback(Carded):
         self._compute = lambda: source(view)
 
     def connect(self, name: str, *, timeout: float = 10.0) -> HostLink:
-        """Connect to the real-time loop of a scene whose `[host]` has this name; use it in a `with` block.
+        """Connect to the real-time loop of a scene whose `[host]` has this name; use the link in a `with` block.
 
         Args:
             name: Name of the record, `host.name` of the scene.

@@ -65,23 +65,23 @@ def gain_limits(
 
         m x'' + (b + b_h) x' + k_h x = f,    f held over T,    f_j = -g k y_j
 
-    The host samples the operator at ticks R i; tick j uses the sample R floor((j - D)/R), with y_j that sample x_s
-    ("hold"), x_s + (x_s - x_(s-R)) a/R at a ticks after its arrival ("linear"), or (1 - r) x_s + r x_j, a model of r
-    times the environment's stiffness ("model"). Over R ticks the loop is a linear map of x, x' and the samples on
-    the delay line; the gain is increased until an eigenvalue leaves the unit circle.
+    The host samples the operator at ticks R i; tick j uses the sample of tick s = R floor((j - D)/R). Then y_j is x_s
+    ("hold"), x_s + (x_s - x_(s-R)) a/R at a ticks after the sample's arrival ("linear"), or (1 - r) x_s + r x_j, with
+    a model of r times the environment's stiffness ("model"). Over R ticks the loop is a linear map of x, x' and the
+    samples on the delay line; the gain is increased until an eigenvalue leaves the unit circle.
 
     Every constant delay of a range is considered, but not delays that change between samples. The first loss of
-    stability is searched at 60 gains per decade, then bisected to rounding.
+    stability is searched for at 60 gains per decade, then bisected to rounding.
 
     Args:
         mass: Device's mass m at a finger [kg].
         damping: Device's viscous damping b [N s/m].
         period: Period T of the loop [s].
         host_ticks: Ticks R from one sample of the host to the next.
-        delay: Delay D from the operator's reading to the tick that displays the answer [ticks], or its range; at least
-            1, because an answer follows the tick to which it refers.
+        delay: Delay D from the operator's reading to the tick that displays the answer [ticks], or its range; with a
+            real host at least 1, because an answer follows the tick to which it refers.
         push_stiffness, squeeze_stiffness: Environment's stiffness k at one finger for a gain of 1, if all fingers move
-            together, and if they close [N/m].
+            together (push), or close (squeeze) [N/m].
         hand_stiffness, hand_damping: Stiffness and damping of the operator's finger to ground [N/m, N s/m].
         predict: "hold", "linear" or "model".
         model: Ratio r of the model's stiffness to g k.
@@ -90,8 +90,11 @@ def gain_limits(
         InputError: If an argument is invalid.
     """
     m, T = number("mass", mass, "a mass [kg]", zero=False), number("period", period, "a time [s]", zero=False)
-    b, k_h = number("damping", damping, "N s/m"), number("hand_stiffness", hand_stiffness, "N/m")
-    b_h = number("hand_damping", hand_damping, "N s/m")
+    b, k_h = (
+        number("damping", damping, "zero or above [N s/m]"),
+        number("hand_stiffness", hand_stiffness, "zero or above [N/m]"),
+    )
+    b_h = number("hand_damping", hand_damping, "zero or above [N s/m]")
     stiffness = {
         "push": number("push_stiffness", push_stiffness, "N/m"),
         "squeeze": number("squeeze_stiffness", squeeze_stiffness, "N/m"),

@@ -44,7 +44,7 @@ class Contacts:
     In the plane and on the line there is no torsion about the normal, so a soft contact equals a hard contact. The axes
     of contacts are the world's axes unless frames are given.
 
-    Leading array axes contain many sets of n contacts with the same models.
+    Leading array axes index many sets of n contacts with the same models.
 
     Attributes:
         points: Contact points, (..., n, d) [m].
@@ -72,7 +72,7 @@ def contacts(
     model: Model | Sequence[Model] = "hard",
     frames: ArrayLike | None = None,
 ) -> Contacts:
-    """Check a description of contacts and compute its components.
+    """Check contacts and compute their force components.
 
     Args:
         points: Contact points, (n, d) [m] with d = 1, 2 or 3, or many sets of points, (..., n, d).

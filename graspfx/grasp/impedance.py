@@ -125,7 +125,7 @@ class Coupling(Carded):
         return all(equal_gains(*self._pair(pair)) for pair in pairs)
 
     def turned(self, R: ArrayLike) -> Coupling:
-        """Rotate matrix gains into the axes of the contact forces, R K R'. Numbers have no axes.
+        """Rotate matrix gains into the axes of the contact forces, R K R'. Scalar gains do not change.
 
         Args:
             R: Rotation from the axes of the gains, (d, d), or (n, d, d) with one per contact.
@@ -196,7 +196,11 @@ class Coupling(Carded):
         return head
 
     def rule(self, pair: Pair) -> Literal["equal", "literal", "symmetric"]:
-        """Return the rule for combining a pair of gains: "equal" if they are equal, else the form."""
+        """Return the rule for combining a pair of gains.
+
+        The rule is "equal" if the gains are equal, "literal" if both are numbers, otherwise the form. With an
+        `ObjectImpedance` it is "symmetric" if the internal gain is a number, otherwise the form.
+        """
         outer, inner = self._pair(pair)
         if self.of_object:
             return "symmetric" if isinstance(inner, float) else self.form

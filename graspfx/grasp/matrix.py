@@ -118,7 +118,7 @@ class GraspMatrix:
         return _transposed(np.concatenate([a, moments], axis=-1))[..., self.free, :]
 
     def unit_free(self) -> tuple[FloatArray, FloatArray]:
-        """Return a matrix (..., w, m) with the row space of G, torsion columns times a length; and the length (...).
+        """Return a matrix (..., w, m) with the row space of G, torsion columns scaled by a length, and that length.
 
         The rows are the object's free motions at the contacts: translations, and rotations about the contacts' centroid
         divided by the rms contact radius R. R is the returned length. If a translation is locked, the rotation's row

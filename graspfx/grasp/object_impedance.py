@@ -64,7 +64,7 @@ class ObjectImpedance(Carded):
             raise InputError(
                 "point",
                 point,
-                f"a point of {d} coordinates" if d else "no point with free degrees of freedom only",
+                f"a point of {d} coordinates" if d else "None, because the stiffness omits locked degrees of freedom",
             )
         for name, value in ("stiffness", K), ("damping", D), ("point", where):
             if value is not None:

@@ -71,7 +71,7 @@ def unilateral_force(
     normals: ArrayLike,
     friction: float | Sequence[float] | Literal["stick"] | None = None,
 ) -> Touch:
-    """Solve for fingertip forces that can only push: f in C, s in C*, f's = 0, f = K (e + s).
+    """Solve for fingertip forces that can only push: f in C, slip s in C*, f's = 0, f = K (e + s).
 
     Without friction C is {lambda n, lambda >= 0} for each finger. With "stick" a finger does not slip while it pushes;
     if its normal force would pull, its whole force is zero. A coefficient mu gives the cone |f_t| <= mu f_n with
@@ -89,8 +89,8 @@ def unilateral_force(
         displacement: Displacement e = p - c, (m,) [m].
         normals: Normals into the object, (n, d), scaled to unit length.
         friction: None or 0 (normal forces only), "stick", or mu, one coefficient for all or one per finger. If no
-            solution is found with mu, K is raised by 1e-6 of its largest eigenvalue; the forces are accepted if they
-            solve K itself.
+            solution is found with mu, 1e-6 of the largest eigenvalue of K is added to its diagonal; the forces are
+            accepted if they are a solution for K itself.
 
     Raises:
         InputError: If a shape is wrong, values are not finite, a coefficient is negative, K has no solution, or K is so
@@ -138,8 +138,8 @@ def unilateral_force(
         found = f"leave a residual of {left:.3g} N of {size:.3g} N" if np.isfinite(left) else "were not found"
         raise InputError(
             "stiffness", K, "a matrix for which the contact forces are unique and can be computed",
-            f"its eigenvalues are {values[0]:.3g} to {values[-1]:.3g} N/m and forces {found}: reduce their ratio, "
-            "for example by more compliant contacts",
+            f"its eigenvalues are {values[0]:.3g} to {values[-1]:.3g} N/m and forces {found}: reduce the ratio of the "
+            "eigenvalues, for example by more compliant contacts",
         )  # fmt: skip
     return Touch(F.T @ force, status, left, law)
 

@@ -65,7 +65,7 @@ def wrench_margin(
 
     Args:
         grasp, friction, torsion, limit, length, about: As for `grasp.quality.closure.force_closure`.
-        bound: Bound on the normal forces.
+        bound: Bound on the normal forces, "sum" or "each".
         tolerance: Relative difference at which the two bounds agree.
         points: Largest number of points of the polytope.
 
