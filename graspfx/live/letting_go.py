@@ -125,8 +125,8 @@ class Release:
 def withdrawal(session: LiveSession, row: FloatArray, finger: int, clearance: float) -> FloatArray | None:
     """Compute the displacement (d,) of a finger's target that frees the finger [m]; None for a free finger.
 
-    The displacement is parallel to the object's force on the finger. Its length is the deflection |f|/k of the hand's
-    spring, plus the penetration depth |p - c|, plus a clearance.
+    The displacement is parallel to the object's force on the finger. Its length is 1.5 times the sum of the deflection
+    |f|/k of the hand's spring and the penetration depth |p - c|, plus a clearance.
 
     Args:
         session: Running session.

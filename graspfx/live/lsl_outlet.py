@@ -80,7 +80,7 @@ class RowStream(RunLook):
         samples: Number of samples sent.
 
     Raises:
-        InputError: If the rate is not positive; on attaching, the run lacks a column.
+        InputError: If the rate is not positive, or, on attaching, if the run lacks a column.
         MissingPackageError: If pylsl or its library is missing.
     """
 

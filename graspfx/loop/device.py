@@ -100,9 +100,9 @@ class Device(Protocol):
     def write(self, forces: FloatArray) -> None:
         """Display forces (k, d) [N] to the operator until the next `write`.
 
-        The device applies its own limit here, after all others. Forces within `features.peak_force`, or within the last
-        `largest_force`, are displayed unchanged. A reduction made here is not recorded. A non-finite force is displayed
-        as zero and raises DeviceError.
+        The device applies its own limit here, after all others. Forces up to `features.peak_force`, or up to the last
+        `largest_force` of a `LimitedDevice`, are displayed unchanged. A reduction made here is not recorded. A
+        non-finite force is displayed as zero and raises DeviceError.
         """
 
     def stop(self) -> None:

@@ -309,7 +309,7 @@ class DeviceExchange:
             self.exits.inside = False
 
     def stop(self) -> list[str]:
-        """Set the force of every device to zero, responding devices first; list the failures."""
+        """Set the force of every device to zero, responding devices first; list the failures of responding devices."""
         sound = [each for each in self.ports if not each.is_gone]
         silent = [each for each in self.ports if each.is_gone]
         try:

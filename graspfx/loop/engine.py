@@ -36,7 +36,7 @@ FIRST = 16  # number of ticks for which third-party kernels are interpreted and 
 
 
 class Engine(Protocol):
-    """Runs ticks."""
+    """Protocol of an engine that runs ticks."""
 
     @property
     def name(self) -> str:

@@ -228,8 +228,8 @@ def add_damping(
     """Add a W Q_m D/T to the forces of each account m in debt, with the smallest a that repays it in one equal step.
 
     a = min(most, T debt/(D'W Q_m D)) [N s/m] (Hannaford and Ryu 2002, one controller per mode), so a debt of internal
-    motion adds no damping to motion of the object. A debt beyond `most` is carried over. The damping force is held over
-    a sample, so `most` is the damping that device friction permits: b - k T/2 at the largest gain k.
+    motion adds no damping to motion of the object. A debt beyond `most` is carried over. `most` is required because the
+    damping force is held over a sample; the passivity controller sets it to m/(2 T) (`brake.bound`).
 
     Returns:
         a of internal motion, translation and rotation [N s/m].
