@@ -1,7 +1,7 @@
 """Matrix exponential e^A - I of a small matrix, in NumPy only, because importing scipy.linalg takes as long as a run.
 
-Products and the solution avoid BLAS and LAPACK, whose code depends on the processor. Simulated devices are initialised
-by this function, and a run must be bit-identical on other machines.
+Products and the solution avoid BLAS and LAPACK, whose code depends on the processor. Simulated devices are discretised
+with this function, and a run must be bit-identical on other machines.
 """
 
 from __future__ import annotations

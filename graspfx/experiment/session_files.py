@@ -154,7 +154,7 @@ class RowFile(Resource):
 
 
 def text_of(path: Path, data: bytes) -> str:
-    """Decode a table.
+    """Decode a table's content from UTF-8.
 
     Raises:
         InputError: If the table is not UTF-8.

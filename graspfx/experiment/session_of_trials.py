@@ -28,10 +28,10 @@ FORCES = "hold the device; it exerts forces after you press Enter"
 
 @dataclass
 class SessionOfTrials:
-    """Session that continues at the present position of its plan.
+    """Session that runs the remaining trials of its plan.
 
     Attributes:
-        table: Tables of the experiment.
+        table: Content of the experiment file.
         files: Files of the session.
         plan: Plan of the session.
         rows: Table of trials.
@@ -156,7 +156,7 @@ class SessionOfTrials:
         return showing
 
     def _ask(self, trial: Trial) -> float:
-        """Ask the question; return the time from which it can be answered."""
+        """Ask the question; return the monotonic time from which it can be answered [s]."""
         question = self.table.question
         assert question is not None
         self.answerer.listen(question.keys)

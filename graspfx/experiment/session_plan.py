@@ -21,7 +21,7 @@ IntArray = NDArray[np.int64]
 
 
 def random_of(seed: int, *words: str) -> np.random.Generator:
-    """Return a random generator that depends only on the seed and the words, on any machine."""
+    """Return a random generator that depends only on the seed and the words, not on the machine."""
     text = "\n".join([str(seed), *words]).encode()
     return np.random.Generator(np.random.PCG64(int.from_bytes(sha256(text).digest(), "big")))
 
@@ -40,7 +40,7 @@ def williams_square(count: int) -> IntArray:
         InputError: If the count is not a positive integer.
     """
     if type(count) is not int or count < 1:
-        raise InputError("count", count, "one condition or more")
+        raise InputError("count", count, "a number of conditions, an integer of at least 1")
     first = [0]
     for k in range(1, count):
         first.append((k + 1) // 2 if k % 2 else count - k // 2)
@@ -110,7 +110,7 @@ class Cell:
         return self.compare is not None and math.isnan(self.increment)
 
     def trial(self, number: int, repetition: int, place: int, increment: float, *, is_practice: bool = False) -> Trial:
-        """Make a trial.
+        """Make a trial of this combination.
 
         Args:
             number: Number in the session, from 1.
@@ -133,7 +133,7 @@ class Cell:
 
 
 def levels_of(factor: Factor) -> Iterator[tuple[Any, Mapping[str, Any]]]:
-    """List the levels of a factor, each with its values of the scene."""
+    """List the levels of a factor, each with the scene values that it sets."""
     for value in factor.levels:
         yield value, {factor.key: value}
     yield from factor.level.items()

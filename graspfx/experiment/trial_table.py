@@ -27,7 +27,7 @@ COLUMNS: dict[str, dict[str, Any]] = {
     "repetition": {"Description": "repetition of the condition, from 1; practice trials are counted separately"},
     "reference": {"Description": "smaller value of a comparison, in units of its key"},
     "increment": {"Description": "difference between the two values, relative to the reference", "Units": "1"},
-    "larger": {"Description": "interval of the larger value", "Levels": {FIRST: "", SECOND: ""}},
+    "larger": {"Description": "interval with the larger value", "Levels": {FIRST: "", SECOND: ""}},
     "response": {"Description": "answer of the participant"},
     "correct": {"Description": "whether the response is correct", "Levels": {"true": "", "false": ""}},
     "response_time": {"Description": "time from the question, once it can be answered, to the response", "Units": "s"},
@@ -188,7 +188,7 @@ MOST = 5  # differences listed in the message
 
 
 class SessionWarning(UserWarning):
-    """A session is resumed although its original conditions are not completely known."""
+    """Warning that a session is resumed although its original conditions are not completely known."""
 
 
 def session_identity(experiment: Study, files: SessionFiles, mode: str) -> dict[str, Any]:
@@ -244,7 +244,7 @@ def _differences(about: Mapping[str, Any], own: Mapping[str, Any], experiment: S
 
 
 def _earlier_parts(experiment: Study, files: SessionFiles, mode: str) -> list[Any]:
-    """List the parts of the digest in earlier versions, which excluded files and version."""
+    """List the parts of the digest of earlier versions, which did not include files and version."""
     return [experiment.table.model_dump(mode="json"), experiment.scene.to_dict(), files.stem, mode]
 
 

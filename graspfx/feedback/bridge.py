@@ -47,7 +47,7 @@ class PortTank(Record):
 
 
 class HostState(Record):
-    """The bridge of one host."""
+    """State of the bridge of one host."""
 
     fingers: int  # n
     dimensions: int  # d
@@ -93,7 +93,7 @@ class HostState(Record):
 
 @kernel
 def host_forces(state: GraspState, host: HostState) -> int:
-    """Set the fingers' forces of this tick; return 0, or the reason why all forces are zero."""
+    """Set the fingers' forces of this tick; return 0, or the code of the reason why all forces are zero."""
     settle(state, host)
     host.age += 1.0
     take_sample(host)

@@ -20,7 +20,7 @@ LEAST = 1e-30  # smallest square of a length that defines a direction [m^2]
 
 
 class Shown(NamedTuple):
-    """Forces on the operator, each after its gain.
+    """Forces on the operator, scaled by the gains.
 
     Attributes:
         push: Net force of the object on the hand, for one device, (d,) [N].

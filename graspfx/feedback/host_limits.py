@@ -27,7 +27,7 @@ class GainLimits(Carded):
     Attributes:
         push: Largest push gain; inf if none is too large.
         squeeze: Largest squeeze gain.
-        stiffness: Largest felt stiffness of a finger, gain times environment, for either port [N/m].
+        stiffness: Largest felt stiffness of a finger, gain times environment's stiffness, for either port [N/m].
         delay: Delay, within the range, at which the stiffness limit occurs [ticks].
         frequency: Frequency of the oscillation at the limit [Hz].
     """
@@ -61,7 +61,7 @@ def gain_limits(
     predict: str = "hold",
     model: float = 1.0,
 ) -> GainLimits:
-    """Compute the largest push and squeeze gain g of one finger's loop in each port.
+    """Compute the largest stable push and squeeze gains g, from the loop of one finger in each port.
 
         m x'' + (b + b_h) x' + k_h x = f,    f held over T,    f_j = -g k y_j
 
@@ -77,7 +77,7 @@ def gain_limits(
         mass: Device's mass m at a finger [kg].
         damping: Device's viscous damping b [N s/m].
         period: Period T of the loop [s].
-        host_ticks: Ticks R from one sample of the host to the next.
+        host_ticks: Number R of ticks from one sample of the host to the next.
         delay: Delay D from the operator's reading to the tick that displays the answer [ticks], or its range; with a
             real host at least 1, because an answer follows the tick to which it refers.
         push_stiffness, squeeze_stiffness: Environment's stiffness k at one finger for a gain of 1, if all fingers move
@@ -90,11 +90,8 @@ def gain_limits(
         InputError: If an argument is invalid.
     """
     m, T = number("mass", mass, "a mass [kg]", zero=False), number("period", period, "a time [s]", zero=False)
-    b, k_h = (
-        number("damping", damping, "zero or above [N s/m]"),
-        number("hand_stiffness", hand_stiffness, "zero or above [N/m]"),
-    )
-    b_h = number("hand_damping", hand_damping, "zero or above [N s/m]")
+    b, k_h = number("damping", damping, "N s/m"), number("hand_stiffness", hand_stiffness, "N/m")
+    b_h = number("hand_damping", hand_damping, "N s/m")
     stiffness = {
         "push": number("push_stiffness", push_stiffness, "N/m"),
         "squeeze": number("squeeze_stiffness", squeeze_stiffness, "N/m"),
@@ -103,7 +100,7 @@ def gain_limits(
         raise InputError("host_ticks", host_ticks, "an integer number of ticks, at least 1")
     low, high = delay if isinstance(delay, tuple) and len(delay) == 2 else (delay, delay)
     if not (type(low) is int and type(high) is int and 0 <= low <= high):
-        raise InputError("delay", delay, "an integer number of ticks, or two of them (least, most)")
+        raise InputError("delay", delay, "a non-negative integer number of ticks, or a tuple (least, most) of two")
     if predict not in ("hold", "linear", "model"):
         raise InputError("predict", predict, "'hold', 'linear' or 'model'")
     r = number("model", model, "a ratio, zero or above") if predict == "model" else 0.0

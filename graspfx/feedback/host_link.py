@@ -44,10 +44,10 @@ class Operator(NamedTuple):
         time: Time of the loop [s].
         position: Positions of the device's fingers, (n, d) [m].
         velocity: Velocities of the device's fingers, (n, d) [m/s].
-        force: Forces that were displayed in the tick before, (n, d) [N].
+        force: Forces that were displayed in the previous tick, (n, d) [N].
         age: Age of the host's last sample that the loop has received [s].
         push_tank, squeeze_tank: Energies of the tanks [J]; if a tank is empty, the forces of its port are zero.
-        lost, late: Numbers of the host's samples that were lost, or arrived after a newer one.
+        lost, late: Counts of the host's samples that were lost, and of those that arrived after a newer one.
     """
 
     time: float
@@ -72,12 +72,12 @@ class Operator(NamedTuple):
 
 
 class HostLink:
-    """Exchange of a host program with the loop of a scene whose `[host]` has this name; for a `with` block.
+    """Link from a host program to the loop of a scene whose `[host]` has this name; a context manager.
 
     At the end of the block, even after an exception, the loop is told that the host has ended: all forces fade to zero.
 
     Args:
-        name: `host.name` of the scene.
+        name: Name of the record, `host.name` of the scene.
         timeout: Time to wait for the loop [s].
 
     Attributes:

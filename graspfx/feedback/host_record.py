@@ -40,11 +40,11 @@ SILENT, HOST_ENDED, NOT_FINITE, TOO_LARGE = 0, 1, 2, 3  # reasons why the host's
 
 @dataclass(frozen=True)
 class HostRecord:
-    """The record of a loop, which is not visible before it is published.
+    """Record of a loop, invisible to hosts until it is published.
 
     Attributes:
         name: Name under which hosts find the record.
-        words: Words of the record.
+        words: Content of the record, as float64 words.
         shared: Shared memory of the record.
     """
 

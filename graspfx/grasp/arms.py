@@ -21,7 +21,7 @@ NEXT, LAST = [1, 2, 0], [2, 0, 1]  # the other two coordinates of a cross produc
 
 
 def centred_arms(points: FloatArray, *, principal: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Compute u_k x (c_i - c) for each axis of rotation, c the centroid.
+    """Compute u_k x (c_i - c) for each axis of rotation u_k, where c is the centroid.
 
     Args:
         points: Contact points, (..., n, d) [m], d = 2 or 3.

@@ -170,7 +170,7 @@ def _selection(selection: Model, d: int, name: str) -> FloatArray:
     whole = d + MOMENTS[d]
     if S.ndim != 2 or S.shape[1] != whole or not 0 < S.shape[0] <= whole:
         columns = f"{d} forces and {MOMENTS[d]} moments" if MOMENTS[d] else "the force"
-        raise InputError(name, S, f"a selection matrix (k, {whole}), its columns {columns} in the contact's axes")
+        raise InputError(name, S, f"a selection matrix (k, {whole}) with columns for {columns} in the contact's axes")
     pulls, turns = np.abs(S[:, :d]).max(axis=1) > 0.0, np.abs(S[:, d:]).max(axis=1, initial=0.0) > 0.0
     if (pulls & turns).any():
         raise InputError(

@@ -37,7 +37,7 @@ def divide(
         grasp: `Grasp`; or for "pseudoinverse" a matrix (w, m), whose columns are all forces or all moments.
         force: Contact forces (m,) or (..., m); (..., n, d) for contacts with d forces each [N, N m].
         kind: Kind of the split, from the table.
-        weights, stiffness: Arguments of `Split`.
+        weights, stiffness: Weights and stiffness, as for `Split`.
         metric: Metric M, for "pseudoinverse": `grasp.metric(torsion_length=...)` if contacts have moments.
 
     Returns:

@@ -16,7 +16,7 @@ from graspfx.numeric import finite, number
 FloatArray = NDArray[np.float64]
 
 HARD = "hard"
-CARRIED = "contacts here carry moments"
+CARRIED = "give it, because the contacts carry moments"
 
 
 def grasp_matrix(
@@ -156,7 +156,7 @@ class GraspMatrix:
             raise InputError("points", self.points.shape, "one set of contacts (n, d)", f"call {function} for each set")
 
     def metric(self, *, torsion_length: float | None = None, weights: ArrayLike | None = None) -> FloatArray:
-        """Compute M for `split`, (m,): the finger's weight, times torsion_length^2 [m^2] for a moment.
+        """Compute the metric M for `split`, (m,): the finger's weight, times torsion_length^2 [m^2] for a moment.
 
         Args:
             torsion_length: Radius of a fingertip's contact patch [m], which makes 1 rad of torsion comparable with a

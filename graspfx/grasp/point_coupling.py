@@ -131,5 +131,5 @@ class PointCoupling(Carded):
 def _number(name: str, part: object, quantity: Literal["stiffness", "damping"]) -> float:
     gain = getattr(part, quantity, part)
     if not (isinstance(part, Impedance) and isinstance(gain, float)):
-        raise InputError(name, gain, f"an Impedance whose {quantity} is a number", "matrices are for Coupling.force")
+        raise InputError(name, gain, f"an Impedance whose {quantity} is a number", "use Coupling.force for matrices")
     return gain

@@ -202,7 +202,7 @@ class Split(Carded):
 
     @property
     def point_tolerance(self) -> float:
-        """Tolerance for point contacts, at least the rounding."""
+        """Tolerance for point contacts, at least the rounding error."""
         return max(self._tolerance, max(self.components, MOST_ROWS) * EPS)
 
     @property

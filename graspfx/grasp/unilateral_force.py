@@ -93,8 +93,8 @@ def unilateral_force(
             accepted if they are a solution for K itself.
 
     Raises:
-        InputError: If a shape is wrong, values are not finite, a coefficient is negative, K has no solution, or K is so
-            ill-conditioned that the residual exceeds 1e-6 of max(|f|, |K e|).
+        InputError: If a shape is wrong, values are not finite, a coefficient is negative, no solution is found, or K is
+            so ill-conditioned that the residual exceeds 1e-6 of max(|f|, |K e|).
     """
     n_ = finite("normals", normals, largest=np.inf)
     if n_.ndim != 2 or n_.shape[1] not in (1, 2, 3) or n_.shape[0] == 0:
@@ -135,7 +135,7 @@ def unilateral_force(
         left, law = np.inf if unresolved else residual(K_f, e_f, f, stick), "stick" if stick else "frictionless"
     size = float(max(np.abs(force).max(), np.abs(K_f @ e_f).max()))
     if not left <= SOLVED * size:
-        found = f"leave a residual of {left:.3g} N of {size:.3g} N" if np.isfinite(left) else "were not found"
+        found = f"of {size:.3g} N have a residual of {left:.3g} N" if np.isfinite(left) else "were not found"
         raise InputError(
             "stiffness", K, "a matrix for which the contact forces are unique and can be computed",
             f"its eigenvalues are {values[0]:.3g} to {values[-1]:.3g} N/m and forces {found}: reduce the ratio of the "
@@ -220,7 +220,7 @@ def returned(t: FloatArray, mu: FloatArray, d: int, associated: bool) -> FloatAr
 
 
 def residual(K: FloatArray, e: FloatArray, f: FloatArray, stick: bool) -> float:
-    """Compute the residual of f = K (e + s) in contact frames [N], with s where a force is released; f (n, d)."""
+    """Compute the residual of f = K (e + s) in contact frames [N] for forces f (n, d), with s of released contacts."""
     n, d = f.shape
     sticking = np.zeros((n, d), dtype=bool)
     sticking[f[:, 0] > 0.0, : d if stick else 1] = True

@@ -19,7 +19,7 @@ from graspfx.scene.model import Scene
 
 @dataclass(frozen=True, eq=False)
 class _Base:
-    """Linearised scene: the loop of each object, its parts independent of the gains, and the limits."""
+    """Linearised scene: the loop of each object, the parts of each loop independent of its gains, and the limits."""
 
     scene: Scene
     loops: tuple[Linearised, ...]

@@ -103,7 +103,7 @@ class Outcome:
     Attributes:
         request: Requested values by live key.
         values: Values that were set; empty if the order was refused.
-        text: Explanation of other values or of a refusal; empty if the request was set.
+        text: Explanation if other values were set or the order was refused; empty if the request was set.
     """
 
     request: Mapping[str, Any]

@@ -64,8 +64,8 @@ class Watched(Protocol):
 class Release:
     """Release by a guide; a thread supervises it until the guide is moved again.
 
-    The first step is immediate. If a finger still touches after some lags, because the object has followed it, another
-    step follows. Time is counted in ticks, so that pauses have no effect.
+    The first step is immediate. If a finger still touches after six time constants, because the object has followed it,
+    another step follows. Time is counted in ticks, so that pauses have no effect.
 
     Args:
         run: Run whose rows are watched.

@@ -41,7 +41,7 @@ class LiveRun(Resource):
 
     Args:
         scene: Scene to run.
-        live: Keys that `set` may change, or None.
+        live: Keys that `set` may change; None for none.
         out: Folder of recording.h5; None to record nothing.
         guide: "hands" for a guide per hand of simulated fingers, "fingers" for a guide per simulated finger, or None.
         paused: Whether the run starts paused.
@@ -98,7 +98,7 @@ class LiveRun(Resource):
 
     @property
     def servo(self) -> Servo:
-        """Copy of the servo, for features and reach of the devices; its state is not the state of the run."""
+        """Copy of the servo with the features and workspaces of the devices; its state is not that of the run."""
         return self._session.servo
 
     @property

@@ -118,8 +118,8 @@ def live_keys(sliders: Sequence[Slider]) -> list[str]:
 def values_of(slider: Slider, others: Sequence[Slider], values: Mapping[str, float]) -> dict[str, Any]:
     """Return the value of the live key that a slider moves: a number, or K_o with the factors of all its sliders.
 
-    Factors a of translation and b of rotation make [[a K_tt, sqrt(a b) K_tr], [sqrt(a b) K_rt, b K_rr]], which stays
-    positive definite.
+    Factors a of translation and b of rotation make [[a K_tt, sqrt(a b) K_tr], [sqrt(a b) K_rt, b K_rr]], which remains
+    positive semidefinite.
 
     Args:
         slider: Moved slider.

@@ -44,7 +44,7 @@ class Adapter:
         return float(self.context.view(np.float64)[self._values[-code - 1]])
 
     def fault_text(self, code: int) -> str:
-        """Explain a negative code."""
+        """Describe the fault with a negative code."""
         function, says = self._faults[-code - 1]
         value = self.value(code)
         number = f"{value:g}" if abs(value) < 0x100 or value != int(value) else f"0x{int(value):X}"

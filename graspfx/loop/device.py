@@ -106,7 +106,7 @@ class Device(Protocol):
         """
 
     def stop(self) -> None:
-        """Display zero force, now."""
+        """Display zero force immediately."""
 
     def close(self) -> None:
         """Display zero force and close the hardware. `close` also returns if the hardware is lost or already closed."""
@@ -171,7 +171,7 @@ class RangedDevice(Protocol):
     """A device whose fingers reach only a part of the box `features.workspace`."""
 
     def nearest(self, finger: int, place: FloatArray, room: float) -> FloatArray:
-        """Return the position (d,) nearest to `place` that lies `room` [m] inside the finger's reach."""
+        """Return the position (d,) nearest to `place` that lies at least `room` [m] inside the finger's reach."""
         ...
 
 
@@ -319,7 +319,7 @@ def former_settings(**names: str) -> Callable[[Callable[..., T]], Callable[..., 
     """Let a driver's `connect` accept settings under former names, with a FutureWarning.
 
     Args:
-        names: Present name of each former name.
+        names: Present name of each setting, by its former name.
     """
 
     def wrap(connect: Callable[..., T]) -> Callable[..., T]:

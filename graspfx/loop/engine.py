@@ -94,7 +94,7 @@ class Interpreted:
 
 
 class Compiled:
-    """`steps` as machine code.
+    """Engine that runs `steps` as machine code.
 
     Args:
         arena: Arena of the scene.

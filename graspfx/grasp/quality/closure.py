@@ -36,7 +36,7 @@ class PushingWrenches:
         grasp: Contacts with normals. Full contacts and selection matrices have no friction law and raise an error.
         friction: Coefficient mu, one for all or one per contact.
         torsion: Coefficient gamma [m] of soft contacts in space, one for all or one per contact.
-        limit: Rule that combines the two limits of a soft contact.
+        limit: Combination of the two limits of a soft contact, "elliptic" or "independent".
         length, about: As for `grasp.quality.measures.measures`.
     """
 

@@ -339,7 +339,7 @@ def _margins(scene: Scene) -> tuple[Verdict, list[Slider], dict[str, list[list[f
     """Compute the stable range of each slider, with the other sliders at their present values.
 
     Returns:
-        Certificate of the scene, its sliders, and by slider the unstable intervals.
+        Certificate of the scene, its sliders, and the unstable intervals of each slider, by its key.
     """
     certifier = Certifier(scene)
     *_, verdict = certifier.stages({})

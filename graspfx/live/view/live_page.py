@@ -216,7 +216,7 @@ class LivePage(Resource):
         self.run.await_row(self._awaited, FRAME)
 
     def _changed(self) -> None:
-        """Show the next frame with the row that shows the effect of an order."""
+        """Let the next frame show the first row with the effect of an order."""
         self._awaited = self.run.tick + EFFECT
         self._wake.set()
 

@@ -70,5 +70,5 @@ class RecordingPage(Resource):
         return document(story_of(part, self._folder) | {"links": links})
 
     def order(self, order: Order) -> bool:
-        """Return False: a recording accepts no orders; its page plays it by itself."""
+        """Return False: the page plays the recording without orders to the server."""
         return False

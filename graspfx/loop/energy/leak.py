@@ -1,4 +1,4 @@
-"""Energy of a grasp in a run, split into internal motion, translation and rotation, and the minimal damping of leaks.
+"""Energy of a grasp in a run, by internal motion, translation and rotation, and the least damping that repays leaks.
 
 All fingers' vectors are in one frame; torsion is the fourth entry of soft fingers, in units of the patch length. w_i
 is the weight of finger i in the metric W. Rigid modes are those of `graspfx.grasp.rigid_modes`: a fraction beta_k,
@@ -232,7 +232,7 @@ def add_damping(
     damping force is held over a sample; the passivity controller sets it to m/(2 T) (`brake.bound`).
 
     Returns:
-        a of internal motion, translation and rotation [N s/m].
+        Damping a of internal motion, translation and rotation [N s/m].
     """
     square = squares(split, contacts, steps)
     squeezing = damping_for(-balance(accounts.parts[INTERNAL]), square.x, T, most)
