@@ -76,7 +76,7 @@ class Row:
         response: Response; empty if there is none.
         response_time: Time from the question to the response [s]; NaN without a response, or if timing is not observed.
         onset: Time from the start of the session to the first interval [s].
-        duration: Time from the onset to the response, or to the end of the last interval without one [s].
+        duration: Time from the onset to the response, or, without a response, to the end of the last interval [s].
         fault: Description of a fault in the runs; empty for none.
         path: Folder of the recordings, relative to the table.
     """

@@ -32,7 +32,7 @@ COLUMNS: dict[str, dict[str, Any]] = {
     "correct": {"Description": "whether the response is correct", "Levels": {"true": "", "false": ""}},
     "response_time": {"Description": "time from the question, once it can be answered, to the response", "Units": "s"},
     "onset": {"Description": "time of the trial's first stimulus since the start of the session", "Units": "s"},
-    "duration": {"Description": "time from the onset to the response, or without one to the end", "Units": "s"},
+    "duration": {"Description": "time from the onset to the response, or to the trial's end", "Units": "s"},
     "fault": {"Description": "fault of a run in the trial, after which its forces were zero"},
     "path": {"Description": "folder of the trial's recordings, relative to this file"},
 }
