@@ -1,7 +1,7 @@
-"""Exponential of a small matrix minus identity, in NumPy only, because importing scipy.linalg takes as long as a run.
+"""Matrix exponential e^A - I of a small matrix, in NumPy only, because importing scipy.linalg takes as long as a run.
 
-Products and the solution avoid BLAS and LAPACK, whose code depends on the processor. Simulated devices are initialised
-by this function, and a run must be bit-identical on other machines.
+Products and the solution avoid BLAS and LAPACK, whose code depends on the processor. Simulated devices are discretised
+with this function, and a run must be bit-identical on other machines.
 """
 
 from __future__ import annotations
@@ -46,10 +46,10 @@ def expm1(A: FloatArray) -> FloatArray:
     Matrix Anal. Appl. 31(3), 2009, with the norms themselves in place of estimates).
 
     Args:
-        A: (k, k), finite.
+        A: Matrix (k, k), finite.
 
     Returns:
-        (k, k), with an error of a few 1e-16 times the larger of its norm and its condition number.
+        Matrix e^A - I (k, k), with an error of a few 1e-16 times the larger of its norm and its condition number.
 
     Raises:
         InputError: If A is not square or not finite.

@@ -80,7 +80,7 @@ class SessionFiles:
 
 
 class RowFile(Resource):
-    """Tab-separated file. Each row is on the disk before `write` returns, and the file is locked.
+    """Tab-separated file, locked against other processes. Each row is on the disk before `write` returns.
 
     Args:
         path: Path of the file.
@@ -88,11 +88,11 @@ class RowFile(Resource):
         resume: Whether to append to an existing file.
 
     Attributes:
-        rows: Existing rows by column; an incomplete last row is dropped.
+        rows: Rows of the existing file, each by column; an incomplete last row is removed.
 
     Raises:
-        RecordingError: If the file exists, or is missing for `resume`; if its columns differ; or if another process
-            writes the file.
+        RecordingError: If the file exists, or with `resume` is missing; if it cannot be written; if its columns differ;
+            or if another process is writing to it.
         InputError: If the file is not UTF-8.
     """
 
@@ -154,7 +154,7 @@ class RowFile(Resource):
 
 
 def text_of(path: Path, data: bytes) -> str:
-    """Decode a table.
+    """Decode a table's content from UTF-8.
 
     Raises:
         InputError: If the table is not UTF-8.

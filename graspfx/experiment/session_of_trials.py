@@ -28,10 +28,10 @@ FORCES = "hold the device; it exerts forces after you press Enter"
 
 @dataclass
 class SessionOfTrials:
-    """Session that continues at the present position of its plan.
+    """Session that runs the remaining trials of its plan.
 
     Attributes:
-        table: Tables of the experiment.
+        table: Content of the experiment file.
         files: Files of the session.
         plan: Plan of the session.
         rows: Table of trials.
@@ -39,7 +39,7 @@ class SessionOfTrials:
         presenter: Presenter of intervals.
         answerer: Source of answers.
         tell: Function that shows a text.
-        stop: Function that tells whether to end.
+        stop: Function that returns whether to end the session.
         is_paced: Whether gaps and breaks are observed and response times are meaningful.
         reason: Reason why the session ended before its last trial; empty otherwise.
     """
@@ -60,11 +60,11 @@ class SessionOfTrials:
     def trials(self) -> Iterator[Row]:
         """Run the trials and yield their rows; each row is on the disk before it is yielded.
 
-        The session ends after the last trial, when it is stopped, or after a fault of hardware. The hardware is
-        not armed again.
+        The session ends after the last trial, when it is stopped, or, with hardware, after a fault. The hardware is
+        then not armed again.
 
         Raises:
-            InputError: If the hardware has failed.
+            InputError: If a trial with hardware ended in a fault.
             RecordingError: If the disk cannot be written; the trial has no row and will be repeated.
         """
         if self.plan.done:
@@ -156,7 +156,7 @@ class SessionOfTrials:
         return showing
 
     def _ask(self, trial: Trial) -> float:
-        """Ask the question; return the time from which it can be answered."""
+        """Ask the question; return the monotonic time from which it can be answered [s]."""
         question = self.table.question
         assert question is not None
         self.answerer.listen(question.keys)

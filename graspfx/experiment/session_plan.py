@@ -21,7 +21,7 @@ IntArray = NDArray[np.int64]
 
 
 def random_of(seed: int, *words: str) -> np.random.Generator:
-    """Return a random generator that depends only on the seed and the words, on any machine."""
+    """Return a random generator that depends only on the seed and the words, not on the machine."""
     text = "\n".join([str(seed), *words]).encode()
     return np.random.Generator(np.random.PCG64(int.from_bytes(sha256(text).digest(), "big")))
 
@@ -40,7 +40,7 @@ def williams_square(count: int) -> IntArray:
         InputError: If the count is not a positive integer.
     """
     if type(count) is not int or count < 1:
-        raise InputError("count", count, "one condition or more")
+        raise InputError("count", count, "a number of conditions, an integer of at least 1")
     first = [0]
     for k in range(1, count):
         first.append((k + 1) // 2 if k % 2 else count - k // 2)
@@ -55,12 +55,12 @@ def trial_order(
 
     Args:
         order: "fixed" repeats the conditions in the order of the file; "random" shuffles all trials; "blocks" shuffles
-            conditions, each with all its repetitions in a row; "latin-square" also keeps the repetitions together, with
-            the conditions in the order of the participant's row of Williams' design.
+            the conditions and keeps the repetitions of each one together; "latin-square" also keeps the repetitions
+            together, with the conditions in the order of the participant's row of Williams' design.
         count: Number of conditions.
         repetitions: Number of repetitions of each condition.
         rng: Random generator of the session.
-        participant: Participant's number, which selects the row: 1 has the first row, and rows are reused cyclically.
+        participant: Participant's label; for "latin-square" a number, which selects the row (1 the first) cyclically.
 
     Raises:
         InputError: If the order is "latin-square" and the participant is not a whole number of at least 1.
@@ -94,7 +94,7 @@ class Cell:
         values: Values of the scene, by dotted key.
         answer: Correct answer; empty if there is none, or if two intervals are compared.
         compare: Comparison of two intervals; None for one interval.
-        increment: Relative increment of the comparison; NaN if a staircase chooses it.
+        increment: Relative increment of the comparison; NaN without a comparison, or if a staircase chooses it.
     """
 
     condition: str
@@ -110,10 +110,10 @@ class Cell:
         return self.compare is not None and math.isnan(self.increment)
 
     def trial(self, number: int, repetition: int, place: int, increment: float, *, is_practice: bool = False) -> Trial:
-        """Make a trial.
+        """Make a trial of this combination.
 
         Args:
-            number: Number in the session.
+            number: Number in the session, from 1.
             repetition: Repetition of the condition.
             place: Interval with the larger value, 0 or 1.
             increment: Increment of the larger value, if a staircase chooses it.
@@ -133,14 +133,14 @@ class Cell:
 
 
 def levels_of(factor: Factor) -> Iterator[tuple[Any, Mapping[str, Any]]]:
-    """List the levels of a factor, each with its values of the scene."""
+    """List the levels of a factor, each with the scene values that it sets."""
     for value in factor.levels:
         yield value, {factor.key: value}
     yield from factor.level.items()
 
 
 def cells(table: ExperimentTable) -> Sequence[Cell]:
-    """Cross conditions, factors and increments; the last factor varies fastest."""
+    """Cross conditions, factors and increments; increments vary fastest, then the last factor."""
     crossed = []
     for condition in table.condition or (Condition(name=ALL),):
         for levels in product(*(levels_of(factor) for factor in table.factor)):
@@ -202,7 +202,7 @@ def session_plan(table: ExperimentTable, participant: str, session: str) -> Sess
     """Plan a session. The plan depends only on the file, the participant and the session.
 
     Raises:
-        InputError: If the order is "latin-square" and the participant is not a number.
+        InputError: If the order is "latin-square" and the participant is not a whole number of at least 1.
         MissingPackageError: If a staircase needs questplus, which is not installed.
     """
     design = cells(table)

@@ -102,7 +102,7 @@ class Threshold(NamedTuple):
     Attributes:
         condition: Name of the condition.
         value: Threshold relative to the reference, at 80 % correct answers.
-        spread: Standard deviation of its logarithm in the posterior.
+        spread: Posterior standard deviation of the threshold's logarithm.
         trials: Number of answered trials.
     """
 

@@ -23,7 +23,7 @@ class Trial:
         condition: Name of the condition; "all" if the experiment has none.
         repetition: Repetition of the condition, from 1.
         levels: Level of each factor, by its name.
-        intervals: Values of the scene in each interval, by dotted key; two intervals are compared.
+        intervals: Values of the scene in each interval, by dotted key; a comparison has two intervals.
         answer: Correct answer; empty if there is none.
         reference: Smaller value of a comparison; NaN without a comparison.
         increment: Relative increment of the larger value; NaN without a comparison.
@@ -74,9 +74,9 @@ class Row:
     Attributes:
         trial: Planned trial.
         response: Response; empty if there is none.
-        response_time: Time from the question to the response [s]; NaN without a response.
-        onset: Time of the first interval since the session began [s].
-        duration: Time from the onset to the response [s].
+        response_time: Time from the question to the response [s]; NaN without a response, or if timing is not observed.
+        onset: Time from the start of the session to the first interval [s].
+        duration: Time from the onset to the response, or, without a response, to the end of the last interval [s].
         fault: Description of a fault in the runs; empty for none.
         path: Folder of the recordings, relative to the table.
     """

@@ -27,12 +27,12 @@ COLUMNS: dict[str, dict[str, Any]] = {
     "repetition": {"Description": "repetition of the condition, from 1; practice trials are counted separately"},
     "reference": {"Description": "smaller value of a comparison, in units of its key"},
     "increment": {"Description": "difference between the two values, relative to the reference", "Units": "1"},
-    "larger": {"Description": "interval of the larger value", "Levels": {FIRST: "", SECOND: ""}},
+    "larger": {"Description": "interval with the larger value", "Levels": {FIRST: "", SECOND: ""}},
     "response": {"Description": "answer of the participant"},
     "correct": {"Description": "whether the response is correct", "Levels": {"true": "", "false": ""}},
     "response_time": {"Description": "time from the question, once it can be answered, to the response", "Units": "s"},
     "onset": {"Description": "time of the trial's first stimulus since the start of the session", "Units": "s"},
-    "duration": {"Description": "time from the onset to the response", "Units": "s"},
+    "duration": {"Description": "time from the onset to the response, or to the trial's end", "Units": "s"},
     "fault": {"Description": "fault of a run in the trial, after which its forces were zero"},
     "path": {"Description": "folder of the trial's recordings, relative to this file"},
 }
@@ -75,14 +75,14 @@ def describe(experiment: Study, files: SessionFiles, mode: str) -> dict[str, Any
 
 
 def now_precisely() -> str:
-    """Return the time of day in UTC, ISO 8601, with microseconds."""
+    """Return the date and time in UTC, in ISO 8601 with microseconds."""
     from datetime import UTC
 
     return datetime.now(UTC).isoformat(timespec="microseconds")
 
 
 def begin(experiment: Study, files: SessionFiles, mode: str) -> tuple[RowFile, float]:
-    """Create the table of a session; return it with the start of the session, time of day [s].
+    """Create the table of a session; return it with the start of the session, as POSIX time [s].
 
     Raises:
         RecordingError: If the table exists or cannot be written.
@@ -188,7 +188,7 @@ MOST = 5  # differences listed in the message
 
 
 class SessionWarning(UserWarning):
-    """A session is resumed although its original conditions are not completely known."""
+    """Warning that a session is resumed although its original conditions are not completely known."""
 
 
 def session_identity(experiment: Study, files: SessionFiles, mode: str) -> dict[str, Any]:
@@ -210,7 +210,7 @@ def require_same(about: Mapping[str, Any], experiment: Study, files: SessionFile
 
     Args:
         about: Description of the interrupted session.
-        experiment, files, mode: Those of the session to resume.
+        experiment, files, mode: Experiment, files and mode with which it is to be resumed.
 
     Raises:
         RecordingError: If the identity differs; the message lists the differences.
@@ -244,7 +244,7 @@ def _differences(about: Mapping[str, Any], own: Mapping[str, Any], experiment: S
 
 
 def _earlier_parts(experiment: Study, files: SessionFiles, mode: str) -> list[Any]:
-    """List the parts of the digest in earlier versions, which excluded files and version."""
+    """List the parts of the digest of earlier versions, which did not include files and version."""
     return [experiment.table.model_dump(mode="json"), experiment.scene.to_dict(), files.stem, mode]
 
 

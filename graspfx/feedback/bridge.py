@@ -1,11 +1,11 @@
 """The bridge between the rates of host and loop: samples, prediction, and an energy tank for each port.
 
 The forces of tick k act on the operator until tick k + 1. Their work, sum_i f_i.(x_i(k + 1) - x_i(k)), is then known
-and subtracted from the port's tank. No finger moves farther in a tick than the stride v T, so a factor
+and subtracted from the port's tank. If no finger moves farther in a tick than the stride v T, then with a factor
 
     s = min(1, E/(v T sum_i |f_i|))
 
-on the forces of a port never uses more energy than its tank holds. The operator's work fills the tank up to its limit.
+a port's forces never use more energy than its tank holds. The operator's work fills the tank up to its limit.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class PortTank(Record):
 
 
 class HostState(Record):
-    """The bridge of one host."""
+    """State of the bridge of one host."""
 
     fingers: int  # n
     dimensions: int  # d
@@ -93,7 +93,7 @@ class HostState(Record):
 
 @kernel
 def host_forces(state: GraspState, host: HostState) -> int:
-    """Set the fingers' forces of this tick; return 0, or the reason why all forces are zero."""
+    """Set the fingers' forces of this tick; return 0, or the code of the reason why all forces are zero."""
     settle(state, host)
     host.age += 1.0
     take_sample(host)
@@ -176,7 +176,7 @@ def pay(host: HostState, tank: PortTank, forces: Floats) -> float:
 
 @kernel
 def bound(host: HostState) -> None:
-    """Limit each finger's force: first reduce the internal forces of all fingers, then all forces."""
+    """Limit each finger's force: reduce all internal forces, and all external forces if these alone exceed a limit."""
     d = host.dimensions
     outer = squeeze = 1.0
     for i in range(host.fingers):
@@ -274,7 +274,7 @@ def keep_sample(host: HostState, slot: Floats, number: float) -> None:
 
 @kernel
 def predict(state: GraspState, host: HostState) -> None:
-    """Compute the present forces of both ports: held, extrapolated, or by the environment's stiffness."""
+    """Compute the present forces of both ports: held, extrapolated, or predicted from the environment's stiffness."""
     ahead = 0.0
     if host.method == LINEAR:
         ahead = min(host.age * host.period, host.interval)

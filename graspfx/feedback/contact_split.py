@@ -20,7 +20,7 @@ LEAST = 1e-30  # smallest square of a length that defines a direction [m^2]
 
 
 class Shown(NamedTuple):
-    """Forces on the operator, each after its gain.
+    """Forces on the operator, scaled by the gains.
 
     Attributes:
         push: Net force of the object on the hand, for one device, (d,) [N].
@@ -29,8 +29,8 @@ class Shown(NamedTuple):
             hand, so a grasp that presses on an object shows a negative grip, which opens the operator's fingers.
         fingers: Force on each finger, for a device with one channel per finger (n, d) [N]: `external` + `internal`.
         external, internal: The two parts of `fingers`, (n, d) [N].
-        touching: Fingers that touch, (n,).
-        message: Reason for missing results; empty in a grasp.
+        touching: Mask of the fingers that touch, (n,).
+        message: Statement that forces fade to zero, if there is no contact; empty otherwise.
     """
 
     push: FloatArray
@@ -55,7 +55,7 @@ class ContactSplitState(Record):
     torques: bool  # torques are given
     referred: bool  # a reference point is given
     begun: bool  # a sample has been computed before
-    faulty: bool  # a value of this sample is not finite
+    faulty: bool  # a value of this sample is not finite, or a force is implausibly large
     touching: int  # number of touching fingers
     time: float  # [s]
     before: float  # time of the previous sample [s]
@@ -112,7 +112,7 @@ def divide_contacts(block: NDArray[np.float64]) -> None:
 
 @kernel
 def divide_sample(state: ContactSplitState) -> int:
-    """Merge, divide, apply the gains, and fade changes of contacts; return 1 for non-finite values."""
+    """Merge contacts, divide forces, apply gains and fade changes; return 1 if `is_sound` rejects the values."""
     if not is_sound(state):
         state.faulty = True
         return 1

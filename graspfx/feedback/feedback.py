@@ -39,8 +39,8 @@ class Feedback(Carded):
     `Feedback` displays the squeeze with its own gain. P is computed as by `graspfx.divide` (pseudoinverse, hard
     contacts).
 
-    `forces` act from the object on the fingers; results are forces on the operator. With the opposite sign, the loop
-    would be a positive feedback: a hand that closes on an object would be pulled further closed.
+    `forces` act from the object on the fingers; results are forces on the operator. With the opposite sign, the
+    feedback would be positive: a hand that closes on an object would be pulled closed further.
 
     When a finger makes or breaks contact, the split changes at once, but the displayed forces stay continuous: the
     difference from the previous forces decreases linearly to zero within `fade`.
@@ -48,10 +48,10 @@ class Feedback(Carded):
     Args:
         push_gain: Gain Kp of the external forces: a number, or a matrix (d, d).
         squeeze_gain: Gain Ks of the internal forces: a number, or a matrix (d, d).
-        moment_gain: Gain of the moment; `push_gain` as a number if not given, else 1.
-        fingers: Number n of fingers; if not given, contacts are fingers, and n is their largest number so far.
+        moment_gain: Gain of the moment; by default `push_gain` if that is a number, else 1.
+        fingers: Number n of fingers; by default the largest number in any sample so far.
         fade: Time over which the jump of forces at a change of contacts is faded out [s].
-        largest: Largest force of a contact that is plausible [N].
+        largest: Largest plausible component of a contact force [N].
         engine: "auto", "compiled" or "interpreted".
 
     Raises:
@@ -99,15 +99,15 @@ class Feedback(Carded):
 
         Args:
             points: Contact points (m, d) [m]; (0, d) without contacts.
-            forces: Forces of the object on the fingers there, (m, d) [N].
+            forces: Forces of the object on the fingers at these points, (m, d) [N].
             time: Time of the sample on the host's clock [s], which must increase.
-            normals: Normals into the object (m, d), of any length; by default the direction of a finger points to the
-                mean of the other fingers' points.
+            normals: Normals into the object (m, d), of any length; by default the vectors from each finger's point to
+                the mean of the other fingers' points.
             torques: Torques of the object on the fingers, (m, 3), or (m,) in the plane [N m]; `moment` includes them.
             finger: Index of the finger of each contact, (m,); a finger may have several contacts. If not given,
-                contact j is finger j.
-            reference: Point of the moment, (d,) [m], such as the object's present centre; the mean of the fingers'
-                points if not given. Either point moves with the object.
+                contact j belongs to finger j.
+            reference: Reference point of the moment, (d,) [m], such as the object's present centre; the mean of the
+                fingers' points if not given. Either point moves with the object.
 
         Returns:
             Forces on the operator.
@@ -119,7 +119,7 @@ class Feedback(Carded):
         p = np.asarray(points, dtype=float)
         f = np.asarray(forces, dtype=float)
         if p.ndim != 2 or p.shape != f.shape or p.shape[1] not in (1, 2, 3):
-            raise InputError("points, forces", (p.shape, f.shape), "two arrays (m, d) of the same shape, d 1, 2 or 3")
+            raise InputError("points, forces", (p.shape, f.shape), "two arrays of one shape (m, d), d = 1, 2 or 3")
         m, d = p.shape
         numbers = None
         if finger is not None:
@@ -195,7 +195,7 @@ class Feedback(Carded):
         self._make(d, n, max(ROOM, contacts, 2 * contacts if contacts > ROOM else 0))
 
     def _make(self, d: int, n: int, capacity: int) -> None:
-        """Create a state, and copy the forces on the operator."""
+        """Create a state, and copy the previous forces on the operator to it."""
         old, before = self._state, None if self._state is None else self._views()
         grasp = size_for(PointGrasp, count=n, dimensions=d)
         counts = {"fingers": n, "dimensions": d, "capacity": capacity, "grasp_entries": grasp}
@@ -220,7 +220,7 @@ class Feedback(Carded):
         self._bind(state, block)
 
     def _views(self) -> dict[str, FloatArray]:
-        """Return the forces on each finger, by name."""
+        """Return views of each finger's forces, and of whether it touches, by name."""
         assert self._state is not None
         names = ("touched", "external", "internal", "external_offset", "internal_offset")
         views = {name: self._state.array(getattr(ContactSplitState, name)) for name in names}
@@ -251,7 +251,7 @@ class Feedback(Carded):
         self._compute = lambda: source(view)
 
     def connect(self, name: str, *, timeout: float = 10.0) -> HostLink:
-        """Connect to the real-time loop of a scene whose `[host]` has this name; use it in a `with` block.
+        """Connect to the real-time loop of a scene whose `[host]` has this name; use the link in a `with` block.
 
         Args:
             name: Name of the record, `host.name` of the scene.

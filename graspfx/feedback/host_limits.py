@@ -27,7 +27,7 @@ class GainLimits(Carded):
     Attributes:
         push: Largest push gain; inf if none is too large.
         squeeze: Largest squeeze gain.
-        stiffness: Largest felt stiffness of a finger, gain times environment, for either port [N/m].
+        stiffness: Largest felt stiffness of a finger, gain times environment's stiffness, for either port [N/m].
         delay: Delay, within the range, at which the stiffness limit occurs [ticks].
         frequency: Frequency of the oscillation at the limit [Hz].
     """
@@ -61,27 +61,27 @@ def gain_limits(
     predict: str = "hold",
     model: float = 1.0,
 ) -> GainLimits:
-    """Compute the largest push and squeeze gain g of one finger's loop in each port.
+    """Compute the largest stable push and squeeze gains g, from the loop of one finger in each port.
 
         m x'' + (b + b_h) x' + k_h x = f,    f held over T,    f_j = -g k y_j
 
-    The host samples the operator at ticks R i; tick j uses the sample R floor((j - D)/R), with y_j that sample x_s
-    ("hold"), x_s + (x_s - x_(s-R)) a/R at a ticks after its arrival ("linear"), or (1 - r) x_s + r x_j, a model of r
-    times the environment's stiffness ("model"). Over R ticks the loop is a linear map of x, x' and the samples on
-    the delay line; the gain is increased until an eigenvalue leaves the unit circle.
+    The host samples the operator at ticks R i; tick j uses the sample of tick s = R floor((j - D)/R). Then y_j is x_s
+    ("hold"), x_s + (x_s - x_(s-R)) a/R at a ticks after the sample's arrival ("linear"), or (1 - r) x_s + r x_j, with
+    a model of r times the environment's stiffness ("model"). Over R ticks the loop is a linear map of x, x' and the
+    samples on the delay line; the gain is increased until an eigenvalue leaves the unit circle.
 
     Every constant delay of a range is considered, but not delays that change between samples. The first loss of
-    stability is searched at 60 gains per decade, then bisected to rounding.
+    stability is searched for at 60 gains per decade, then bisected to rounding.
 
     Args:
         mass: Device's mass m at a finger [kg].
         damping: Device's viscous damping b [N s/m].
         period: Period T of the loop [s].
-        host_ticks: Ticks R from one sample of the host to the next.
-        delay: Delay D from the operator's reading to the tick that displays the answer [ticks], or its range; at least
-            1, because an answer follows the tick to which it refers.
+        host_ticks: Number R of ticks from one sample of the host to the next.
+        delay: Delay D from the operator's reading to the tick that displays the answer [ticks], or its range; with a
+            real host at least 1, because an answer follows the tick to which it refers.
         push_stiffness, squeeze_stiffness: Environment's stiffness k at one finger for a gain of 1, if all fingers move
-            together, and if they close [N/m].
+            together (push), or close (squeeze) [N/m].
         hand_stiffness, hand_damping: Stiffness and damping of the operator's finger to ground [N/m, N s/m].
         predict: "hold", "linear" or "model".
         model: Ratio r of the model's stiffness to g k.
@@ -100,7 +100,7 @@ def gain_limits(
         raise InputError("host_ticks", host_ticks, "an integer number of ticks, at least 1")
     low, high = delay if isinstance(delay, tuple) and len(delay) == 2 else (delay, delay)
     if not (type(low) is int and type(high) is int and 0 <= low <= high):
-        raise InputError("delay", delay, "an integer number of ticks, or two of them (least, most)")
+        raise InputError("delay", delay, "a non-negative integer number of ticks, or a tuple (least, most) of two")
     if predict not in ("hold", "linear", "model"):
         raise InputError("predict", predict, "'hold', 'linear' or 'model'")
     r = number("model", model, "a ratio, zero or above") if predict == "model" else 0.0

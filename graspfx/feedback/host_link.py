@@ -33,21 +33,21 @@ from graspfx.feedback.host_record import (
 FloatArray = NDArray[np.float64]
 
 LOOK = 0.01  # time between two checks for the loop [s]
-DEAD = 2.0  # time without a sample after which a loop is taken to be killed [s]
+DEAD = 2.0  # time without a sample after which a loop is considered killed [s]
 TRIES = 100  # attempts to read a complete sample; the loop writes one in a microsecond
 
 
 class Operator(NamedTuple):
-    """The operator in a tick of the loop.
+    """State of the operator in a tick of the loop.
 
     Attributes:
         time: Time of the loop [s].
         position: Positions of the device's fingers, (n, d) [m].
         velocity: Velocities of the device's fingers, (n, d) [m/s].
-        force: Forces that were displayed in the tick before, (n, d) [N].
+        force: Forces that were displayed in the previous tick, (n, d) [N].
         age: Age of the host's last sample that the loop has received [s].
         push_tank, squeeze_tank: Energies of the tanks [J]; if a tank is empty, the forces of its port are zero.
-        lost, late: Numbers of the host's samples that were lost, or arrived after a newer one.
+        lost, late: Counts of the host's samples that were lost, and of those that arrived after a newer one.
     """
 
     time: float
@@ -72,12 +72,12 @@ class Operator(NamedTuple):
 
 
 class HostLink:
-    """Exchange of a host program with the loop of a scene whose `[host]` has this name; for a `with` block.
+    """Link from a host program to the loop of a scene whose `[host]` has this name; a context manager.
 
     At the end of the block, even after an exception, the loop is told that the host has ended: all forces fade to zero.
 
     Args:
-        name: `host.name` of the scene.
+        name: Name of the record, `host.name` of the scene.
         timeout: Time to wait for the loop [s].
 
     Attributes:
@@ -116,8 +116,8 @@ class HostLink:
         """Read the state of the operator.
 
         Args:
-            time: Time on the host's clock [s] for which to wait on the loop's clock; both clocks count from the first
-                read with a time. By default the call returns immediately.
+            time: Time on the host's clock [s]; the call waits until the loop's clock shows it. Both clocks are aligned
+                at the first read with a time. By default the call returns immediately.
 
         Raises:
             DeviceError: If the loop has ended, or has a fault.
@@ -155,8 +155,9 @@ class HostLink:
     def show(self, shown: Shown, time: float) -> None:
         """Display forces to the operator.
 
-        A device with one finger displays the push. A device with as many fingers as the host displays each finger's
-        force. A device with two fingers displays push and grip of any hand.
+        A device with one finger displays the push. A device with two fingers displays each finger's force if the host's
+        hand has two fingers, otherwise the push and the grip. A device with more fingers displays each finger's force;
+        fingers without a counterpart in the host's hand get zero force.
 
         Args:
             shown: Result of `Feedback.update`, computed for the operator's state of the last `read`.
@@ -164,7 +165,8 @@ class HostLink:
 
         Raises:
             DeviceError: If the loop has ended, or has a fault.
-            InputError: If the host's hand has more fingers than the device, and the device has more than two fingers.
+            InputError: If the number of dimensions differs, or if the host's hand has more fingers than a device of
+                more than two fingers.
         """
         external, internal = self._external, self._internal
         n, count = self.fingers, len(shown.external)

@@ -1,14 +1,14 @@
 """The record in shared memory between a host program and the loop: its layout, creation and discovery by name.
 
-All words are float64 in the machine's byte order. With n fingers of d coordinates, after 64 words of a header follow 8
-slots of the host and 8 slots of the loop:
+All words are float64 in the machine's byte order. With n fingers of d coordinates, a header of 64 words is followed by
+8 slots of the host and 8 slots of the loop:
 
-    header  0 magic 71301955, 1 version 1, 2 n, 3 d, 4 period [s], 5 slots (8), 6 and 7 first word of the host's slots
-            and words of one, 8 and 9 the same of the loop's, 10 state (1 running, 2 ended, 3 a fault), 11 code of the
-            fault, 12 number of the host's last sample, 13 number of the loop's last sample
+    header  0 magic 71301955, 1 version 1, 2 n, 3 d, 4 period [s], 5 slots (8), 6 first word of the host's slots, 7
+            words of each, 8 and 9 the same for the loop's slots, 10 state (1 running, 2 ended, 3 a fault), 11 code of
+            the fault, 12 number of the host's last sample, 13 number of the loop's last sample
     host    0 number k = 1, 2, ..., 1 time of the host [s], 2 zero, or a code that stops the run (1: the host has ended,
             2: not finite, 3: too large), then n d external and n d internal forces on the operator [N], n d positions
-            of the operator that the sample was computed from [m], and the sum of all words before it in the slot
+            of the operator from which the sample was computed [m], and the sum of all previous words of the slot
     loop    0 number, 1 time [s], 2 age of the host's last sample [s], 3 and 4 energies of the tanks of push and squeeze
             [J], 5 samples lost, 6 samples that came late, then n d positions [m], n d velocities [m/s], n d forces on
             the operator [N], and the sum
@@ -40,11 +40,11 @@ SILENT, HOST_ENDED, NOT_FINITE, TOO_LARGE = 0, 1, 2, 3  # reasons why the host's
 
 @dataclass(frozen=True)
 class HostRecord:
-    """The record of a loop, which is not visible before it is published.
+    """Record of a loop, invisible to hosts until it is published.
 
     Attributes:
         name: Name under which hosts find the record.
-        words: Words of the record.
+        words: Content of the record, as float64 words.
         shared: Shared memory of the record.
     """
 

@@ -1,8 +1,9 @@
 """Moment arms of contacts about their centroid, accurate even for contacts far away or nearly on a line.
 
-A unit rotation about the line through nearly collinear contacts moves them by h R; other rotations move them by R. In
-ordinary arithmetic the arm about the line, a difference of products, has a relative error of eps / h. Here the arm is
-computed in pairs of floats, value and rounding error (Dekker 1971, Knuth 1969), and rounded once.
+If contacts of rms radius R are at a distance of about h R from a line, a unit rotation about the line moves them by
+h R, and other rotations move them by R. In ordinary arithmetic the arm about the line, a difference of products, has a
+relative error of eps / h. Here the arm is computed in pairs of floats, value and rounding error (Dekker 1971, Knuth
+1969), and rounded once.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ NEXT, LAST = [1, 2, 0], [2, 0, 1]  # the other two coordinates of a cross produc
 
 
 def centred_arms(points: FloatArray, *, principal: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Compute u_k x (c_i - c) for each axis of rotation, c the centroid.
+    """Compute u_k x (c_i - c) for each axis of rotation u_k, where c is the centroid.
 
     Args:
         points: Contact points, (..., n, d) [m], d = 2 or 3.
@@ -28,7 +29,7 @@ def centred_arms(points: FloatArray, *, principal: bool) -> tuple[FloatArray, Fl
 
     Returns:
         Axes: (1, 1) in the plane, (..., 3, 3) in space with one axis per row, or (3, 3) for the world's axes. Fields:
-        (..., axes, n, d) [m]. Offset c - c_0: (..., d) [m].
+        (..., axes, n, d) [m]. Offset c - c_0 of the centroid from the first contact: (..., d) [m].
     """
     *sets, n, d = points.shape
     offset = two_sum(points, -points[..., :1, :])  # exact
@@ -67,7 +68,7 @@ def two_product(a: FloatArray, b: FloatArray) -> Pair:
 
 
 def add(x: Pair, y: Pair) -> Pair:
-    """Add two pairs, with an error of about 1e-32 of the larger pair."""
+    """Add two pairs, with an error of about 1e-32 times the larger pair."""
     s, e = two_sum(x[0], y[0])
     t, f = two_sum(x[1], y[1])
     s, e = two_sum(s, e + t)

@@ -44,7 +44,7 @@ class Contacts:
     In the plane and on the line there is no torsion about the normal, so a soft contact equals a hard contact. The axes
     of contacts are the world's axes unless frames are given.
 
-    Leading array axes contain many sets of n contacts with the same models.
+    Leading array axes index many sets of n contacts with the same models.
 
     Attributes:
         points: Contact points, (..., n, d) [m].
@@ -72,7 +72,7 @@ def contacts(
     model: Model | Sequence[Model] = "hard",
     frames: ArrayLike | None = None,
 ) -> Contacts:
-    """Check a description of contacts and compute its components.
+    """Check contacts and compute their force components.
 
     Args:
         points: Contact points, (n, d) [m] with d = 1, 2 or 3, or many sets of points, (..., n, d).
@@ -170,7 +170,7 @@ def _selection(selection: Model, d: int, name: str) -> FloatArray:
     whole = d + MOMENTS[d]
     if S.ndim != 2 or S.shape[1] != whole or not 0 < S.shape[0] <= whole:
         columns = f"{d} forces and {MOMENTS[d]} moments" if MOMENTS[d] else "the force"
-        raise InputError(name, S, f"a selection matrix (k, {whole}), its columns {columns} in the contact's axes")
+        raise InputError(name, S, f"a selection matrix (k, {whole}) with columns for {columns} in the contact's axes")
     pulls, turns = np.abs(S[:, :d]).max(axis=1) > 0.0, np.abs(S[:, d:]).max(axis=1, initial=0.0) > 0.0
     if (pulls & turns).any():
         raise InputError(

@@ -126,7 +126,7 @@ def in_plane(grasp: PointGrasp) -> None:
 def in_space(grasp: PointGrasp, modes: Table | None) -> None:
     """Compute the forces in space: P d is the mean and a rotation, in the frame of the line nearest to the contacts.
 
-    If `modes` has rows, write the rotations as modes instead.
+    If `modes` is given, write the rotations into it instead.
 
     q points from the first contact to the farthest contact. Let x be the coordinate along which q is longest, and
     u = (1, t, s) = q / q_x. Rotations are about u, y and z. The arms about u are those of v = y - t x and w = z - s x,

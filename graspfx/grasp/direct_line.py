@@ -28,7 +28,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Centre:
-    """Centroid in x, v = y - t x and w = z - s x from the first contact, and mean of the field d."""
+    """Centroid relative to the first contact, in x, v = y - t x and w = z - s x; and mean of the field d."""
 
     arm: Vector
     mean: Vector
@@ -52,7 +52,7 @@ class Moments:
 
 @dataclass(frozen=True, slots=True)
 class Pivots:
-    """Factor L D L' of the moments: inverses of D about y and z, its last entry or 0, and the entries of L.
+    """Factors L D L' of the moments: inverses of D's entries for y and z, its entry for u or 0, and the entries of L.
 
     The remaining entries are zero unless contacts lie on a line. They are then the axis along the line, (1, y, z) about
     u, y and z; the inverse of its moment; and the unit vector of its motion in terms of the orthonormal motions about

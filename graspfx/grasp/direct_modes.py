@@ -17,7 +17,7 @@ HALF = math.sqrt(0.5)
 def couple_rows(
     grasp: PointGrasp, points: Floats, displacement: Floats, rate: Floats, force: Floats, rows: int
 ) -> None:  # fmt: skip
-    """Compute the forces of many equally large grasps; `grasp` contains gains, and work space for one grasp."""
+    """Compute the forces of many grasps of equal size; `grasp` contains gains, and workspace for one grasp."""
     size = grasp.count * grasp.dimensions
     for row in range(rows):
         at = row * size
@@ -32,7 +32,7 @@ def couple_rows(
 
 @kernel
 def mode_rows(grasp: PointGrasp, points: Floats, modes: Floats, ranks: Floats, rows: int) -> None:
-    """Write the modes and ranks of many equally large grasps, one row per grasp."""
+    """Write the modes and ranks of many grasps of equal size, one row per grasp."""
     size = grasp.count * grasp.dimensions
     room = size * (2 * grasp.dimensions if grasp.dimensions > 2 else 2 * grasp.dimensions - 1)
     for row in range(rows):

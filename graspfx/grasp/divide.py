@@ -31,13 +31,13 @@ def divide(
     | pseudoinverse | G^+ G | Kawai and Yoshikawa, eq. 3 | yes |
     | mass, weights | M G'(G M G')^+ G, M a number per finger | Erhart and Hirche 2015 | yes |
     | stiffness | the same, M the springs of fingers and pads | | yes |
-    | virtual-linkage | forces make the wrench, moments none | Williams and Khatib 1993 | not with moments |
+    | virtual-linkage | only forces exert the wrench | Williams and Khatib 1993 | not with moments |
 
     Args:
         grasp: `Grasp`; or for "pseudoinverse" a matrix (w, m), whose columns are all forces or all moments.
         force: Contact forces (m,) or (..., m); (..., n, d) for contacts with d forces each [N, N m].
         kind: Kind of the split, from the table.
-        weights, stiffness: Arguments of `Split`.
+        weights, stiffness: Weights and stiffness, as for `Split`.
         metric: Metric M, for "pseudoinverse": `grasp.metric(torsion_length=...)` if contacts have moments.
 
     Returns:

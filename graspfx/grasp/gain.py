@@ -63,7 +63,7 @@ def checked_gain(name: str, argument: ArrayLike) -> Gain:
 
 
 def gain_text(gain: Gain, unit: str) -> str:
-    """Format a gain: the number, the range over the fingers, or the size and eigenvalues of a matrix."""
+    """Format a gain: the number, the range over the fingers, or a matrix's shape and range of eigenvalues."""
     if isinstance(gain, float):
         return f"{gain:g} {unit}"
     if gain.ndim == 1:

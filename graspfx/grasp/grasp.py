@@ -26,7 +26,7 @@ class Grasp(Carded, GraspMatrix):
 
     w = 1 on the line (f), 3 in the plane (f_x, f_y, t_z) and 6 in space (force, then moment), minus the number of
     locked degrees of freedom. f is the force of the fingers on the object. Columns are ordered contact by contact,
-    forces before moments. Leading axes of `points` contain many sets of n contacts with the same models, origin and
+    forces before moments. Leading axes of `points` index many sets of n contacts with the same models, origin and
     degrees of freedom. G is then (..., w, m), and each set is split independently.
 
     Args:
@@ -56,7 +56,12 @@ class Grasp(Carded, GraspMatrix):
         rows = [
             ("contacts", f"{self.fingers} in {counted(self.dimensions, 'dimension')}: {listed(names)}"),
             ("G", f"{w} x {m}: wrench components by force components"),
-            ("free", "all freedoms" if self.free.all() else f"{int(self.free.sum())} of {len(self.free)} freedoms"),
+            (
+                "free",
+                "all degrees of freedom"
+                if self.free.all()
+                else f"{int(self.free.sum())} of {len(self.free)} degrees of freedom",
+            ),
         ]
         if self.sets:
             return Card("Grasps", [("sets", " x ".join(map(str, self.sets))), *rows], ".matrix, .split(metric)")

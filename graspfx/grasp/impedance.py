@@ -125,7 +125,7 @@ class Coupling(Carded):
         return all(equal_gains(*self._pair(pair)) for pair in pairs)
 
     def turned(self, R: ArrayLike) -> Coupling:
-        """Rotate matrix gains into the axes of the contact forces, R K R'. Numbers have no axes.
+        """Rotate matrix gains into the axes of the contact forces, R K R'. Scalar gains do not change.
 
         Args:
             R: Rotation from the axes of the gains, (d, d), or (n, d, d) with one per contact.
@@ -157,8 +157,8 @@ class Coupling(Carded):
 
         Args:
             split: Split of the contacts.
-            e: Displacement of the fingers from their contacts, p - c [m]: (m,), or (n, d) if each contact has d forces;
-                for many sets of contacts, or many displacements of one set, (..., n, d), or (..., m) for many sets.
+            e: Displacement of the fingers from their contacts, p - c [m]: (m,), or (n, d) if each contact has d forces.
+                Many displacements of one set are (..., n, d); those of many sets are (..., m) or (..., n, d).
             de: Rate of the displacement [m/s], with the shape of e; zero if None.
         """
         _require_split(split)
@@ -181,7 +181,7 @@ class Coupling(Carded):
         return f if difference is None else f + split.project(difference)
 
     def _head_for(self, split: Split) -> FloatArray | None:
-        """Return the input numbers of a kernel for point contacts; None if a gain is not a number."""
+        """Return the sizes, gains and tolerance for a kernel of point contacts; None if a gain is not a number."""
         grasp = split.points
         key = grasp.fingers, grasp.dimensions, split.point_tolerance
         head = self._heads.get(key)
@@ -196,7 +196,11 @@ class Coupling(Carded):
         return head
 
     def rule(self, pair: Pair) -> Literal["equal", "literal", "symmetric"]:
-        """Return the rule for combining a pair of gains: "equal" if they are equal, else the form."""
+        """Return the rule for combining a pair of gains.
+
+        The rule is "equal" if the gains are equal, "literal" if both are numbers, otherwise the form. With an
+        `ObjectImpedance` it is "symmetric" if the internal gain is a number, otherwise the form.
+        """
         outer, inner = self._pair(pair)
         if self.of_object:
             return "symmetric" if isinstance(inner, float) else self.form
@@ -208,7 +212,7 @@ class Coupling(Carded):
         return getattr(self.external, pair), getattr(self.internal, pair)
 
     def _part(self, pair: Pair, split: Split, x: FloatArray) -> tuple[FloatArray, FloatArray | None]:
-        """Compute b and a of the force b + P a of one pair of gains; a is None if P is not needed."""
+        """Compute b and a of the force b + P a for one pair of gains; a is None if P is not needed."""
         outer, inner = self._pair(pair)
         if isinstance(outer, float) and isinstance(inner, float):
             y = split.weigh(x)
@@ -332,7 +336,7 @@ def skew_part(K: FloatArray) -> float:
 
 
 def loop_energy(K: FloatArray, radius: float) -> float:
-    """Compute 2 pi r^2 |(K - K')/2|, the most work of f = K e on a circle of displacements of radius r [J]."""
+    """Compute 2 pi r^2 |(K - K')/2|, the largest work of f = K e on a circle of displacements of radius r [J]."""
     return 2.0 * math.pi * radius**2 * skew_part(K)
 
 

@@ -16,7 +16,7 @@ from graspfx.numeric import finite, number
 FloatArray = NDArray[np.float64]
 
 HARD = "hard"
-CARRIED = "contacts here carry moments"
+CARRIED = "give it, because the contacts carry moments"
 
 
 def grasp_matrix(
@@ -118,7 +118,7 @@ class GraspMatrix:
         return _transposed(np.concatenate([a, moments], axis=-1))[..., self.free, :]
 
     def unit_free(self) -> tuple[FloatArray, FloatArray]:
-        """Return a matrix (..., w, m) with the row space of G, torsion columns times a length; and the length (...).
+        """Return a matrix (..., w, m) with the row space of G, torsion columns scaled by a length, and that length.
 
         The rows are the object's free motions at the contacts: translations, and rotations about the contacts' centroid
         divided by the rms contact radius R. R is the returned length. If a translation is locked, the rotation's row
@@ -156,7 +156,7 @@ class GraspMatrix:
             raise InputError("points", self.points.shape, "one set of contacts (n, d)", f"call {function} for each set")
 
     def metric(self, *, torsion_length: float | None = None, weights: ArrayLike | None = None) -> FloatArray:
-        """Compute M for `split`, (m,): the finger's weight, times torsion_length^2 [m^2] for a moment.
+        """Compute the metric M for `split`, (m,): the finger's weight, times torsion_length^2 [m^2] for a moment.
 
         Args:
             torsion_length: Radius of a fingertip's contact patch [m], which makes 1 rad of torsion comparable with a

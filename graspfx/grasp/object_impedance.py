@@ -39,9 +39,9 @@ class ObjectImpedance(Carded):
     a certificate includes.
 
     Args:
-        stiffness: Stiffness K_o, (w, w), forces before moments [N/m, N, N m/rad]; its diagonal (w,), or on a line a
-            number. w is 1, 3 or 6, in the axes of the contact points, or the grasp's number of free degrees of freedom.
-            Rows and columns of locked degrees of freedom are omitted.
+        stiffness: Stiffness K_o in the axes of the contact points, (w, w), forces before moments [N/m, N, N m/rad]; its
+            diagonal (w,), or on a line a number. w is 1, 3 or 6, or the grasp's number of free degrees of freedom. Rows
+            and columns of locked degrees of freedom are omitted.
         damping: Damping D_o, in the same forms; zero if None.
         point: Point to which K_o and D_o refer, (d,) [m]; the origin of the grasp's moments if None.
 
@@ -64,7 +64,7 @@ class ObjectImpedance(Carded):
             raise InputError(
                 "point",
                 point,
-                f"a point of {d} coordinates" if d else "no point with free degrees of freedom only",
+                f"a point of {d} coordinates" if d else "None, because the stiffness omits locked degrees of freedom",
             )
         for name, value in ("stiffness", K), ("damping", D), ("point", where):
             if value is not None:

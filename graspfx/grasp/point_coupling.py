@@ -46,8 +46,8 @@ class PointCoupling(Carded):
         internal: Impedance with numbers k_ip and k_id.
         fingers: Number n of fingers.
         dimensions: Dimension d: 1, 2 or 3.
-        tolerance: Contacts are treated as collinear if their rms distance from a line is at most this fraction of their
-            rms distance from the centroid (`Split`: 1e-6), or at most the rounding of their coordinates.
+        tolerance: Largest rms distance of collinear contacts from their line, as a fraction of their rms distance from
+            the centroid (`Split`: 1e-6). Contacts are also collinear up to the rounding of their coordinates.
         engine: "compiled", "interpreted", or "auto", which compiles if llvmlite is installed. Compiling takes a second,
             once per machine. Both engines compute the same forces to the last bit.
 
@@ -131,5 +131,5 @@ class PointCoupling(Carded):
 def _number(name: str, part: object, quantity: Literal["stiffness", "damping"]) -> float:
     gain = getattr(part, quantity, part)
     if not (isinstance(part, Impedance) and isinstance(gain, float)):
-        raise InputError(name, gain, f"an Impedance whose {quantity} is a number", "matrices are for Coupling.force")
+        raise InputError(name, gain, f"an Impedance whose {quantity} is a number", "use Coupling.force for matrices")
     return gain

@@ -15,7 +15,7 @@ NO_ARM = 1e-9  # up to this rms arm contacts count as on a line [m]
 
 
 def smoothstep(x: float, low: float, high: float) -> float:
-    """Compute 0 up to `low`, 1 from `high` on, and 3 t^2 - 2 t^3 between."""
+    """Compute a smooth step: 0 up to `low`, 1 from `high` on, and 3 t^2 - 2 t^3 between, with t from 0 to 1."""
     if x <= low:
         return 0.0
     if x >= high:

@@ -202,7 +202,7 @@ class Split(Carded):
 
     @property
     def point_tolerance(self) -> float:
-        """Tolerance for point contacts, at least the rounding."""
+        """Tolerance for point contacts, at least the rounding error."""
         return max(self._tolerance, max(self.components, MOST_ROWS) * EPS)
 
     @property
@@ -376,11 +376,11 @@ class Split(Carded):
 def metric_of(
     G: object, kind: str, metric: ArrayLike | None, weights: ArrayLike | None, stiffness: ArrayLike | None
 ) -> ArrayLike | None:
-    """Return the metric of a kind of split, with mean 1 over forces; without a kind, return the argument `metric`.
+    """Return the metric of a kind of split, with mean 1 over forces; for "pseudoinverse", the argument `metric`.
 
     Raises:
-        InputError: If a metric and a kind are both given, weights or stiffness are missing or given for another kind,
-            or G is a matrix.
+        InputError: If a metric is given for a kind that defines one, weights or stiffness are missing or given for
+            another kind, or G is a matrix.
         UnknownNameError: If the kind is unknown.
     """
     if kind not in get_args(Kind):

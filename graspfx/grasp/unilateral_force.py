@@ -71,7 +71,7 @@ def unilateral_force(
     normals: ArrayLike,
     friction: float | Sequence[float] | Literal["stick"] | None = None,
 ) -> Touch:
-    """Solve for fingertip forces that can only push: f in C, s in C*, f's = 0, f = K (e + s).
+    """Solve for fingertip forces that can only push: f in C, slip s in C*, f's = 0, f = K (e + s).
 
     Without friction C is {lambda n, lambda >= 0} for each finger. With "stick" a finger does not slip while it pushes;
     if its normal force would pull, its whole force is zero. A coefficient mu gives the cone |f_t| <= mu f_n with
@@ -89,12 +89,12 @@ def unilateral_force(
         displacement: Displacement e = p - c, (m,) [m].
         normals: Normals into the object, (n, d), scaled to unit length.
         friction: None or 0 (normal forces only), "stick", or mu, one coefficient for all or one per finger. If no
-            solution is found with mu, K is raised by 1e-6 of its largest eigenvalue; the forces are accepted if they
-            solve K itself.
+            solution is found with mu, 1e-6 of the largest eigenvalue of K is added to its diagonal; the forces are
+            accepted if they are a solution for K itself.
 
     Raises:
-        InputError: If a shape is wrong, values are not finite, a coefficient is negative, K has no solution, or K is so
-            ill-conditioned that the residual exceeds 1e-6 of max(|f|, |K e|).
+        InputError: If a shape is wrong, values are not finite, a coefficient is negative, no solution is found, or K is
+            so ill-conditioned that the residual exceeds 1e-6 of max(|f|, |K e|).
     """
     n_ = finite("normals", normals, largest=np.inf)
     if n_.ndim != 2 or n_.shape[1] not in (1, 2, 3) or n_.shape[0] == 0:
@@ -135,11 +135,11 @@ def unilateral_force(
         left, law = np.inf if unresolved else residual(K_f, e_f, f, stick), "stick" if stick else "frictionless"
     size = float(max(np.abs(force).max(), np.abs(K_f @ e_f).max()))
     if not left <= SOLVED * size:
-        found = f"leave a residual of {left:.3g} N of {size:.3g} N" if np.isfinite(left) else "were not found"
+        found = f"of {size:.3g} N have a residual of {left:.3g} N" if np.isfinite(left) else "were not found"
         raise InputError(
             "stiffness", K, "a matrix for which the contact forces are unique and can be computed",
-            f"its eigenvalues are {values[0]:.3g} to {values[-1]:.3g} N/m and forces {found}: reduce their ratio, "
-            "for example by more compliant contacts",
+            f"its eigenvalues are {values[0]:.3g} to {values[-1]:.3g} N/m and forces {found}: reduce the ratio of the "
+            "eigenvalues, for example by more compliant contacts",
         )  # fmt: skip
     return Touch(F.T @ force, status, left, law)
 
@@ -220,7 +220,7 @@ def returned(t: FloatArray, mu: FloatArray, d: int, associated: bool) -> FloatAr
 
 
 def residual(K: FloatArray, e: FloatArray, f: FloatArray, stick: bool) -> float:
-    """Compute the residual of f = K (e + s) in contact frames [N], with s where a force is released; f (n, d)."""
+    """Compute the residual of f = K (e + s) in contact frames [N] for forces f (n, d), with s of released contacts."""
     n, d = f.shape
     sticking = np.zeros((n, d), dtype=bool)
     sticking[f[:, 0] > 0.0, : d if stick else 1] = True

@@ -19,7 +19,7 @@ from graspfx.scene.model import Scene
 
 @dataclass(frozen=True, eq=False)
 class _Base:
-    """Linearised scene: the loop of each object, its parts independent of the gains, and the limits."""
+    """Linearised scene: the loop of each object, the parts of each loop independent of its gains, and the limits."""
 
     scene: Scene
     loops: tuple[Linearised, ...]
@@ -39,10 +39,9 @@ class Certifier:
         self._base: _Base | None = None
 
     def provisional(self, values: Mapping[str, Any]) -> Verdict | None:
-        """Judge from the last linearisation, with changed gains and object parameters but the same rest and squeeze.
+        """Judge by the last linearisation, with changed gains and object parameters at its equilibrium and squeeze.
 
-        Returns None before the first linearisation, for values that `Change` cannot describe, and for values without a
-        loop.
+        Returns None before the first linearisation, and for values that `Change` cannot describe or that are invalid.
         """
         base = self._base
         if base is None:
@@ -117,7 +116,7 @@ def _all_stable(radius: float, rows: Sequence[MarginRow]) -> bool:
 
 
 def _scaled(row: MarginRow, change: Change) -> MarginRow:
-    """Return a row with changed gain and unchanged limit; for all gains together, use the larger factor."""
+    """Return a row for changed gains: its gain grows by the factor, or the limit of all gains together falls by it."""
     if not row.mode.startswith(("internal", "external")):
         factor = max(change.external, change.internal)
         return row._replace(limit=_over(row.limit, factor), margin=_over(row.margin, factor))

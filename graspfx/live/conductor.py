@@ -49,7 +49,7 @@ class Conductor:
         return self._ask(_Request(Future(), action=action))
 
     def end(self, action: Callable[[], object]) -> None:
-        """Run a last action, and end; pending requests fail."""
+        """Run a last action, then end the thread; pending requests fail."""
         with self._change:
             if self._is_over:
                 return

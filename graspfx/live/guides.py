@@ -43,7 +43,7 @@ class Guide:
 
 
 def guided_scene(scene: Scene) -> Scene:
-    """Add a guide to each hand of a scene that has no guide, except to hands of plug-ins."""
+    """Add a guide to each hand without a guide, except to hands of plug-ins."""
     changes: dict[str, Any] = {
         ".".join(map(str, (*each.at, "guide"))): {}
         for each in holdings(scene)

@@ -15,7 +15,7 @@ from graspfx.live.stability_verdict import MarginRow, Verdict
 from graspfx.scene.keys import general
 
 SHARE = 0.9  # largest gain with hardware, as a share of its limit
-INSIDE = 1e-3  # relative distance of a clamped gain below that share, because its rest has a slightly different limit
+INSIDE = 1e-3  # relative distance of a clamped gain below that share, because a new equilibrium has another limit
 SAME = 1e-6  # relative difference up to which gains are equal
 MODES = {key: key.split(".")[1] for key in GAINS if key.endswith("stiffness")}  # external, internal
 
@@ -103,7 +103,7 @@ class Outcome:
     Attributes:
         request: Requested values by live key.
         values: Values that were set; empty if the order was refused.
-        text: Explanation of other values or of a refusal; empty if the request was set.
+        text: Explanation if other values were set or the order was refused; empty if the request was set.
     """
 
     request: Mapping[str, Any]
@@ -141,7 +141,7 @@ class HardwareClamp:
         self._thread.start()
 
     def set(self, values: Mapping[str, Any]) -> Future[Outcome]:
-        """Order values by live key; does not block."""
+        """Request values by live key; does not block."""
         future: Future[Outcome] = Future()
         with self._changed:
             if self._closed:
@@ -153,7 +153,7 @@ class HardwareClamp:
         return future
 
     def close(self) -> None:
-        """End; waiting orders are refused."""
+        """End the thread; waiting orders are refused."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()

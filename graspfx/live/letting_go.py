@@ -64,8 +64,8 @@ class Watched(Protocol):
 class Release:
     """Release by a guide; a thread supervises it until the guide is moved again.
 
-    The first step is immediate. If a finger still touches after some lags, because the object has followed it, another
-    step follows. Time is counted in ticks, so that pauses have no effect.
+    The first step is immediate. If a finger still touches after six time constants, because the object has followed it,
+    another step follows. Time is counted in ticks, so that pauses have no effect.
 
     Args:
         run: Run whose rows are watched.
@@ -125,8 +125,8 @@ class Release:
 def withdrawal(session: LiveSession, row: FloatArray, finger: int, clearance: float) -> FloatArray | None:
     """Compute the displacement (d,) of a finger's target that frees the finger [m]; None for a free finger.
 
-    The displacement is parallel to the object's force on the finger. Its length is the deflection |f|/k of the hand's
-    spring, plus the penetration depth |p - c|, plus a clearance.
+    The displacement is parallel to the object's force on the finger. Its length is 1.5 times the sum of the deflection
+    |f|/k of the hand's spring and the penetration depth |p - c|, plus a clearance.
 
     Args:
         session: Running session.

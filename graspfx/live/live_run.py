@@ -41,7 +41,7 @@ class LiveRun(Resource):
 
     Args:
         scene: Scene to run.
-        live: Keys that `set` may change, or None.
+        live: Keys that `set` may change; None for none.
         out: Folder of recording.h5; None to record nothing.
         guide: "hands" for a guide per hand of simulated fingers, "fingers" for a guide per simulated finger, or None.
         paused: Whether the run starts paused.
@@ -98,7 +98,7 @@ class LiveRun(Resource):
 
     @property
     def servo(self) -> Servo:
-        """Copy of the servo, for features and reach of the devices; its state is not the state of the run."""
+        """Copy of the servo with the features and workspaces of the devices; its state is not that of the run."""
         return self._session.servo
 
     @property
@@ -262,7 +262,9 @@ class LiveRun(Resource):
 
     def _guide_of(self, number: int) -> Guide:
         if not (type(number) is int and 0 <= number < len(self.guides)):
-            raise InputError("number", number, f"a guide, 0 to {len(self.guides) - 1}" if self.guides else "no guide")
+            raise InputError(
+                "number", number, f"a guide, 0 to {len(self.guides) - 1}" if self.guides else "a run with guides"
+            )
         return self.guides[number]
 
     # Pauses, resets and recordings ---------------------------------------------------------------------------------
@@ -347,7 +349,7 @@ class LiveRun(Resource):
         """Require that hardware has not failed: a button on a page must not arm it again.
 
         Raises:
-            InputError: If the hardware has failed; the recording is closed with this object.
+            InputError: If the hardware has failed; the recording stays open until this object is closed.
         """
         if not self.has_hardware or (self.fault is None and not self._session.outcome.get("cause")):
             return

@@ -66,7 +66,7 @@ class RowStream(RunLook):
     """LSL stream of rows: the newest row of an attached run, at a lower rate than its ticks.
 
     Each sample carries the time of its tick. A separate thread reads the ring buffer, so the servo is not affected.
-    Other programs see the stream from the first run. A run with another row layout starts a new stream.
+    Other programs see the stream once the first run is attached. A run with another row layout starts a new stream.
 
     Args:
         name: Name of the stream.
@@ -80,7 +80,7 @@ class RowStream(RunLook):
         samples: Number of samples sent.
 
     Raises:
-        InputError: If the rate is not positive; on attaching, the run lacks a column.
+        InputError: If the rate is not positive, or, on attaching, if the run lacks a column.
         MissingPackageError: If pylsl or its library is missing.
     """
 

@@ -1,4 +1,4 @@
-"""Sliders of a scene: the values that can change during a run, with their ranges; reasons why other values cannot."""
+"""Sliders of a scene: values that can change during a run, with ranges, and reasons why other values cannot change."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Slider:
         step: Step between values.
         value: Present value.
         stiffness: Stiffness of the object at factor 1, (w, w), if the value is a factor of this stiffness; else None.
-        freedoms: Freedoms of the object whose stiffness the factor multiplies.
+        freedoms: Indices of the object's degrees of freedom whose stiffness the factor multiplies.
     """
 
     key: str
@@ -118,11 +118,11 @@ def live_keys(sliders: Sequence[Slider]) -> list[str]:
 def values_of(slider: Slider, others: Sequence[Slider], values: Mapping[str, float]) -> dict[str, Any]:
     """Return the value of the live key that a slider moves: a number, or K_o with the factors of all its sliders.
 
-    Factors a of translation and b of rotation make [[a K_tt, sqrt(a b) K_tr], [sqrt(a b) K_rt, b K_rr]], which stays
-    positive definite.
+    Factors a of translation and b of rotation make [[a K_tt, sqrt(a b) K_tr], [sqrt(a b) K_rt, b K_rr]], which remains
+    positive semidefinite.
 
     Args:
-        slider: The slider.
+        slider: Moved slider.
         others: All sliders.
         values: Value of each slider, by its key.
     """
@@ -214,7 +214,7 @@ def _judged(scene: Scene) -> Iterator[tuple[_Candidate, str]]:
 def _candidates(scene: Scene) -> Mapping[str, tuple[str, str]]:
     """Return the label and unit of each key."""
     texts = {key: (f"{words}, {letter}", unit) for key, (words, letter, unit) in GAIN_TEXTS.items()}
-    if isinstance(scene.coupling.external, ObjectImpedance):  # whose gains have other keys, and are no numbers
+    if isinstance(scene.coupling.external, ObjectImpedance):  # its gains have other keys, and are not numbers
         texts = {key: text for key, text in texts.items() if not key.startswith("coupling.external.")}
     texts["coupling.friction"] = ("friction, µ", "")
     for i, (finger, name) in enumerate(zip(scene.finger, scene.finger_names, strict=True)):

@@ -50,7 +50,7 @@ class Verdict:
         seconds: Time from the request to the result [s].
         number: Number of the request.
         stage: 0 from the last linearisation, 1 from a new one without pushing fingers, 2 full.
-        at: Configuration of the linearisation: "squeezed", or "start" if no rest was reached.
+        at: Configuration of the linearisation: "squeezed", or "start" if no equilibrium was reached.
     """
 
     values: Mapping[str, Any] = field(default_factory=dict)

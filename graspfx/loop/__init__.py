@@ -1,1 +1,1 @@
-"""Loop in time: devices, plants, hands, the servo, and the rows of recordings."""
+"""Control loop: devices, plants, hands, the servo, and the rows of recordings."""

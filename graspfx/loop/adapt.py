@@ -44,7 +44,7 @@ class Adapter:
         return float(self.context.view(np.float64)[self._values[-code - 1]])
 
     def fault_text(self, code: int) -> str:
-        """Explain a negative code."""
+        """Describe the fault with a negative code."""
         function, says = self._faults[-code - 1]
         value = self.value(code)
         number = f"{value:g}" if abs(value) < 0x100 or value != int(value) else f"0x{int(value):X}"
@@ -156,7 +156,7 @@ def _estimation(velocity: VelocityEstimator, count: int) -> Estimation:
 
     state, stride, _ = velocity.memory
     if len(state) != count * stride:
-        raise InputError("velocity", len(state) // stride, f"an estimator of {count} components, those of `shape`")
+        raise InputError("velocity", len(state) // stride, f"an estimator of {count} components, as in `shape`")
     return Estimation(symbol_of(estimate_after, KINDS), count, stride)
 
 
@@ -186,10 +186,10 @@ def _symbol(library: object, name: str) -> int:
         place = ctypes.cast(function, ctypes.c_void_p).value
     except (AttributeError, ctypes.ArgumentError, TypeError) as error:
         raise InputError(
-            "library", library, f"a library of C functions with {name}", "the library is another one, or too old"
+            "library", library, f"a library with the C function {name}", "check the name and version of the library"
         ) from error
     if not place:
-        raise InputError("library", library, f"a library of C functions with {name}", "its address is zero")
+        raise InputError("library", library, f"a library with the C function {name}", "the function's address is zero")
     return place
 
 

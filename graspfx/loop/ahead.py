@@ -26,7 +26,7 @@ BY_THEMSELVES = (direct.couple, direct_modes.couple_rows, direct_modes.mode_rows
 
 
 def programs() -> dict[str, tuple[str, LlvmProgram]]:
-    """Write all programs in LLVM's language: map the key of each program to its name and the program."""
+    """Generate all programs as LLVM IR; map the key of each program to its name and the program."""
     found = {
         step_program.program_key(): ("steps", llvm_program(step_program.source())),
         footprint(beat.beat): ("beat", llvm_program(beat.source())),

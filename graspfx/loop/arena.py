@@ -104,7 +104,7 @@ class Arena:
         world: World of the scene, at `place` in the memory.
         servo: Memory of the tick, `ServoState`.
         loop: Memory of a real-time loop, `LoopState`; None for a run without it.
-        arrays: All blocks, by kind.
+        arrays: All blocks, in the order of their registration.
         ports: Ports of devices in plain Python.
         tables: Tables of hands in plain Python.
         guests: Indices of bodies that other software moves after each tick.

@@ -283,7 +283,7 @@ class Layout:
 
     @cached_property
     def width(self) -> int:
-        """Numbers per tick."""
+        """Number of entries in a row."""
         return sum(prod(column.shape) for column in self.columns.values())
 
     @property
@@ -293,7 +293,7 @@ class Layout:
 
     @cached_property
     def derived(self) -> tuple[Column, ...]:
-        """Variables computed from a row: the displayed force if it is not a column, `forces`, and displacements."""
+        """Variables computed from a row: displayed force (if not a column), `forces`, displacements and grip margin."""
         columns = (self._column(each) for each in DERIVED if self._has(each))
         return tuple(each for each in columns if set(self.omitted).isdisjoint(self.sources_of(each.name)))
 
@@ -404,7 +404,7 @@ class Selection:
 
     @cached_property
     def numbers(self) -> NDArray[np.intp]:
-        """Indices in a complete row of the recorded numbers."""
+        """Indices of the recorded numbers in a complete row."""
         places = np.arange(self.whole.width)
         return np.concatenate([places[:0], *(places[self.whole.columns[name].where] for name in self.layout.columns)])
 
@@ -414,7 +414,7 @@ class Selection:
         return self.every == 1 and self.layout == self.whole
 
     def cut(self, rows: FloatArray, tick: int = 0) -> FloatArray:
-        """Copy the recorded part of complete rows (r, width), whose first tick is `tick`."""
+        """Return the recorded part of complete rows (r, width), whose first tick is `tick`."""
         if self.is_whole:
             return rows
         return np.asarray(rows[-tick % self.every :: self.every][:, self.numbers])

@@ -100,13 +100,13 @@ class Device(Protocol):
     def write(self, forces: FloatArray) -> None:
         """Display forces (k, d) [N] to the operator until the next `write`.
 
-        The device applies its own limit here, after all others. Forces within `features.peak_force`, or within the last
-        `largest_force`, are displayed unchanged. A reduction made here is not recorded. A non-finite force is displayed
-        as zero and raises DeviceError.
+        The device applies its own limit here, after all others. Forces up to `features.peak_force`, or up to the last
+        `largest_force` of a `LimitedDevice`, are displayed unchanged. A reduction made here is not recorded. A
+        non-finite force is displayed as zero and raises DeviceError.
         """
 
     def stop(self) -> None:
-        """Display zero force, now."""
+        """Display zero force immediately."""
 
     def close(self) -> None:
         """Display zero force and close the hardware. `close` also returns if the hardware is lost or already closed."""
@@ -171,7 +171,7 @@ class RangedDevice(Protocol):
     """A device whose fingers reach only a part of the box `features.workspace`."""
 
     def nearest(self, finger: int, place: FloatArray, room: float) -> FloatArray:
-        """Return the position (d,) nearest to `place` that lies `room` [m] inside the finger's reach."""
+        """Return the position (d,) nearest to `place` that lies at least `room` [m] inside the finger's reach."""
         ...
 
 
@@ -319,7 +319,7 @@ def former_settings(**names: str) -> Callable[[Callable[..., T]], Callable[..., 
     """Let a driver's `connect` accept settings under former names, with a FutureWarning.
 
     Args:
-        names: Present name of each former name.
+        names: Present name of each setting, by its former name.
     """
 
     def wrap(connect: Callable[..., T]) -> Callable[..., T]:

@@ -11,7 +11,7 @@ class Calls(NamedTuple):
     """Addresses of C functions `int64 f(void *context, double *block)`, which return 0 (new), 1 (held) or < 0 (fault).
 
     The block of `ask` and `read` contains positions (k, d) [m], then velocities (k, d) [m/s]; a `read` that returns 0
-    has filled both. Any other return value is a fault. The block of `write` and `stop` contains forces (k, d) [N];
+    has filled both. A return value above 1 is a fault, too. The block of `write` and `stop` contains forces (k, d) [N];
     `write` receives only finite forces within `features.peak_force`. `stop` sets the force to zero, regardless of the
     block's contents. A function that waits delays the loop.
 

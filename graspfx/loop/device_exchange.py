@@ -91,7 +91,7 @@ class DevicePort:
             workspace.
         fitting: Relation of the device to the scene.
         readings: State and statistics of its readings in the run.
-        log: Recorder of its further readings; None if they are not recorded.
+        log: Recorder of new samples, switches and raw numbers of the device; None if they are not recorded.
         place: Number of the device's first call among the calls of all devices, from 1 (`call_of`).
         is_unstopped: Whether the last attempt to stop the device failed.
         is_up: Whether the device's deadman switch was open at the last reading.
@@ -309,7 +309,7 @@ class DeviceExchange:
             self.exits.inside = False
 
     def stop(self) -> list[str]:
-        """Set the force of every device to zero, responding devices first; list the failures."""
+        """Set the force of every device to zero, responding devices first; list the failures of responding devices."""
         sound = [each for each in self.ports if not each.is_gone]
         silent = [each for each in self.ports if each.is_gone]
         try:
@@ -362,7 +362,7 @@ class LoopLog:
     Args:
         memory: Memory of the loop, `LoopState`.
         layout: Layout of its rows.
-        devices: Python devices, whose ports record further readings.
+        devices: Python devices, whose ports then record new samples, switches and raw numbers.
         pacer: Pacer that makes each tick wait for its deadline.
     """
 

@@ -111,12 +111,12 @@ def frame(
     if R.shape != (d, d):
         raise InputError("axes", axes, f"a matrix {d} x {d}, one row for each axis of the scene")
     if np.abs(R @ R.T - np.eye(d)).max() > ROUNDING:
-        raise InputError("axes", axes, "orthogonal rows of length 1", "`scale` is for sizes")
+        raise InputError("axes", axes, "orthogonal rows of length 1", "set sizes with `scale`")
     if d == 3 and np.linalg.det(R) < 0.0:
         raise InputError(
             "axes",
             axes,
-            "right-handed axes, because no rotation of the device mirrors them",
+            "right-handed axes, because a rotation of the device cannot mirror them",
             "change the sign of one axis",
         )
     return Frame(point, R, scale)

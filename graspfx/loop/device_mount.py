@@ -18,7 +18,7 @@ class Fitting:
         frame: Frame of the device in the scene; None for the scene's axes.
         deadman: Index of the switch that must be held to allow forces; None if there is none.
         every: Number of ticks from one exchange with the device to the next.
-        measures: Features measured on this unit, which replace those that the driver reports.
+        measures: Features measured on this device, which replace those that the driver reports.
         jitter: Smallest and largest lateness, each ignoring 1 % of the samples [s]; None if unknown.
         round_trip: Part of the lateness due to reading and writing [s].
     """

@@ -36,7 +36,7 @@ FIRST = 16  # number of ticks for which third-party kernels are interpreted and 
 
 
 class Engine(Protocol):
-    """Runs ticks."""
+    """Protocol of an engine that runs ticks."""
 
     @property
     def name(self) -> str:
@@ -94,7 +94,7 @@ class Interpreted:
 
 
 class Compiled:
-    """`steps` as machine code.
+    """Engine that runs `steps` as machine code.
 
     Args:
         arena: Arena of the scene.

@@ -92,7 +92,7 @@ class GuidedHand:
         return False
 
     def adopt(self, other: GuidedHand) -> None:
-        """Adopt gains, rest, motions and goals of a hand of the same structure, but not the state of its followers."""
+        """Adopt gains, rest positions, motions and goals of a hand of the same structure, but not its followers."""
         adopt_block(self, other)
         self._hand = other._hand
 

@@ -145,7 +145,7 @@ def test_a_selection_may_turn_its_axes():
 @pytest.mark.parametrize(
     ("model", "words"),
     [
-        (np.eye(3), "(k, 6), its columns 3 forces and 3 moments"),
+        (np.eye(3), "(k, 6) with columns for 3 forces and 3 moments"),
         (np.zeros((0, 6)), "one for each of the 2"),
         ([[1, 0, 0, 1, 0, 0]], "a force and a moment have different units"),
         (np.eye(6)[[3, 0]], "before rows of moments"),

@@ -195,7 +195,7 @@ def test_views_are_one_block_that_a_kernel_takes_with_an_offset() -> None:
 def test_refusals_say_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
     number = gx.Impedance(30.0)
     for part in (gx.Impedance([30.0, 40.0]), gx.Impedance(30.0, np.eye(3))):
-        with pytest.raises(InputError, match=r"an Impedance whose (stiffness|damping) is a number; matrices are for"):
+        with pytest.raises(InputError, match=r"an Impedance whose (stiffness|damping) is a number; use Coupling.force"):
             gx.PointCoupling(number, part, 2)
     with pytest.raises(InputError, match="internal: given 70"):
         gx.PointCoupling(number, 70.0, 2)  # type: ignore[arg-type]

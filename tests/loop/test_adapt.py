@@ -263,7 +263,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         {"read": "int status(i32[4] b, u16 1); int status(i32[5] b, u16 1)"},
         "two types or sizes",
     ),
-    "a function that is not there": ({"read": "int nowhere(out 0)"}, "a library of C functions with nowhere"),
+    "a function that is not there": ({"read": "int nowhere(out 0)"}, "a library with the C function nowhere"),
     "a setting that is missing": ({"read": "int place(out 0, out 1, i8 other)"}, "the settings in the calls"),
     "a setting that is too large": ({"id": 128}, "a whole number in the range of i8"),
     "a comparison of nothing": ({"fault": "0 <"}, "a name expected, not '0'"),
@@ -283,7 +283,7 @@ def test_a_library_of_python_is_none_of_c(library: Library) -> None:
     class Plain:
         place = rate = push = quiet = staticmethod(lambda: 0)
 
-    with pytest.raises(InputError, match="a library of C functions with place"):
+    with pytest.raises(InputError, match="a library with the C function place"):
         adapted(Plain())
 
 

@@ -33,10 +33,10 @@ class PushingWrenches:
     | soft, independent | abs(f_t) <= mu f_n, abs(tau) <= gamma f_n | Murray, Li and Sastry 1994, ch. 5 |
 
     Args:
-        grasp: Contacts with normals. Contacts of the model "full" have no friction law and raise an error.
+        grasp: Contacts with normals. Full contacts and selection matrices have no friction law and raise an error.
         friction: Coefficient mu, one for all or one per contact.
         torsion: Coefficient gamma [m] of soft contacts in space, one for all or one per contact.
-        limit: Rule that combines the two limits of a soft contact.
+        limit: Combination of the two limits of a soft contact, "elliptic" or "independent".
         length, about: As for `grasp.quality.measures.measures`.
     """
 
@@ -170,7 +170,7 @@ def force_closure(
         grasp, friction, torsion, limit, length, about: As for `PushingWrenches`.
 
     Raises:
-        InputError: If a contact is full, normals are missing, or coefficients are negative or missing.
+        InputError: If a contact is full or a selection, normals are missing, or coefficients are negative or missing.
     """
     cones = PushingWrenches(grasp, friction, torsion, limit, length, about)
     return closure_of(cones)[0]

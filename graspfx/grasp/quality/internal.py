@@ -40,8 +40,8 @@ class InternalCoordinates:
     | tension i-j | a string between i and j: f_i = u, f_j = -u, u from i to j; positive squeezes | N |
     | bending k: a-b-c along u | f_k = u, supported at a, b and c like a plate or beam through the four contacts | N |
     | torsion i | a torsion of contact i, balanced by the smallest forces of all contacts | N m |
-    | torsion i against j | the same if forces cannot balance it: contact j turns back | N m |
-    | force k x | a component that locked freedoms of the object or other contacts balance | N |
+    | torsion i against j | the same if forces cannot balance it, but a torsion of contact j can | N m |
+    | force k x | a component that locked degrees of freedom of the object or other contacts balance | N |
 
     Tensions come first. The set is chosen so that the tension of every other pair is a combination of the chosen
     tensions with coefficients of at most 1. Tensions span the internal forces of point contacts, unless the contacts

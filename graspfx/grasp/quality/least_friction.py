@@ -26,25 +26,25 @@ STEPS = 60  # largest number of Newton steps per centre
 
 
 def least_friction(grasp: GraspMatrix, wrench: ArrayLike | None = None, *, normal_force: float | None = None) -> float:
-    """Find the least mu, |f_t| <= mu f_n at every contact, for which a grasp has force closure, or exerts a wrench.
+    """Find the least coefficient of friction mu for which a grasp has force closure, or for which it exerts a wrench.
 
     Without a wrench, the result is the infimum of the coefficients for which `Grasp.force_closure` holds. With a wrench
-    w, the result is the least coefficient for which contact forces f in the cones, with f_n <= L, satisfy G f = w. The
-    bound L is required: as L grows the coefficient goes to zero, because larger normal forces transmit more. mu f_n is
-    bilinear in mu and f, so that mu is found by bisection. Each step minimises s, with |f_t|/mu <= f_n + s and f_n <= L
-    + s at each contact, by a barrier method in the internal forces.
+    w, the result is the least coefficient for which contact forces f in the cones |f_t| <= mu f_n, with f_n <= L,
+    satisfy G f = w. The bound L is required: as L grows the coefficient goes to zero, because larger normal forces
+    transmit more. mu f_n is bilinear in mu and f, so mu is found by bisection. Each step minimises s, subject to
+    |f_t|/mu <= f_n + s and f_n <= L + s at each contact, by a barrier method in the internal forces.
 
     Args:
         grasp: Grasp of hard contacts with normals.
         wrench: Wrench w of the fingers on the object, (w,), about the grasp's origin [N, N m]; -W balances a weight W.
-        normal_force: Bound L of the normal forces [N], with a wrench.
+        normal_force: Bound L of the normal forces [N], required with a wrench; None without one.
 
     Returns:
         Coefficient, with an error of 1e-9 relative to the coefficient or to 1, whichever is larger; zero below 1e-7,
         infinite if no coefficient suffices.
 
     Raises:
-        InputError: If contacts are not hard or have no normals, or the wrench has no bound or another size.
+        InputError: If contacts are not hard or have no normals, or the wrench has the wrong size or no bound.
     """
     grasp.require_one("least_friction")
     if any(model != "hard" for model in grasp.contacts.models):
@@ -154,7 +154,7 @@ class _Barrier:
     b0: FloatArray
 
     def centre(self, x: FloatArray, weight: float) -> FloatArray:
-        """Minimise weight s - sum log(a^2 - |t|^2) - sum log b, s the last of x, by damped Newton steps."""
+        """Minimise weight s - sum log(a^2 - |t|^2) - sum log b, where s is x[-1], by damped Newton steps."""
         for _ in range(STEPS):
             a, t, b = self.a @ x + self.a0, self.t @ x + self.t0, self.b @ x + self.b0
             length = np.linalg.norm(t, axis=1)

@@ -58,15 +58,15 @@ def wrench_margin(
     points of W bounds epsilon from below (Barber, Dobkin and Huhdanpaa 1996). The support of W along the normal of that
     facet bounds epsilon from above. The point of W that attains this support is added to the polytope. These steps are
     repeated until the bounds agree. A final descent on the sphere lowers the upper bound to a local minimum. No linear
-    program finds epsilon, because the minimum over the sphere is not convex. The bounds stay further apart for a smooth
-    W that is weak along a family of directions, because such a W needs many points.
+    program finds epsilon, because minimisation over the sphere is not convex. The bounds stay further apart for a
+    smooth W that is weak along a family of directions, because such a W needs many points.
 
     A grasp without force closure has margin 0. Unlike closure, epsilon depends on the length and the reference point.
 
     Args:
         grasp, friction, torsion, limit, length, about: As for `grasp.quality.closure.force_closure`.
-        bound: Bound on the normal forces.
-        tolerance: Relative difference at which the two bounds agree.
+        bound: Bound on the normal forces, "sum" or "each".
+        tolerance: Relative difference of the two bounds at which the computation ends.
         points: Largest number of points of the polytope.
 
     Raises:

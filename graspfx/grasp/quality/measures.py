@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Measures:
-    """Ellipsoid of the wrenches that contact forces with |f| <= 1 N can make (Yoshikawa and Nagai 1991).
+    """Ellipsoid of the wrenches that contact forces with |f| <= 1 N can exert (Yoshikawa and Nagai 1991).
 
     Let G_s be the grasp matrix with its moments divided by a length L and its torsion columns multiplied by a length l.
     Its singular values sigma_1 >= ... >= sigma_w are the half axes of the ellipsoid [N per N], one for each degree of
@@ -42,7 +42,7 @@ class Measures:
 
     @property
     def volume(self) -> float:
-        """Manipulability sqrt(det(G_s G_s')) = sigma_1 ... sigma_w: volume ratio of the ellipsoid and the unit ball."""
+        """Manipulability sqrt(det(G_s G_s')) = sigma_1 ... sigma_w, the ellipsoid's volume over the unit ball's."""
         return float(np.prod(self.singular_values))
 
     @property
@@ -65,7 +65,7 @@ def measures(
         length: Length L that divides moments [m]. If None, the contacts' rms distance from their centroid is used.
         about: Reference point of moments [m], for example the object's centre of mass. If None, the contacts' centroid
             is used, or the grasp's origin if a translation is locked.
-        torsion_length: Length l: a torsion of l N m has the same weight as a force of 1 N [m]. If None, L is used.
+        torsion_length: Length l [m]: a torsion of l N m has the same weight as a force of 1 N. If None, L is used.
 
     Raises:
         InputError: If a length is not positive, or no length is given and all contacts coincide.

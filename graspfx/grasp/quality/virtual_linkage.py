@@ -31,9 +31,9 @@ class VirtualLinkage:
 
     Without moments P = G^+ G. For frictionless and hard contacts this is the split of `grasp.split.Split` without a
     metric, for any choice of actuators, because E spans the null space of G and W_F^+ is orthogonal to it. With moments
-    the linkage's split is the limit of that split as the torsion length goes to zero; the difference falls with the
-    square of that length over the contacts' radius. The linkage needs no torsion length and does not depend on the unit
-    of length. P is then not symmetric: use it for analysis, not for a coupling.
+    the linkage's split is the limit of that split as the torsion length goes to zero; the difference is proportional to
+    (torsion length / contacts' radius)^2. The linkage needs no torsion length and does not depend on the unit of
+    length. P is then not symmetric: use it for analysis, not for a coupling.
 
     Actuators alone form a linkage unless the contacts lie on a line, or four or more lie in a plane in space. In these
     cases `coordinates` adds bendings.

@@ -1,4 +1,4 @@
-"""Motion of a recording for playback: frames at 50 to 60 Hz, and charts with the envelope of all ticks."""
+"""Motion of a recording for playback: frames at up to 60 Hz, and charts with the envelope of all ticks."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def motion_of(recording: Recording, apart: float) -> Motion:
 
 
 def rows_per_frame(period: float) -> int:
-    """Return the number of rows per frame, at most `RATE` frames per second.
+    """Return the smallest number of rows per frame for which the frame rate is at most `RATE`.
 
     Args:
         period: Time from one row to the next [s].

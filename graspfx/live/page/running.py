@@ -44,7 +44,7 @@ FloatArray = NDArray[np.float64]
 STOPS = 21  # number of tabulated values of a slider whose value is not itself an entry of the arena
 PROBES = 33  # number of values at which stability is computed in a slider's range
 HALVINGS = 12  # number of bisections of the interval in which stability is lost
-CODES = 16  # largest code of a part's fault; codes start at 1
+CODES = 16  # end of the codes of a part's fault (exclusive); codes start at 1
 PLACE = re.compile(r"\((?:[-+.\de]+, )*[-+.\de]+\)")  # in a fault's text: a position at the time when the page was made
 PLAIN = bytes.maketrans(b"&<>", b",.:")  # replaces letters of base 85 that a page would have to escape
 SQUEEZES = (-10.0, 10.0, 0.1)  # range and step of a hand's additional squeeze [mm]
@@ -339,7 +339,7 @@ def _margins(scene: Scene) -> tuple[Verdict, list[Slider], dict[str, list[list[f
     """Compute the stable range of each slider, with the other sliders at their present values.
 
     Returns:
-        Certificate of the scene, its sliders, and by slider the unstable intervals.
+        Certificate of the scene, its sliders, and the unstable intervals of each slider, by its key.
     """
     certifier = Certifier(scene)
     *_, verdict = certifier.stages({})

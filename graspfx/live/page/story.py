@@ -228,7 +228,7 @@ def _bounds(scenery: Scenery, motion: Motion) -> tuple[FloatArray, FloatArray]:
 
 
 def _camera(scenery: Scenery, motion: Motion, dimensions: int, middle: FloatArray, reach: float) -> dict[str, Any]:
-    """Choose a camera that sees all of the motion, and the contacts best when most fingers touch."""
+    """Choose a camera that sees all of the motion, and sees contacts best at the frame with the most of them."""
     k = int((motion.states > 0).sum(axis=1).argmax())
     tips = motion.fingertips[k]
     tips = tips[np.isfinite(tips).all(axis=1)]

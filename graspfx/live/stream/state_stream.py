@@ -38,8 +38,8 @@ CLOSEST = 0.3  # largest squeeze, in extents
 class StateStream:
     """Stream on a socket with its own threads; a context manager. Runs are attached one after the other.
 
-    Distance and speed of goals are limited (`SPEED`). Goals pass through the follower of the guide, and are recorded
-    with their ticks. If a client leaves, or is silent for half a second, the goal no longer changes.
+    Distance and speed of goals are limited (`REACH`, `SPEED`). Goals pass through the follower of the guide, and are
+    recorded with their ticks. If a client leaves, or is silent for half a second, the goal no longer changes.
 
     Args:
         line: Listening socket.

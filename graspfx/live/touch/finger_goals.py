@@ -95,7 +95,7 @@ class GoalWalk:
         return self._advanced(now)
 
     def step(self, now: float) -> FloatArray | None:
-        """Return the present goal if it has moved; None if it is at its target."""
+        """Return the present goal if it has moved; None if it is at its target or has none."""
         if self._goal is None or np.array_equal(self._goal, self._aim):
             self._time = now
             return None

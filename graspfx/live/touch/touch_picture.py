@@ -75,7 +75,7 @@ def description(scenery: Scenery, title: str, fingers: Sequence[int], touchable:
 def picture(frames: Frames, scenery: Scenery, fingers: Sequence[int]) -> bytes:
     """Encode the last frame: tick, time, squeeze, push, poses (x, y, angle), and seven numbers per finger.
 
-    The seven numbers are position, internal force, external force and state. Missing numbers are NaN.
+    The seven numbers are position, internal force, external force and state. Missing forces are 0, other numbers NaN.
     """
     frame = frames[-1]
     squeeze, push = _modes(frames.modes)

@@ -41,7 +41,7 @@ class CertificatePanel:
             self._clamp = HardwareClamp(self._run, self._margins) if self._run.has_hardware else None
 
     def order(self, values: Values) -> Future[Outcome]:
-        """Set live keys; with hardware, only certified values."""
+        """Set values of live keys; with hardware, set only certified values."""
         self.start()
         assert self._margins is not None
         if self._clamp is not None:

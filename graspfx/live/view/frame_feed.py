@@ -1,4 +1,4 @@
-"""Frames of a live run for pages, each of the same number of ticks, as rows of numbers."""
+"""Frames of a live run for pages, as rows of numbers; every frame covers the same number of ticks."""
 
 from __future__ import annotations
 

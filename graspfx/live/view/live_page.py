@@ -216,7 +216,7 @@ class LivePage(Resource):
         self.run.await_row(self._awaited, FRAME)
 
     def _changed(self) -> None:
-        """Show the next frame with the row that shows the effect of an order."""
+        """Let the next frame show the first row with the effect of an order."""
         self._awaited = self.run.tick + EFFECT
         self._wake.set()
 
@@ -247,7 +247,7 @@ class LivePage(Resource):
         }  # fmt: skip
 
     def _lead(self, order: Order) -> bool:
-        """Move a hand, one of its fingers, or its squeeze, within reach."""
+        """Move a hand or one of its fingers, or change its squeeze, within the permitted range."""
         run, extent = self.run, self._extent
         if order.number >= len(run.guides):
             return False
@@ -407,7 +407,7 @@ class SliderOrders:
         return number < len(self.sliders) and self.sliders[number].least <= value <= self.sliders[number].most
 
     def set(self, key: str, value: float) -> None:
-        """Order a value; if the order is clamped or refused, the slider shows the actual value."""
+        """Request a value; if the request is clamped or refused, the slider shows the actual value."""
         slider = next(each for each in self.sliders if each.key == key)
         with self._lock:
             self._newest[key] += 1

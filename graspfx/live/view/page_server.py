@@ -62,7 +62,7 @@ KEYS = {
 
 
 def read_page_order(data: bytes | str) -> Order | str:
-    """Parse a message of a page; return a reason (str) if it is invalid.
+    """Parse a message of a page; return the reason (str) if it is invalid.
 
     Args:
         data: Content of the message.

@@ -22,7 +22,7 @@ IDLE = 0.1  # interval between checks whether to stop [s]
 
 
 class RecordingPage(Resource):
-    """Page that plays a recording, at 50 to 60 frames per second; a long recording has several parts, with links.
+    """Page that plays a recording at up to 60 frames per second; a long recording has several parts, with links.
 
     Only the rows of the part that is shown are read.
 
@@ -70,5 +70,5 @@ class RecordingPage(Resource):
         return document(story_of(part, self._folder) | {"links": links})
 
     def order(self, order: Order) -> bool:
-        """Return False: a recording accepts no orders; its page plays it by itself."""
+        """Return False: the page plays the recording without orders to the server."""
         return False

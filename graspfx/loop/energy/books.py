@@ -10,7 +10,7 @@ from graspfx.spatial import Matrix, Vector, Vector4
 
 
 class PartForce(Record):
-    """A force of one mode."""
+    """Component of a force in one mode."""
 
     force: Vector4  # [N]
 

@@ -20,8 +20,8 @@ def control(grasp: GraspState, ledger: LedgerState, T: float) -> bool:
     """Add to this sample's forces the damping that repays each mode's debt if the next step equals the last one.
 
     The damping is a W Q_j d/T (`leak.add_damping`) with a at most m/(2 T), where m is the smallest mass that a step of
-    any mode moves. Held for a sample, this damping dissipates the most energy possible, and twice as much dissipates
-    none. Each finger's force is then projected back into its cone and within the limits. Return whether any force has
+    any mode moves. Held for a sample, a = m/(2 T) removes half of a step's speed, and twice as much removes all of it.
+    Each finger's force is then projected back into its cone and within the limits. Return whether any force may have
     changed.
     """
     ledger.report.damping = ZERO

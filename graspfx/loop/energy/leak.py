@@ -1,4 +1,4 @@
-"""Energy of a grasp in a run, split into internal motion, translation and rotation, and the minimal damping of leaks.
+"""Energy of a grasp in a run, by internal motion, translation and rotation, and the least damping that repays leaks.
 
 All fingers' vectors are in one frame; torsion is the fourth entry of soft fingers, in units of the patch length. w_i
 is the weight of finger i in the metric W. Rigid modes are those of `graspfx.grasp.rigid_modes`: a fraction beta_k,
@@ -228,11 +228,11 @@ def add_damping(
     """Add a W Q_m D/T to the forces of each account m in debt, with the smallest a that repays it in one equal step.
 
     a = min(most, T debt/(D'W Q_m D)) [N s/m] (Hannaford and Ryu 2002, one controller per mode), so a debt of internal
-    motion adds no damping to motion of the object. A debt beyond `most` is carried over. The damping force is held over
-    a sample, so `most` is the damping that device friction permits: b - k T/2 at the largest gain k.
+    motion adds no damping to motion of the object. A debt beyond `most` is carried over. `most` is required because the
+    damping force is held over a sample; the passivity controller sets it to m/(2 T) (`brake.bound`).
 
     Returns:
-        a of internal motion, translation and rotation [N s/m].
+        Damping a of internal motion, translation and rotation [N s/m].
     """
     square = squares(split, contacts, steps)
     squeezing = damping_for(-balance(accounts.parts[INTERNAL]), square.x, T, most)

@@ -161,7 +161,7 @@ def add_pads(grasp: GraspState, ledger: LedgerState, adds: bool) -> None:
 
 @kernel
 def book_pads(ledger: LedgerState) -> None:
-    """Book, as `reshaped`, the change of the energy that pads store less than springs of the same force and depth."""
+    """Book, as `reshaped`, the change of the energy difference between springs and pads of the same force and depth."""
     for j in range(3):
         book(ledger.losses[j].reshaped, ledger.curved[j] - ledger.held_curved[j])
 
@@ -311,7 +311,7 @@ def total_of(account: Sum) -> float:
 
 @kernel
 def report(grasp: GraspState, ledger: LedgerState) -> None:
-    """Write the report: nine quantities by mode and eight of the object."""
+    """Write the report except `damping`: eight quantities by mode and eight of the object."""
     out = ledger.report
     moving = kinetic(grasp.body)
     fingers = total_of(ledger.finger_work)

@@ -31,7 +31,7 @@ class Observer:
         body: Body of the object. The work of obstacles is computed for a native body, and is the remainder for other
             bodies.
         period: Sampling period T [s].
-        control: Whether the forces of modes that generate energy are damped.
+        control: Whether modes that generate energy are damped.
         friction: Viscous friction of each finger's device (n,) [N s/m]; zero if unknown.
         mass: Mass of each finger's device (n,) [kg]; infinite if unknown.
         guarded: Whether the forces pass through a safety chain.
