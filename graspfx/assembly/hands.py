@@ -46,7 +46,7 @@ def operator_of(table: Moving, fingers: Sequence[int], dimensions: int) -> Opera
 
     Args:
         table: Table of the hand.
-        fingers: Indices of its fingers in the scene, which seed their noise.
+        fingers: Indices of the hand's fingers in the scene, which seed the noise.
         dimensions: Number of dimensions d.
     """
     if not is_operated(table):
@@ -147,7 +147,7 @@ class HandPart:
         squeeze: Closing distance over time [m].
         turns: Turns in order.
         guided: Whether the hand follows the guide of its table.
-        settled: Whether the followers of its guide start at their goals.
+        settled: Whether the offsets and squeeze of its guide start at their goals.
     """
 
     holding: Holding

@@ -86,7 +86,7 @@ class SceneMesh:
 
     @property
     def turn(self) -> Quaternion:
-        """The body's axes in the file's frame."""
+        """Unit quaternion of the body's axes in the file's frame."""
         return quaternion(self.unit.axes.ravel().tolist())
 
     def body_pose(self, position: Numbers | None, orientation: Numbers | None) -> tuple[Numbers, Numbers]:

@@ -125,7 +125,7 @@ def signature_faults(
     parameters: Mapping[str, inspect.Parameter],
     automatic: AbstractSet[str],
 ) -> Iterator[Finding]:
-    """Find settings that a plug-in does not accept and required settings that are missing; add automatic settings."""
+    """Find settings that a plug-in does not accept and required settings that are missing, except automatic ones."""
     for key, value in settings.items():
         if not _finite(value):
             yield (*at, key), f"expected finite numbers; given {abbreviate(value)}"
