@@ -97,7 +97,7 @@ def files_of(scene: Scene, values: Any = ()) -> dict[str, str]:
     """Compute digests, by path, of the files that a scene or a value names.
 
     They include meshes, recorded paths and any other named file. They also include the Python code of third-party
-    devices, hands and dynamics, with its imports from its own folder or package (`own_imports`).
+    devices, hands and dynamics, with its imports from its own folder or package (`python_files`).
 
     Args:
         scene: Scene of the run.

@@ -89,7 +89,7 @@ class Judgement:
 
     @property
     def worst(self) -> ObjectLimit | None:
-        """Limit with the smallest margin; of equal limits, the most specific; None without gains."""
+        """Limit with the smallest margin; of equal limits, the most specific; None if there are none."""
         return min(self.limits, key=lambda row: (round(row.limit.margin, 9), -len(row.limit.mode)), default=None)
 
     @property
@@ -109,7 +109,7 @@ class Judge:
 
     Args:
         scene: Scene whose values are replaced.
-        grips: True to compute grip and forces too.
+        grips: Whether to compute grip and forces too.
     """
 
     def __init__(self, scene: Scene, *, grips: bool = False) -> None:
@@ -132,7 +132,7 @@ class Judge:
         return scene, [linearise(scene, "squeezed", scene.object[i].name) for i in self._touched]
 
     def judge(self, values: Mapping[str, Any], *, pushing: bool = False) -> Judgement:
-        """Judge the scene with these values in full; judge fingers that push alone only on request.
+        """Judge the scene with these values in full, and fingers that push alone if `pushing`.
 
         Raises:
             SceneError: If the scene does not accept a key or a value.
@@ -198,7 +198,7 @@ class Judge:
 
 @dataclass(frozen=True, eq=False)
 class HandCourse:
-    """Intended motion of hands for an object: velocity and acceleration of their fingers' mean, (k, d) each."""
+    """Intended motion of hands for an object: mean velocity and acceleration of its fingers, (k, d) [m/s, m/s^2]."""
 
     velocity: FloatArray
     acceleration: FloatArray
@@ -362,7 +362,7 @@ def _is_of(scene: Scene, key: str, name: str) -> bool:
 
 
 def altered(scene: Scene, loop: Linearised, change: Change) -> Linearisation:
-    """Return the matrices of a loop with a change, except its stiffness."""
+    """Return the matrices of a loop with a change, but with the stiffness unchanged."""
     linear = loop.linear
     table = next(each for each in scene.object if each.name == loop.objects[0])
     shifts = sum(scene.free(table)[: scene.dimensions])

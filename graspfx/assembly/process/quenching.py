@@ -90,7 +90,7 @@ def quenchers(parts: Parts) -> list[Quencher]:
 
 
 def quench_all(each: Sequence[Quencher]) -> list[str]:
-    """Quench devices in parallel, within `PATIENCE`; return a report on each."""
+    """Remove the forces of devices in parallel, within `PATIENCE`; return a report on each device."""
     texts = [one.silence for one in each]
 
     def act(i: int) -> None:

@@ -160,7 +160,7 @@ def _await_close(line: Connection) -> None:
 
 def _require(word: Any, expected: str) -> None:
     if word != expected:
-        raise ParentGone(f"told {word}, not {expected}")
+        raise ParentGone(f"given the message {word!r} of the recording process, expected {expected!r}")
 
 
 def _wait_for_orders(number: int, frame: object) -> None:
