@@ -92,7 +92,7 @@ def _nothing() -> None:
 def make_plants(
     parts: Parts, wired: Sequence[Wire], inward: FloatArray, live: Collection[str] = ()
 ) -> Iterator[PlantWiring]:
-    """Make the plants of the simulated devices, one for all devices that share hands.
+    """Make the plants of the simulated devices, one for each group of devices that share hands.
 
     Args:
         parts: Parts of the scene.

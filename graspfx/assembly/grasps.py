@@ -109,7 +109,7 @@ def set_fade(parts: Parts, objects: Sequence[GraspedPart], inward: FloatArray, s
 
 
 def squeezes(parts: Parts, objects: Sequence[GraspedPart], inward: FloatArray) -> list[float]:
-    """Compute the largest total squeeze of each object, sum |f| [N]; the contacts must have been set."""
+    """Compute the largest total squeezing force on each object, sum |f| [N]; the contacts must have been set."""
     contacts = parts.start.copy()
     for each in objects:
         contacts[each.fingers] = each.grasped.contact_position

@@ -86,7 +86,7 @@ class Holding:
 
 
 def holdings(scene: SceneTable) -> list[Holding]:
-    """List the hands of a scene in the order of their first fingers; a finger without a hand is separate."""
+    """List the hands of a scene in the order of their first fingers; a finger without a hand has its own entry."""
     shared = {table.name: (("hand", k), table) for k, table in enumerate(scene.hand)}
     hands: dict[Location, Holding] = {}
     for i, finger in enumerate(scene.finger):

@@ -30,7 +30,7 @@ TOUCH = 1e-3  # depth up to which a finger counts as touching [m]
 
 
 class Hardware:
-    """Open hardware, at rest and at zero force.
+    """Hardware that is open, at rest and at zero force.
 
     Args:
         servo: Servo that is ready to tick.
@@ -60,7 +60,7 @@ class Hardware:
         return replace(header, settled=settled, round_trip=self._rest.round_trip)
 
     def run(self, ticks: int, recorder: RowTaker, stop: Callable[[], bool] | None) -> None:
-        """Arm and run; whatever ends the run, the next force is zero.
+        """Arm the devices and run the ticks; whatever ends the run, the next force is zero.
 
         A signal ends the run like `stop`.
         """

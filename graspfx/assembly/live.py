@@ -55,7 +55,7 @@ REASONS = {
 
 
 def live_fields(keys: Iterable[str]) -> frozenset[str]:
-    """Return the names of the fields of grasps' blocks that select the computation and may change with these live keys.
+    """Return the names of those fields of grasps' blocks that select the computation and that these keys may change.
 
     Raises:
         InputError: If a key is not a text, or cannot change during a run; the error states the reason.

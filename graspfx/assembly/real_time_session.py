@@ -81,7 +81,7 @@ class RealTimeSession(Session):
         self._remote.exits.inside = True  # a signal interrupts the user's code
 
     def _look(self, first: int, count: int) -> None:
-        """Process received rows."""
+        """Update the servo's last row and number of ticks."""
         self.servo.row = self._recorder.row.copy()
         self.servo.ticks = first + count
 
@@ -317,7 +317,7 @@ class LiveSession(RealTimeSession):
         self.ring.words[Word.HALT] = 1
 
     def resume(self) -> None:
-        """Continue; the ticks of the paused time are omitted.
+        """Continue the run; no ticks are run for the paused time.
 
         Raises:
             InputError: If the scene has hardware.

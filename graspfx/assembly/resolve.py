@@ -45,7 +45,7 @@ Location = tuple[str | int, ...]
 def start_of(scene: SceneTable, i: int, stock: Stock) -> Point | None:
     """Compute the start position of finger i, (d,) [m]; None for a faulty table.
 
-    The table contains a direction from the object's centre of mass, in world axes at the object's initial pose. The
+    A table contains a direction from the object's centre of mass, in world axes at the object's initial pose. The
     fingertip approaches from far away along this direction and starts at the gap that the table specifies.
     """
     start = scene.finger[i].start
@@ -209,7 +209,7 @@ def make_law(scene: Scene, fingers: Index, solid: Solid) -> Coupling:
 
 
 def _given(part: Any, quantity: str) -> Any:
-    """Return a gain of a table, which may be a cached table that has only fields; a gain of an object is a matrix."""
+    """Return a gain from a table, or from a cached table, which has only fields; an object's gain as a matrix."""
     if not hasattr(part, "object_stiffness"):
         return getattr(part, quantity)
     value = getattr(part, f"object_{quantity}")

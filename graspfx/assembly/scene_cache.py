@@ -124,7 +124,7 @@ def keep(where: Place, scene: Scene, notes: list[str]) -> None:
 
 
 def is_self_contained(scene: Scene) -> bool:
-    """Return whether the scene uses only built-in code, no other distribution and no hardware."""
+    """Return whether the scene uses only built-in dynamics, hands and drivers, and no hardware."""
     from graspfx.assembly.resolve import resolve
 
     folder = scene.source.folder

@@ -67,7 +67,7 @@ class Steering:
         servo: Servo that was built with these live keys.
         scene: Scene from which it was built.
         keys: Keys, with numbers in place of table names.
-        playback: Playback of the servo, whose devices, hands and plants have no numbers.
+        playback: Playback that replaces the servo's devices, hands and plants, so that their keys have no effect.
 
     Raises:
         InputError: If this scene's parts do not allow changes of a key; the error gives the reason.
@@ -161,7 +161,7 @@ class Steering:
                 )  # fmt: skip
 
     def _goals(self, other: Servo) -> Iterator[Numbers]:
-        """Yield the goals of guided hands, which do not require a new hold."""
+        """Yield the goals of guided hands, which do not require another call of the plant's `hold`."""
         if self._playback is None:
             for own, new in zip(goal_places(self.servo), goal_places(other), strict=True):
                 yield own.memory, own.entries, new.memory[new.entries]

@@ -155,7 +155,7 @@ class SingleRuns:
         return Ended(rows, self._fault(arena), arena, copy)
 
     def _fill(self, arena: FloatArray, start: FloatArray) -> None:
-        """Fill in a variant, and the addresses of third-party kernels."""
+        """Copy a variant's initial contents, and the addresses of third-party kernels, into an arena."""
         arena[:] = start
         for each, native in self._kernels:
             arena[list(each.entries)] = float(native.entry)

@@ -71,7 +71,7 @@ class Share:
 
 
 def share_of(count: int, total: int) -> Share:
-    """Return the share and its interval; for a true share at either end, the count has a binomial tail of 2.5 %."""
+    """Return the share and its interval; at each end, the count has a binomial tail probability of 2.5 %."""
     from scipy.special import betaincinv
 
     tail = (1.0 - CONFIDENCE) / 2.0
@@ -186,7 +186,7 @@ class OperatorCertificate(Carded):
             yield f"  in the worst hands, {weakest.text}"
         loose, restless, apart = (sum(one.at == place for one in self.population) for place in ("start", "", "apart"))
         if loose:
-            yield f"  {loose} of {self.share.total} leave a finger on hardware apart from its object: judged at the start"
+            yield f"  {loose} of {self.share.total} leave a real device's finger off its object: judged at the start"
         if restless:
             yield f"  {restless} of {self.share.total} do not come to rest, and are counted as not stable"
         if apart:

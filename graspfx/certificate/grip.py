@@ -248,7 +248,7 @@ class Ground:
 
     Attributes:
         names: Names of the obstacles.
-        stiffness, damping: Matrices K_g and B_g (r, r) for the object's free coordinates, with all contact points sticking.
+        stiffness, damping: Matrices K_g and B_g (r, r) for the object's free coordinates; all points stick.
         points: Number of contact points.
     """
 
@@ -259,7 +259,7 @@ class Ground:
 
 
 def ground_under(parts: Parts, index: int, grip: Grip, *, lower: float = 0.0) -> Ground | None:
-    """Return the ground of an object at its position, or `lower` [m] along gravity; None if no plane supports it.
+    """Return the ground of an object, moved by `lower` [m] along gravity; None if no plane supports it.
 
     K_g = sum k J'J over the supporting points, where J (d, r) is the velocity of a point per motion of the object, and
     k the world's stiffness; B_g is computed likewise with b = 2 sqrt(k m). The result is also None if the object is not

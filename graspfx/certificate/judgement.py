@@ -1,4 +1,4 @@
-"""Judgement of a scene with other values: at its own rest in full, or quickly at the present rest."""
+"""Judgement of a scene with other values: in full at their own rest, or quickly at the present rest."""
 
 from __future__ import annotations
 
@@ -246,10 +246,10 @@ def loads(scene: Scene, index: int, loop: Linearised, course: HandCourse) -> Flo
 def grip_of(scene: Scene, index: int, loop: Linearised, course: HandCourse) -> float:
     """Compute the ratio of the squeeze at rest to the smallest squeeze at which no finger slides or lets go.
 
-    Let f_i be the internal part of the forces at rest, and f_e the P-weighted smallest forces for a load. s is the
-    smallest share of the squeeze with f_e + s f_i in every finger's cone, f_t <= mu f_n, f_n >= 0; grip = 1/s at the
-    worst instant of the hands' motion. Fingers without a coefficient (which stick, or slip freely) need only push.
-    Torsion of soft fingers is ignored.
+    Let f_i be the internal part of the forces at rest, and f_e the smallest forces for a load, in the split's metric.
+    s is the smallest share of the squeeze with f_e + s f_i in every finger's cone, f_t <= mu f_n, f_n >= 0; grip = 1/s
+    at the worst instant of the hands' motion. Fingers without a coefficient (which stick, or slip freely) need only
+    push. Torsion of soft fingers is ignored.
 
     Returns:
         1 if the squeeze just suffices; inf if no squeeze is needed, or contacts are attached; 0 if no squeeze along f_i

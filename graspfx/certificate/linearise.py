@@ -76,8 +76,8 @@ class Linearised:
         stiffness: Function of (a, b, c) that returns K (m, m): gains of external translations times a, of external
             rotations times b, internal gains times c.
         damping: Function of (a, b) that returns D (m, m): external damping times a, internal damping times b.
-        gains: K of translations, of rotations and of internal displacements (m, m). `stiffness` scales and adds these; None
-            if `stiffness` is not such a sum.
+        gains: K of translations, of rotations and of internal displacements (m, m), which `stiffness` scales and adds;
+            None if `stiffness` is not such a sum.
         conventional: Function of k that returns K (m, m) if every finger has the stiffness k.
         compliance: Compliance of the dampers in series (m,) [m/(N s)], if damping grows with depth; zero at full depth.
         pads: Normals (m, p) of compliant fingertips, and their stiffness at rest (p,) [N/m]; None if there are none.

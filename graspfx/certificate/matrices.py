@@ -47,7 +47,7 @@ class ScaledGains:
 
     @cached_property
     def parts(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """K of translations, of rotations and internal, (m, m) each."""
+        """K of translations, K of rotations and internal K, (m, m) each."""
         if self.of_object is not None:
             return self.of_object[0], self.of_object[1], self.of_object[2]
         n, m = self.fingers, self.split.components

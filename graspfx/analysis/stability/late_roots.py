@@ -104,7 +104,7 @@ class LateLoop:
         return np.where(np.abs(gaps) > ROUNDING, gaps, ROUNDING)
 
     def determinants(self, z: ComplexArray, H: ComplexArray) -> tuple[FloatArray, FloatArray]:
-        """Compute phase and logarithm of the magnitude of det(T/z) at each z from the responses there."""
+        """Compute the phase of det(T/z) and the logarithm of its magnitude at each z, from H at each z."""
         factors = self._gaps(z) / z[:, None]
         late = z[:, None] ** -self.delay[None, :].astype(float)
         sign, size = np.linalg.slogdet(np.eye(len(self.delay)) + late[:, :, None] * H)
@@ -188,9 +188,9 @@ def _turns(phase: FloatArray) -> FloatArray:
 
 
 def _start(loop: LateLoop, radius: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Choose initial angles: evenly spaced, some about eigenvalues of A, and dense where the reaction matters.
+    """Choose initial angles: evenly spaced, clustered about eigenvalues of A, and dense where H is not small.
 
-    The angles are returned with phase and logarithm of the magnitude of det(T/z).
+    The phase of det(T/z) and the logarithm of its magnitude are returned with the angles.
     """
     z = loop.eigenvalues
     z = z[(z.imag >= 0.0) & (np.abs(z) > 0.3 * radius)]

@@ -64,7 +64,7 @@ def loop_matrix(subject: Subject, motions: Motions | None = None) -> FloatArray:
 
 
 class OpenLoop(NamedTuple):
-    """A loop opened at the coupling's forces u (m,), which act like contact forces on the object: A, B, C.
+    """Matrices A, B, C of a loop opened at the coupling's forces u (m,), which act on devices and object.
 
     `hand` (states, m) is the input matrix of an operator's force on each device coordinate, held over a sample.
     """
@@ -128,7 +128,7 @@ def late_loop(linear: Linearisation, motions: Motions | None = None, *, drift: b
 
 
 class LoopRows:
-    """Devices, hands and object, as rows over the state and additional inputs.
+    """Equations of devices, hands and object, as matrix rows that multiply the state and additional inputs.
 
     Device i feels a force (n_i + phi_i) T after its tick, and its reading is (a_i + psi_i) T old:
 
@@ -146,7 +146,7 @@ class LoopRows:
 
     Attributes:
         size: Number of states.
-        at: Rows of the state by name.
+        at: Rows that select each part of the state, by name.
         reading: Rows of the positions that the coupling uses.
     """
 

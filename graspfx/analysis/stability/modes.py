@@ -214,12 +214,12 @@ class Part:
 def parts_of(linear: Linearisation, gains: Sequence[FloatArray] = ()) -> list[Part]:
     """Divide a loop into parts that are independent for all factors of its gains.
 
-    Devices are measured in units of the square root of their masses. The part with the object is the smallest space
-    that contains the ranges of G', G_e', G_c' and the preload, through which the object and the devices act on each
-    other, and that is invariant under stiffness, damping, friction and hands. In its orthogonal complement, devices
-    move as on a wall. If all matrices have common eigenvectors in the complement, each eigenvector is a loop of one
-    coordinate, and equal loops are listed once. n equal fingers thus leave at most 15 of 3 n coordinates, for any n.
-    Limits and spectral radii are those of the whole loop, to rounding.
+    Devices are measured in units of the square root of their masses. Object and devices act on each other through the
+    ranges of G', G_e', G_c' and the preload. The part with the object is the smallest space that contains these ranges
+    and is invariant under stiffness, damping, friction and hands. In its orthogonal complement, devices move as on a
+    wall. If all matrices have common eigenvectors in the complement, each eigenvector is a loop of one coordinate, and
+    equal loops are listed once. n equal fingers thus leave at most 15 of 3 n coordinates, for any n. Limits and
+    spectral radii are those of the whole loop, to rounding.
 
     Args:
         linear: Loop to divide.

@@ -165,7 +165,7 @@ def external_stable_map(
     object_damping: ArrayLike,
     **options: Unpack[ObjectOptions],
 ) -> NDArray[np.bool_]:
-    """Test whether given k_ep [N/m] are stable: Jury's conditions, by Routh's array in w = (z - 1)/(z + 1)."""
+    """Test whether given k_ep [N/m] are stable, by Jury's conditions as Routh's array in w = (z - 1)/(z + 1)."""
     plant = _with_object(mass, damping, period, object_mass, object_damping, **options).checked()
     plant = replace(plant, gain=numbers("gain", gain, "N/m"))
     stable = np.empty(plant.shape, dtype=bool)

@@ -371,7 +371,7 @@ def _trial(bench: Bench, channel: int, axis: int, force: float, step: float) -> 
 
 
 def _take_back(bench: Bench, channel: int, push: FloatArray, duration: float) -> None:
-    """Undo a push: push twice as long in the opposite direction, then once as before, so that the finger returns."""
+    """Undo a push of this duration: push back for twice as long, then forwards for as long as before."""
     began = bench.samples[-1].end
     while bench.samples[-1].end - began < 2.0 * duration:
         bench.tick(channel, -push)
@@ -386,7 +386,7 @@ def _shift(first: Sample, last: Sample, channel: int, axis: int) -> float:
 
 
 def _pulse(bench: Bench, channel: int, axis: int, force: float, step: float, acceleration: float) -> Push:
-    """Push, and undo the motion."""
+    """Push one finger, undo the motion, and return the force with the readings."""
     samples = bench.rest(BEFORE)
     duration = math.sqrt(2.0 * STEPS * step / acceleration)
     duration = min(max(duration, SHORTEST_PULSE * bench.period), LONGEST_PULSE, MOST_SPEED / acceleration)

@@ -91,7 +91,7 @@ def mass_faults(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding
 
 
 def may_turn(scene: SceneTable, thing: Any) -> bool:
-    """Return whether an object is free to rotate, if `free` has a valid length."""
+    """Return whether an object is free to rotate; False if `free` has an invalid length."""
     free = scene.free(thing)
     return len(free) == WIDTHS[scene.dimensions] and any(free[scene.dimensions :])
 

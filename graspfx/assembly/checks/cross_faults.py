@@ -123,7 +123,7 @@ def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
         )
         return
     if finger.patch is None:
-        yield at, "required for a soft finger: the radius of its contact patch, the length unit of torsion [m]"
+        yield at, "required for a soft finger: the radius of its contact patch [m], with which torsion is scaled"
     coupling = scene.coupling
     parts = [part for part in (coupling.external, coupling.internal) if not isinstance(part, ObjectImpedance)]
     if any(np.ndim(gain) for part in parts for gain in (part.stiffness, part.damping)):

@@ -87,7 +87,7 @@ def setting_faults(scene: SceneTable, at: Location, table: Device, stock: Stock)
 
 
 def reason(error: GraspFXError) -> str:
-    """Return an error's text, without its leading name if the fault's key already contains that name."""
+    """Return an error's text without the leading name, which the fault's key already contains."""
     return str(error).removeprefix(f"{error.name}: ") if isinstance(error, InputError) else str(error)
 
 

@@ -56,7 +56,7 @@ def main(line_: int, ring_: int) -> None:
 
 
 def _serve(errand: Errand, line: Connection, ring_: int) -> None:
-    """Build, open, run, rest and close."""
+    """Build the servo, open its hardware, run, rest and close."""
     with (
         granted(errand.trust),
         build(errand.scene, selected=errand.selected, live=errand.live, real_time=True) as servo,

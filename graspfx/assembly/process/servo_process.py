@@ -152,7 +152,7 @@ class ServoProcess:
 
     @property
     def ticks(self) -> int:
-        """Ticks so far."""
+        """Number of ticks so far."""
         return int(self.ring.words[Word.HEAD]) if self._ticks is None else self._ticks
 
     @property
