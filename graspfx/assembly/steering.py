@@ -88,7 +88,7 @@ class Steering:
         if self._playback is not None and (plain in DEVICE or is_of_a_hand(plain)):
             return ""
         if plain in (*BODY, *DEVICE) and coupling.passivity != "off":
-            return "the energy ledger of coupling.passivity accounts for each sample with its initial numbers"
+            return "the energy ledger of coupling.passivity uses the initial numbers in every sample"
         if plain in ALL_GAINS and servo.safety is not None and any(part.grasped.matrices for part in servo.objects):
             return "the energy tank of [safety], which limits increases of gains, does not support matrices"
         if plain in BODY and not all(isinstance(mover.body, NativeBody) for mover in servo.movers):
@@ -265,7 +265,7 @@ def _require_hand(own: Any, new: Any, values: Mapping[str, Any]) -> None:
     """Require a hand of the same structure; plants differ between hands with and without an operator model."""
     if (getattr(own, "operator", None) is None) != (getattr(new, "operator", None) is None):
         raise InputError(
-            ", ".join(values), list(values.values()), f"operator model: {', '.join(PARTS)} either always or never",
+            ", ".join(values), list(values.values()), f"one of {', '.join(PARTS)} either always or never",
             "a hand with this part has another simulation; start the run with a part without effect, such "
             "as stiffening = { stiffness = 0, lag = 0.1 }",
         )  # fmt: skip

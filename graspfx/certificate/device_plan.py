@@ -78,7 +78,7 @@ def _workspace(limits: SafetyLimits) -> Row:
 
 
 def loop_rows(parts: Parts) -> Iterator[Row]:
-    """Yield rows about work between ticks, the place of the servo, and the forces if the servo's process dies."""
+    """Yield rows about the servo loop, the servo's process, and the removal of forces if that process dies."""
     if not parts.hardware:
         return
     yield "loop", True, _loop(parts)

@@ -344,7 +344,7 @@ def _integrator(parts: Parts, table: Object, assumed: list[str]) -> str:
     """Return the integrator of an object's body; for a plug-in, the one stated by its module, else an assumed one.
 
     Raises:
-        InputError: If a plug-in states an integrator that its kind of body does not have.
+        InputError: If a plug-in states an unknown integrator, or "implicit".
     """
     if table.dynamics == "native":
         return table.integrator

@@ -346,7 +346,7 @@ def late_readings(linear: Linearisation) -> int:
 
 
 def ground_wrench(linear: Linearisation, s: FloatArray, position: FloatArray, speed: FloatArray) -> FloatArray:
-    """Compute the ground's wrench F_g on the resulting motion, from position q and velocity w without this wrench.
+    """Compute the ground's wrench F_g from the position q and velocity w that the object would have without it.
 
     F_g = -Y [K_g (q + a w) + B_g w], Y = [I + (T K_g + B_g) s]^-1. With the lookahead a of `objects.floor.rest`, a
     change of the velocity w changes the position at which the ground acts by T times as much, for every integrator.

@@ -218,7 +218,7 @@ def parts_of(linear: Linearisation, gains: Sequence[FloatArray] = ()) -> list[Pa
     ranges of G', G_e', G_c' and the preload. The part with the object is the smallest space that contains these ranges
     and is invariant under stiffness, damping, friction and hands. In its orthogonal complement, devices move as on a
     wall. If all matrices have common eigenvectors in the complement, each eigenvector is a loop of one coordinate, and
-    equal loops are listed once. n equal fingers thus leave at most 15 of 3 n coordinates, for any n. Limits and
+    equal loops are listed once. With n equal fingers, at most 15 of 3 n coordinates remain, for any n. Limits and
     spectral radii are those of the whole loop, to rounding.
 
     Args:

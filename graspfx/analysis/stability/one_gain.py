@@ -35,7 +35,7 @@ def _with_object(
 
 
 def wall_limit(mass: float, damping: float, period: float, **options: Unpack[WallOptions]) -> float:
-    """Compute the stiffness at which a wall becomes unstable as its stiffness grows [N/m]; inf if it never does.
+    """Compute the smallest stiffness at which a wall is unstable [N/m]; inf if all stiffnesses are stable.
 
         m x'' + (b + b_s) x' + k_s x = -f,    f = k x_j + B (x_j - x_(j-1))/T,    f held over T, `delay` samples late
 

@@ -216,7 +216,7 @@ def axis_checks(bench: Bench, channel: int, finger: str, frame: Frame | None, pr
     answers = {}
     bench.watched = False
     for axis in range(bench.shape[1]):
-        prompt(f"push {finger} {WAYS[bench.shape[1]][axis]} by two centimetres, which should be +{'xyz'[axis]}")
+        prompt(f"push {finger} {WAYS[bench.shape[1]][axis]} by two centimetres; expected: +{'xyz'[axis]}")
         start = _placed(bench, channel, frame)
         shift = np.zeros_like(start)
         for _ in range(round(PATIENCE / bench.period)):
@@ -371,7 +371,7 @@ def _trial(bench: Bench, channel: int, axis: int, force: float, step: float) -> 
 
 
 def _take_back(bench: Bench, channel: int, push: FloatArray, duration: float) -> None:
-    """Undo a push of this duration: push back for twice as long, then forwards for as long as before."""
+    """Undo a push of this duration: push back for twice the duration, then forwards for the duration."""
     began = bench.samples[-1].end
     while bench.samples[-1].end - began < 2.0 * duration:
         bench.tick(channel, -push)

@@ -86,7 +86,7 @@ def chain_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Ite
                 text = "expected a scene with [safety], which enables the safety chain; add that table"
                 yield ("finger", i, "safety"), text
     elif hardware and scene.safety.soft_start == 0.0:
-        yield ("safety", "soft_start"), "expected a time above zero, as a person holds the hardware; given 0"
+        yield ("safety", "soft_start"), "expected a time above zero, because a person holds the hardware; given 0"
 
 
 def _box_faults(scene: SceneTable, at: Location, table: Any) -> Iterator[Finding]:

@@ -13,7 +13,7 @@ from graspfx.system import child_process
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
-THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")  # for libraries with one thread
+THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")  # thread limits of numerical libraries
 
 
 def start(ring: int) -> tuple[subprocess.Popen[bytes], Connection]:
