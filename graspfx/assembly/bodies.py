@@ -103,7 +103,7 @@ def inertia(scene: SceneTable, table: Object, solid: Solid) -> Inertia | None:
 
 
 def solid_inertia(solid: Solid, mass: float, dimensions: int) -> tuple[float, ...] | None:
-    """Compute the moments of inertia of a solid shape about its centre [kg m^2]; None without a shape."""
+    """Compute the moments of inertia of a solid shape about its centre [kg m^2]; None without a bounded shape."""
     if solid.mesh is not None:
         return solid.mesh.moments(mass)
     shape = solid.primitive
@@ -114,7 +114,7 @@ def solid_inertia(solid: Solid, mass: float, dimensions: int) -> tuple[float, ..
 
 
 def place(table: Object | Obstacle, solid: Solid) -> tuple[tuple[float, ...] | None, float | tuple[float, ...] | None]:
-    """Return the initial frame of a shape: position [m] and orientation."""
+    """Return the initial pose of a body's frame: position [m] and orientation."""
     position, orientation = table.position, table.orientation
     if solid.mesh is not None and not isinstance(orientation, float):
         return solid.mesh.body_pose(position, orientation)
@@ -211,7 +211,7 @@ class Stock:
         return first
 
     def take_built(self) -> Any:
-        """Take and clear `built`."""
+        """Return and clear `built`."""
         with self._lock:
             built, self.built = self.built, None
         return built
@@ -297,7 +297,7 @@ def _points(thing: Any) -> str:
         "sphere": "with its lowest point",
         "ellipsoid": "with its lowest point",
         "capsule": "with the lowest points of its ends",
-        "cylinder": "with its rims, eight fixed points each and the lowest",
-        "mesh": "with the corners of its convex hull, nine at most on each plane",
+        "cylinder": "with eight fixed points and the lowest point of each rim",
+        "mesh": "with the corners of its convex hull, at most nine on each plane",
     }
     return texts.get(thing.shape.kind, "with its lowest points")

@@ -60,7 +60,7 @@ FloatArray = NDArray[np.float64]
 
 
 def make_movers(parts: Parts, states: Sequence[FloatArray], stack: ExitStack) -> Iterator[BodyGroup]:
-    """Make the movers of the objects with these blocks; closing the stack closes the movers.
+    """Make the body groups of the objects with these blocks; closing the stack closes the bodies.
 
     Raises:
         PluginError: If third-party code raises an error when it creates a body.
@@ -92,13 +92,13 @@ def _nothing() -> None:
 def make_plants(
     parts: Parts, wired: Sequence[Wire], inward: FloatArray, live: Collection[str] = ()
 ) -> Iterator[PlantWiring]:
-    """Make the plants of the simulated devices, one for all devices that share hands.
+    """Make the plants of the simulated devices, one for each group of devices that share hands.
 
     Args:
         parts: Parts of the scene.
         wired: Devices of the scene.
         inward: Unit normals of the fingers' contacts (n, d).
-        live: Keys that may change during the run; a live squeeze is a motion even if it is zero.
+        live: Keys that may change during the run; a live squeeze is made a motion even if it is zero.
 
     Raises:
         SceneError: If a finger starts outside its device's reach.
@@ -176,11 +176,11 @@ def build(
         record: Whether the servo's ticks are recorded.
         selected: Whether ticks write only the columns and rows that the scene's `record` selects; otherwise ticks write
             all.
-        live: Keys that may change during the run (`graspfx.assembly.live`); programs do not fold their values.
+        live: Keys that may change during the run (`graspfx.assembly.live`); compiled ticks read their values anew.
         real_time: Whether ticks follow the wall clock and record its data.
         varying: Whether the devices' largest forces are always recorded.
         playback: Playback of a recording instead of devices, hands and plants; no device is then opened.
-        room: Number of entries of the memory for the parts' blocks; other blocks are separate.
+        room: Number of entries of the memory for the parts' blocks; blocks that do not fit are separate arrays.
 
     Raises:
         InputError: If a live key cannot change during a run.
@@ -264,7 +264,7 @@ def meet(
     Args:
         parts: Parts of the scene.
         objects: Grasped objects.
-        movers: Bodies of the objects.
+        movers: Body groups of the objects.
         start: Positions of the fingers, (n, d) [m]; by default their start positions in the scene.
     """
     start = parts.start if start is None else start
@@ -310,7 +310,7 @@ def make_layout(parts: Parts, *, real_time: bool = False) -> Layout:
 
 
 def _predicted(parts: Parts) -> tuple[int, ...]:
-    """List the implicitly integrated objects that rotate and whose centre has locked translations."""
+    """List the implicitly integrated objects that rotate and have some, but not all, translations locked."""
     scene, d = parts.scene, parts.scene.dimensions
     return tuple(
         k

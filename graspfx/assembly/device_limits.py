@@ -26,7 +26,7 @@ FloatArray = NDArray[np.float64]
 
 
 def force_limits(fingers: int, wired: Sequence[Wire]) -> FloatArray | None:
-    """Return the largest force of each finger [N], infinite if its device reports none; None if all are infinite.
+    """Return the largest force of each finger [N], infinite if its device reports none; None if all stay infinite.
 
     Raises:
         InputError: If a device's `features.peak_force` is not above zero.
@@ -87,7 +87,7 @@ def _listing(scene: Scene, wired: Sequence[Wire]) -> str:
 def _limit_of(scene: Scene, wire: Wire) -> str:
     peak = peak_force(wire)
     text = f"{peak:.4g} N" if math.isfinite(peak) else "a limit"
-    text += " as it reports in every sample" if changes(wire) else ""
+    text += " reported in every sample" if changes(wire) else ""
     first = int(wire.used[0])
     return f"{_fingers(scene, wire)} {text} ({table_at(scene, first)[1].name})"
 
@@ -101,9 +101,9 @@ DEFAULT = 3.0  # limit of a finger whose device reports none [N]
 
 
 def chain_table(scene: Scene, wired: Sequence[Wire]) -> Safety | None:
-    """Return the table of a scene's safety chain; a scene with hardware but without the table gets default values.
+    """Return the table of a scene's safety chain; without the table, hardware or a host gets default values.
 
-    None for a simulation without the table.
+    None for a simulation without the table or a host.
     """
     if scene.safety is not None or (scene.host is None and not any(is_hardware(wire.device) for wire in wired)):
         return scene.safety

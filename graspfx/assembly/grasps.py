@@ -109,7 +109,7 @@ def set_fade(parts: Parts, objects: Sequence[GraspedPart], inward: FloatArray, s
 
 
 def squeezes(parts: Parts, objects: Sequence[GraspedPart], inward: FloatArray) -> list[float]:
-    """Compute the largest total squeeze of each object, sum |f| [N]; the contacts must have been set."""
+    """Compute the largest total squeezing force on each object, sum |f| [N]; the contacts must have been set."""
     contacts = parts.start.copy()
     for each in objects:
         contacts[each.fingers] = each.grasped.contact_position
@@ -140,7 +140,7 @@ def axes_notes(parts: Parts) -> list[str]:
     """Report the energy that each object's gains generate in a closed rotation, for axes in which this is possible.
 
     Only gains in world axes, or gains in any axes with the reaction at the contact, generate this energy. The value is
-    the line integral of `worst_turn` about the grasp at the start, without cones.
+    the line integral of `worst_turn` about the grasp at the start, without friction cones.
     """
     return list(_notes(parts)) if _has_axes(parts.scene) else []
 
@@ -166,6 +166,6 @@ def _notes(parts: Parts) -> Iterator[str]:
         where = f"in {rules.axes} axes" + (" with reaction = 'contact'" if rules.reaction == "contact" else "")
         yield (
             f"matrix gains {where} generate energy on {part.name} as it rotates: up to "
-            f"{100.0 * abs(energy.share):.2g} % of the largest stored in a closed rotation of +-{TURN:g} rad; "
+            f"{100.0 * abs(energy.share):.2g} % of the largest stored energy in a closed rotation of +-{TURN:g} rad; "
             "axes = 'object' with reaction = 'fingertip' and form = 'symmetric' generates none"
         )

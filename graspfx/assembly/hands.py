@@ -46,7 +46,7 @@ def operator_of(table: Moving, fingers: Sequence[int], dimensions: int) -> Opera
 
     Args:
         table: Table of the hand.
-        fingers: Indices of its fingers in the scene, which seed their noise.
+        fingers: Indices of the hand's fingers in the scene, which seed the noise.
         dimensions: Number of dimensions d.
     """
     if not is_operated(table):
@@ -86,7 +86,7 @@ class Holding:
 
 
 def holdings(scene: SceneTable) -> list[Holding]:
-    """List the hands of a scene in the order of their first fingers; a finger without a hand is separate."""
+    """List the hands of a scene in the order of their first fingers; a finger without a hand has its own entry."""
     shared = {table.name: (("hand", k), table) for k, table in enumerate(scene.hand)}
     hands: dict[Location, Holding] = {}
     for i, finger in enumerate(scene.finger):
@@ -147,7 +147,7 @@ class HandPart:
         squeeze: Closing distance over time [m].
         turns: Turns in order.
         guided: Whether the hand follows the guide of its table.
-        settled: Whether the followers of its guide start at their goals.
+        settled: Whether the offsets and squeeze of its guide start at their goals.
     """
 
     holding: Holding

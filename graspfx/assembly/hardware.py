@@ -30,7 +30,7 @@ TOUCH = 1e-3  # depth up to which a finger counts as touching [m]
 
 
 class Hardware:
-    """Open hardware, at rest and at zero force.
+    """Hardware that is open, at rest and at zero force.
 
     Args:
         servo: Servo that is ready to tick.
@@ -60,7 +60,7 @@ class Hardware:
         return replace(header, settled=settled, round_trip=self._rest.round_trip)
 
     def run(self, ticks: int, recorder: RowTaker, stop: Callable[[], bool] | None) -> None:
-        """Arm and run; whatever ends the run, the next force is zero.
+        """Arm the devices and run the ticks; whatever ends the run, the next force is zero.
 
         A signal ends the run like `stop`.
         """
@@ -135,7 +135,7 @@ class Stops:
 
 
 def meet_hardware(servo: Servo, parts: Parts, positions: Mapping[int, FloatArray]) -> FloatArray:
-    """Set the contacts of fingers on hardware at these positions, and at the surface for fingers inside an object.
+    """Set the contacts of fingers on hardware at these positions or, inside an object, at its surface.
 
     Returns:
         Depth of each finger below its contact point, as a vector, (n, d) [m].
@@ -170,7 +170,7 @@ def at_hardware(
 
     Raises:
         DeviceError: If a device does not open or is not at rest.
-        InputError: If a finger is inside its object.
+        InputError: If a finger is inside its object, and `coupling.enter` does not allow it.
         KeyboardInterrupt: If a signal arrived before or during the run, and its handler let the process continue.
     """
     with waiting("preparing ticks"):
@@ -189,5 +189,5 @@ def _refusal(devices: DeviceExchange, finger: str, f: int, thing: str, depth: Fl
     return InputError(
         "coupling.enter", "refuse", f"fingers outside their objects: {finger} is {deep:.1f} mm inside "
         f"{thing}, read by {name}",
-        f"move it out and start again, or set 'ramp' to start its force within {servo.guards.soft_start:g} s",
+        f"move it out and start again, or set 'ramp' to increase its force over {servo.guards.soft_start:g} s",
     )  # fmt: skip

@@ -44,7 +44,7 @@ REASONS = {
         "coupling.external.object_point",
     ): ("it selects what is computed"),
     ("coupling.enter",): "it defines the beginning of the run",
-    ("coupling.passivity",): "it selects whether energy is recorded",
+    ("coupling.passivity",): "it selects whether energy is observed or controlled",
     ("safety", "finger.*.safety"): "limits hold for a whole run",
     ("object", "obstacle", "world"): "it defines which bodies exist and how they move",
     ("hand.*.guide", "finger.*.hand.guide"): "only the goals of a guide can change, its offset and squeeze",
@@ -55,11 +55,11 @@ REASONS = {
 
 
 def live_fields(keys: Iterable[str]) -> frozenset[str]:
-    """Return the names of the fields of grasps' blocks that select the computation and may change with these live keys.
+    """Return the names of those fields of grasps' blocks that select the computation and that these keys may change.
 
     Raises:
-        InputError: If a key is not a text.
-        UnknownNameError: If a key cannot change during a run; the error states the reason.
+        InputError: If a key is not a text, or cannot change during a run; the error states the reason.
+        UnknownNameError: If no scene has a key.
     """
     return frozenset().union(*(_choices(general(require(key))) for key in keys))
 
@@ -146,10 +146,10 @@ def keys_of(live: Any) -> list[str]:
 
 
 def require_value(scene: Scene, key: str) -> None:
-    """Require that a scene has a value for a live key, with numbers for names.
+    """Require that a scene has a value for a live key, in which numbers replace names.
 
     Raises:
-        UnknownNameError: If the scene has none; the error lists close matches.
+        UnknownNameError: If the scene has none; the error lists the keys that it has.
     """
     if not _has(scene, key):
         present = [each for each in (*GAINS, *OBJECT_GAINS, *RULES, *BODY, *DEVICE, *HAND) if _has(scene, each)]

@@ -86,7 +86,7 @@ class SceneMesh:
 
     @property
     def turn(self) -> Quaternion:
-        """The body's axes in the file's frame."""
+        """Unit quaternion of the body's axes in the file's frame."""
         return quaternion(self.unit.axes.ravel().tolist())
 
     def body_pose(self, position: Numbers | None, orientation: Numbers | None) -> tuple[Numbers, Numbers]:
@@ -124,7 +124,7 @@ def scene_mesh(table: Object | Obstacle, folder: Path | None) -> SceneMesh | Non
 
 
 def mesh_name(table: Object) -> str:
-    """Return the name of a mesh, that of its file."""
+    """Return the name of a mesh: that of its file or, without a file, one with the object's name."""
     path = getattr(table.shape, "mesh", None)
     return Path(path).name if path else f"mesh of {table.name}"
 

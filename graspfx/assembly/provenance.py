@@ -97,7 +97,7 @@ def files_of(scene: Scene, values: Any = ()) -> dict[str, str]:
     """Compute digests, by path, of the files that a scene or a value names.
 
     They include meshes, recorded paths and any other named file. They also include the Python code of third-party
-    devices, hands and dynamics, with its imports from its own folder or package (`own_imports`).
+    devices, hands and dynamics, with its imports from its own folder or package (`python_files`).
 
     Args:
         scene: Scene of the run.
@@ -186,7 +186,7 @@ def scene_changes(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str
 
 
 def brief(value: Any) -> str:
-    """Format a value as compact JSON."""
+    """Format a value as JSON, or a text as it is, shortened to 60 letters."""
     text = value if isinstance(value, str) else json.dumps(value)
     return text if len(text) <= LONGEST_VALUE else f"{text[: LONGEST_VALUE - 3]}..."
 
@@ -203,7 +203,7 @@ def _changes(one: Any, two: Any, key: str = "") -> Iterator[tuple[str, Any, Any]
 
 
 def engines_of(scene: Scene, values: Any = ()) -> list[str]:
-    """List the distributions whose dynamics a scene, or a replacing value, names."""
+    """List the distributions of the dynamics that a scene, or values that replace its own, name."""
     names = {thing.dynamics for thing in scene.object} | {text for text in texts_in(values) if text in DYNAMICS}
     return sorted({package for name in names if (package := dynamics_of(name).distribution)})
 

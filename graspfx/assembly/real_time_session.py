@@ -55,8 +55,8 @@ class RealTimeSession(Session):
             if self.servo.hardware and (is_of_a_hand(general(key)) or general(key) in DEVICE):
                 raise InputError(
                     "live", key, "gains, friction and numbers of objects",
-                    f"in a scene with hardware, {', '.join(self.servo.hardware)}, hands and devices cannot change "
-                    "before the start",
+                    f"in a scene with hardware ({', '.join(self.servo.hardware)}), keys of hands and devices cannot be "
+                    "live",
                 )  # fmt: skip
         self._guided = [] if self.servo.hardware else guide_keys(self.scene, self.servo)
         goals = sum(len(place.entries) for place in goal_places(self.servo)) if self._guided else 0
@@ -81,7 +81,7 @@ class RealTimeSession(Session):
         self._remote.exits.inside = True  # a signal interrupts the user's code
 
     def _look(self, first: int, count: int) -> None:
-        """Process received rows."""
+        """Update the servo's last row and number of ticks."""
         self.servo.row = self._recorder.row.copy()
         self.servo.ticks = first + count
 
@@ -254,12 +254,12 @@ class LiveSession(RealTimeSession):
 
     @property
     def guided(self) -> list[GuideKeys]:
-        """The guided hands."""
+        """Keys of the guided hands."""
         return self._guided
 
     @property
     def header(self) -> Header:
-        """Header of its recording."""
+        """Header of the recording."""
         return self._recorder.header
 
     @property
@@ -290,7 +290,7 @@ class LiveSession(RealTimeSession):
         self._require_open()
         if not self.look():
             cause = self._remote.outcome["cause"] or "it was closed"
-            raise InputError("run", "one without a servo", "a run that is running", f"it has ended: {cause}")
+            raise InputError("run", "a run that has ended", "a run that is running", f"it has ended: {cause}")
         while not self.tick and not self._waits_to_begin and self.look():
             time.sleep(0.001)
 
@@ -317,7 +317,7 @@ class LiveSession(RealTimeSession):
         self.ring.words[Word.HALT] = 1
 
     def resume(self) -> None:
-        """Continue; the ticks of the paused time are omitted.
+        """Continue the run; no ticks are run for the paused time.
 
         Raises:
             InputError: If the scene has hardware.

@@ -87,7 +87,7 @@ class Replay:
     Attributes:
         original: Original recording.
         recording: Recording of the replay.
-        is_open_loop: Whether its values differ from those of the original.
+        is_open_loop: Whether values of the scene other than its engine were replaced.
         differences: Differences between the two, by column.
     """
 

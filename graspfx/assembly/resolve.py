@@ -45,7 +45,7 @@ Location = tuple[str | int, ...]
 def start_of(scene: SceneTable, i: int, stock: Stock) -> Point | None:
     """Compute the start position of finger i, (d,) [m]; None for a faulty table.
 
-    The table contains a direction from the object's centre of mass, in world axes at the object's initial pose. The
+    A table contains a direction from the object's centre of mass, in world axes at the object's initial pose. The
     fingertip approaches from far away along this direction and starts at the gap that the table specifies.
     """
     start = scene.finger[i].start
@@ -160,7 +160,7 @@ class ObjectPart:
 
 
 def make_objects(scene: Scene, stock: Stock, wired: Sequence[Wire]) -> tuple[ObjectPart, ...]:
-    """Make the law and the rules of each object of a scene; the split uses the masses of the devices in `wired`."""
+    """Make the law and the rules of each object of a scene; masses for the split are those of `wired`."""
     masses = device_masses(scene, wired) if scene.coupling.split == "mass" else None
     if scene.coupling.split == "weights":
         masses = np.array(scene.coupling.weights)
@@ -209,7 +209,7 @@ def make_law(scene: Scene, fingers: Index, solid: Solid) -> Coupling:
 
 
 def _given(part: Any, quantity: str) -> Any:
-    """Return a gain of a table, which may be a cached table that has only fields; a gain of an object is a matrix."""
+    """Return a gain from a table, or from a cached table, which has only fields; an object's gain as a matrix."""
     if not hasattr(part, "object_stiffness"):
         return getattr(part, quantity)
     value = getattr(part, f"object_{quantity}")
@@ -286,7 +286,8 @@ class Parts:
         """Return devices as `own_wires` does, with the memory for their blocks.
 
         Args:
-            room: Number of entries of that memory; devices connected by the checks have the default number.
+            room: Number of entries of that memory; the memory of devices connected by the checks has the
+                default size.
         """
         if self.stock.claim():
             return self.wires, self.stock.memory
@@ -323,7 +324,7 @@ class Parts:
 
     @cached_property
     def limits(self) -> FloatArray | None:
-        """Largest force of each finger [N] by device or safety, infinite without a limit; None if all are infinite."""
+        """Largest force of each finger [N] by device or safety, infinite without a limit; None if all stay infinite."""
         limits = force_limits(len(self.scene.finger), self.wires)
         if self.safety is None:
             return limits
@@ -411,7 +412,7 @@ def require_no_host(scene: Scene, action: str) -> None:
 
 
 def require_prompt_simulations(parts: Parts) -> None:
-    """Reject a simulation of devices whose forces are late by a fraction of a sample.
+    """Reject simulated devices with late forces, because a simulation does not include this delay.
 
     Raises:
         InputError: If there is such a device; a certificate supports any delay.

@@ -110,9 +110,9 @@ def run(
 ) -> Recording:
     """Run a scene, as a simulation (time = tick x period; runs are bit-identical) or in real time.
 
-    A scene with hardware runs in real time only. Its fingers must be still for a fifth of a second before the start. At
-    the end of a run, for any reason, first forces are set to zero, then files are closed, then the hardware. In the
-    main thread, SIGINT, SIGTERM and SIGHUP end the run in this order and are passed on afterwards.
+    A scene with hardware runs in real time only. Its fingers must be still for a fifth of a second before the start.
+    However a run ends, forces are set to zero first, then files are closed, then the hardware. In the main thread,
+    SIGINT, SIGTERM and SIGHUP end the run in this order and are passed on afterwards.
 
     Args:
         scene: Name of a built-in scene, path of a .toml or .py file, or a Scene.
@@ -198,7 +198,7 @@ class WholeRun(Session):
 class RealTimeRun(WholeRun):
     """A real-time run, whose hardware is open until its end.
 
-    With hardware, the servo runs in a separate process, unless the clock is not the machine's.
+    With hardware, the servo runs in a separate process, if the system supports this and the clock is the machine's.
     """
 
     is_paced = True
@@ -240,10 +240,10 @@ def _loaded(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | N
 
 
 def ticks_of(duration: float, period: float) -> int:
-    """Return the number of whole periods in a time.
+    """Return a time in periods, rounded to a whole number.
 
     Raises:
-        InputError: If the time is not positive, or shorter than a period.
+        InputError: If the time is at most half a period.
     """
     expected = f"a time of at least one period, {period} s"
     ratio = number("duration", duration, expected) / period

@@ -73,7 +73,7 @@ def place(name: str, overrides: Mapping[str, Any], preset: str | None = None) ->
     """Compute the cache key of a TOML scene; None for a scene that cannot be cached.
 
     The key includes the file's text and path, overrides and preset, trust, installed packages, and time and size of
-    every source file of GraspFX and of its device drivers, as for Python's bytecode. Meshes and paths of a scene are
+    every source file of GraspFX and of its device drivers, as for Python's bytecode. Meshes and recorded paths are
     compared by content with those that were checked.
 
     Raises:
@@ -124,7 +124,7 @@ def keep(where: Place, scene: Scene, notes: list[str]) -> None:
 
 
 def is_self_contained(scene: Scene) -> bool:
-    """Return whether the scene uses only built-in code, no other distribution and no hardware."""
+    """Return whether the scene uses only built-in dynamics, hands and drivers, and no hardware."""
     from graspfx.assembly.resolve import resolve
 
     folder = scene.source.folder
@@ -161,7 +161,7 @@ def digests(source: Source, names: Iterable[str]) -> list[list[str]] | None:
 
 
 def _written(value: Any) -> Any:
-    """Convert a table, tuple or list to a name and a list; raise TypeError for other values that are not plain."""
+    """Convert a table, tuple or list to a list of its name and its parts; plain values are unchanged."""
     if isinstance(value, PLAIN):
         return value
     if isinstance(value, tuple | list):
@@ -190,7 +190,7 @@ SEPARATOR = b"\n"  # separates names and digests of data files from the scene
 
 
 class SceneMemory:
-    """A cache of scenes and their notes in memory, by everything on which their checks depend.
+    """A cache of scenes and their notes on disk, by everything on which the scenes' checks depend.
 
     The key includes the whole table with exact numbers, the folder of relative paths, installed packages, and time and
     size of every source file of GraspFX and of its device drivers. Data files are compared by their content. A scene

@@ -137,7 +137,7 @@ class Session(Carded):
             self._stack = stack.pop_all()
 
     def _start(self, stack: ExitStack, parts: Parts, keys: Sequence[str]) -> Header:
-        """Prepare the servo, until the stack ends; return the header of the recording."""
+        """Prepare the servo while the stack is open; return the header of the recording."""
         return header_of(parts, self.servo.objects)
 
     def _go(self) -> None:
@@ -168,7 +168,7 @@ class Session(Carded):
 
     def _require_open(self) -> None:
         if self._finished is not None:
-            raise InputError("session", self, "an open session", "it is closed; start another run by gx.open")
+            raise InputError("session", self, "an open session", "it is closed; start another run with gx.open")
 
     def _close(self, *, complete: bool) -> None:
         if self._finished is not None:

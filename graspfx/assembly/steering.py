@@ -67,7 +67,7 @@ class Steering:
         servo: Servo that was built with these live keys.
         scene: Scene from which it was built.
         keys: Keys, with numbers in place of table names.
-        playback: Playback of the servo, whose devices, hands and plants have no numbers.
+        playback: Playback that replaces the servo's devices, hands and plants, so that their keys have no effect.
 
     Raises:
         InputError: If this scene's parts do not allow changes of a key; the error gives the reason.
@@ -88,13 +88,13 @@ class Steering:
         if self._playback is not None and (plain in DEVICE or is_of_a_hand(plain)):
             return ""
         if plain in (*BODY, *DEVICE) and coupling.passivity != "off":
-            return "the energy ledger of coupling.passivity accounts for each sample with its initial numbers"
+            return "the energy ledger of coupling.passivity uses the initial numbers in every sample"
         if plain in ALL_GAINS and servo.safety is not None and any(part.grasped.matrices for part in servo.objects):
             return "the energy tank of [safety], which limits increases of gains, does not support matrices"
         if plain in BODY and not all(isinstance(mover.body, NativeBody) for mover in servo.movers):
             return "other software moves an object, and has a separate copy of the number"
         if plain in DEVICE and coupling.split == "mass":
-            return "coupling.split = 'mass' weights fingers by it"
+            return "coupling.split = 'mass' weights fingers by the masses of their devices"
         if plain in DEVICE and not (
             servo.layout.simulated and all(isinstance(m.plant, Steerable) for m in servo.plants)
         ):
@@ -143,7 +143,7 @@ class Steering:
         return Update(dict(values), entries, parts, [j for j, _ in plants])
 
     def _plants(self, other: Servo, values: Mapping[str, Any]) -> Iterator[tuple[int, tuple[PlantWiring, PlantWiring]]]:
-        """List the plants whose hands get new numbers, by index, each with the corresponding plant of the variant.
+        """List the plants whose hands get new numbers, by index, each with the corresponding plant of `other`.
 
         Before the first tick, all plants are listed. A hand closes along the normals at its fingers' start. With the
         implicit integrator, these normals depend on the object's free motion, and so on mass, viscosity and gravity.
@@ -161,7 +161,7 @@ class Steering:
                 )  # fmt: skip
 
     def _goals(self, other: Servo) -> Iterator[Numbers]:
-        """Yield the goals of guided hands, which do not require a new hold."""
+        """Yield the goals of guided hands, which do not require another call of the plant's `hold`."""
         if self._playback is None:
             for own, new in zip(goal_places(self.servo), goal_places(other), strict=True):
                 yield own.memory, own.entries, new.memory[new.entries]
@@ -215,7 +215,7 @@ def _normals(servo: Servo) -> FloatArray:
 
 
 def _require_structure(own: GraspedObject, new: GraspedObject, values: Mapping[str, Any]) -> None:
-    """Require a block of the same layout and the same switches; only switches that are not folded may differ."""
+    """Require a block of the same layout and, except for switches that live keys change, the same switches."""
     key, value = next(iter(values.items()))
     keys = key if len(values) == 1 else ", ".join(values)
     slips, stays = (each.array(FingerState.coefficient) > 0.0 for each in (new, own))
@@ -265,7 +265,7 @@ def _require_hand(own: Any, new: Any, values: Mapping[str, Any]) -> None:
     """Require a hand of the same structure; plants differ between hands with and without an operator model."""
     if (getattr(own, "operator", None) is None) != (getattr(new, "operator", None) is None):
         raise InputError(
-            ", ".join(values), list(values.values()), f"a part of {', '.join(PARTS)} either always or never",
+            ", ".join(values), list(values.values()), f"one of {', '.join(PARTS)} either always or never",
             "a hand with this part has another simulation; start the run with a part without effect, such "
             "as stiffening = { stiffness = 0, lag = 0.1 }",
         )  # fmt: skip

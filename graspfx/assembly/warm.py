@@ -1,4 +1,4 @@
-"""Compilation in advance of the program of all scenes, and of third-party kernels of scenes."""
+"""Ahead-of-time compilation of the program of all scenes, and of scenes' third-party kernels."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ COMPILED, CACHED, NOTHING, CANNOT = "compiled", "was there", "nothing", "cannot"
 
 @dataclass(frozen=True)
 class Warmed:
-    """Result of warming up.
+    """Result of ahead-of-time compilation.
 
     Attributes:
         scene: Name or path of the scene, or `KERNELS`.
@@ -42,7 +42,7 @@ class Warmed:
 
 
 def warm_kernels() -> Warmed:
-    """Compile the programs of all scenes and loops, and the kernels of `gx.Split`, unless they are cached."""
+    """Compile the program of all scenes, the real-time loop, and the kernels of `gx.Split`, unless they are cached."""
     began = perf_counter()
     natives = [program(), *([beat.program()] if HAS_NATIVE else [])]
     point_sets.warm()

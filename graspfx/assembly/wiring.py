@@ -244,8 +244,8 @@ def _hand_faults(
 def placing_faults(start: FloatArray, wired: Iterable[Wire]) -> list[Finding]:
     """Find the fingers of simulated devices that cannot be placed at their start, in a scene without other faults.
 
-    The loading of a scene does not include this check, because the placement of a plant may import packages that move
-    it.
+    The loading of a scene does not include this check, because the placement of a plant may import the packages that
+    simulate it.
 
     Args:
         start: Start positions of all fingers of the scene (n, d) [m].

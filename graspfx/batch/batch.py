@@ -211,14 +211,14 @@ def run_batch(
     a scene file.
 
     Variants are not built one by one. Gains, coefficients of friction, mass and viscosities are written into the
-    memory of all variants as columns; one variant of each kind is built, and two other built variants verify the
+    memory of all variants as columns; one variant of each kind is built, and other built variants verify the
     columns. Numbers of devices and hands take 1 to 2 ms per combination. For any other key one variant is built for
     each value, and combinations are assembled from these variants. To verify the assembly, all combinations of extreme
     values and some other combinations are built. For keys that interact, every combination is built.
 
     Variants run one by one on all processors, by the program of all scenes: nothing is compiled for a batch.
 
-    Measures need a few hundred bytes of memory per variant, and each processor some megabytes. Recordings need the
+    Measures need a few hundred bytes of memory per variant, and some megabytes per thread. Recordings need the
     memory of their rows.
 
     Args:

@@ -28,7 +28,7 @@ def grid(
     if not lists or not all(lists.values()):
         raise InputError("values", dict(values), "at least one key, each with a list of values")
     if "duration" in lists:
-        raise InputError("values", "duration", "keys of the scene", "give `run_batch` its duration")
+        raise InputError("values", "duration", "keys of the scene", "pass it as the argument `duration`")
     lengths = [len(items) for items in lists.values()]
     if zip and len(set(lengths)) > 1:
         raise InputError("values", {key: len(items) for key, items in lists.items()}, "lists of equal length with zip")

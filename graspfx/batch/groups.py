@@ -86,7 +86,7 @@ class Group:
         return copies
 
     def add(self, columns: Iterable[Column]) -> None:
-        """Add the members' values of those entries of the program's buffers that differ."""
+        """Add a factor with the members' values of the buffer entries that differ from the base."""
         numbers: dict[int, FloatArray] = {}
         for block, entry, values in columns:
             place = self.program.arena.place(block) + entry

@@ -29,7 +29,7 @@ def take(rows: Any, columns: Any, measures: Any, count: int, width: int, numbers
     Args:
         rows: Buffer of rows.
         columns: Indices of the selected numbers of a row.
-        found: Measures, MEASURES of each number.
+        measures: Measures, MEASURES of each number.
         count: Number of rows.
         width: Number of entries of a row.
         numbers: Number of selected numbers.
@@ -59,8 +59,8 @@ def empty(numbers: int) -> FloatArray:
 def statistic(name: str, measures: FloatArray, ticks: int) -> FloatArray:
     """Compute a statistic from measures (..., MEASURES) of a run of `ticks` ticks; NaN without finite numbers.
 
-    The growth is the peak magnitude of the second half of the ticks over that of the first half (number of ticks
-    rounded down).
+    The growth is the peak magnitude of the second half of the ticks over that of the first half, whose number of
+    ticks is rounded down.
     """
     if name in ("first", "last"):
         return measures[..., FIRST if name == "first" else LAST]

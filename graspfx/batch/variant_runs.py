@@ -75,7 +75,7 @@ class Job:
         return measures, faults
 
     def recorded(self, threads: int) -> Iterator[Ended]:
-        """Run the variants one after another, and yield the rows of each."""
+        """Run as many variants at a time as there are threads; yield the results in the order of the variants."""
         single = self._single
         began = perf_counter()
         with ThreadPoolExecutor(threads) as pool:
@@ -92,7 +92,7 @@ class Job:
 class Ended:
     """End of a recorded variant's run: rows, the tick of its fault or -1, and its buffers, (arena,).
 
-    `told` contains the buffers after the tick of the fault; the fault's message quotes values from these buffers.
+    `arena_copy` contains the buffers after the tick of the fault; the fault's message quotes values from these buffers.
     """
 
     rows: FloatArray
@@ -155,7 +155,7 @@ class SingleRuns:
         return Ended(rows, self._fault(arena), arena, copy)
 
     def _fill(self, arena: FloatArray, start: FloatArray) -> None:
-        """Fill in a variant, and the addresses of third-party kernels."""
+        """Copy a variant's initial contents, and the addresses of third-party kernels, into an arena."""
         arena[:] = start
         for each, native in self._kernels:
             arena[list(each.entries)] = float(native.entry)

@@ -66,7 +66,7 @@ class PartColumns:
     """Values of the keys of devices and hands, for every variant.
 
     Args:
-        scene: Scene, other keys of which may also be replaced.
+        scene: Scene, whose other keys may also be replaced.
         values: Values by key with indices of tables, (V,).
     """
 
@@ -238,7 +238,7 @@ def _wires(parts: Parts, scene: Scene, places: Collection[Location]) -> list[Wir
 
 
 def _fits(wire: Wire, own: Wire, start: FloatArray) -> bool:
-    """Return whether a device differs from another only in numbers, as far as other parts of the scene depend on it."""
+    """Return whether a device differs from another only in numbers on which no other part of the scene depends."""
     if wire is own:
         return True
     same = all(getattr(wire.features, name) == getattr(own.features, name) for name in SAME)
@@ -311,7 +311,7 @@ class Columns:
     """Values of the plain keys of a scene, for every variant.
 
     Args:
-        scene: Scene, other keys of which may also be replaced.
+        scene: Scene, whose other keys may also be replaced.
         values: Values by key, (V,).
     """
 
@@ -484,7 +484,7 @@ PAIRS = tuple(
 
 
 def plain_keys(scene: Scene, parts: Parts, values: Mapping[str, Sequence[Any]]) -> list[str]:
-    """Select the keys of a batch whose values columns support."""
+    """Select the keys of a batch whose values can be written as columns."""
     if (
         scene.safety is not None
         or scene.coupling.passivity != "off"

@@ -20,7 +20,7 @@ BEFORE, BEYOND = 2.5, 1.6  # factors of space for labels before the smallest tim
 
 
 def tradeoff_sheet(tradeoff: Tradeoff, *, width: str = "screen") -> Sheet:
-    """Draw a line for each dynamics engine, from its longest to its shortest period, and the reference's error."""
+    """Draw a line for each integrator or engine over its periods, and the reference's error."""
     sound = [each for each in tradeoff.outcomes if each.row.time_us is not None and each.row.error is not None]
     names = list(dict.fromkeys(each.choice.name for each in sound))
     with style.look(width):
@@ -54,7 +54,7 @@ def tradeoff_sheet(tradeoff: Tradeoff, *, width: str = "screen") -> Sheet:
             )  # fmt: skip
         low, high = axes.get_xlim()
         axes.set_xlim(low / BEFORE, high * BEYOND)
-        panel(axes, x="time of a simulated second [s]", y="error [m]")
+        panel(axes, x="run time per simulated second [s]", y="error [m]")
         drawing.legend(0)
         drawing.title(f"{style.plain(tradeoff.scene)}: speed and accuracy of its choices")
     return drawing

@@ -40,7 +40,7 @@ ALIKE, LEAST_ORDER = 0.3, 0.7  # tolerance on the orders of two halvings, and sm
 
 @dataclass(frozen=True)
 class Choice:
-    """One choice: dynamics engine, period and engine of the ticks.
+    """One choice: integrator or dynamics engine, period, and engine of the ticks.
 
     Attributes:
         body: Integrator of native bodies, "PyBullet" or "MuJoCo".
@@ -68,7 +68,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class Trial:
-    """A run of a choice.
+    """Result of running the scene with one choice.
 
     Attributes:
         places: Positions of all objects and fingers at the instants common to all choices, (instants, things, d) [m].
@@ -118,7 +118,7 @@ class Reference:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A choice and its row: microseconds per simulated second, and error [m]; "timed", "unstable" or "refused"."""
+    """A choice and its row: time per simulated second [us], error [m], and state ("timed", "unstable" or "refused")."""
 
     choice: Choice
     row: Row
@@ -226,7 +226,7 @@ def trade_off(scene: Scene, *, duration: float | None = None, quick: bool = Fals
 
 
 def own_body(scene: Scene) -> str:
-    """Return the dynamics engine of the scene's first object."""
+    """Return the integrator, or the dynamics engine, of the scene's first object."""
     first = scene.object[0]
     label = dynamics_of(first.dynamics).label
     return label if label in CARRIERS else first.integrator
@@ -260,7 +260,7 @@ def attempt(scene: Scene, choice: Choice, duration: float, instant: float, round
 
 
 def converge(scene: Scene, duration: float, instant: float, *, small: float = SMALL) -> Reference:
-    """Halve a scene's period until the change of the motion is small relative to the extent of the motion.
+    """Halve a scene's period until the estimated error of the motion is small relative to the motion's extent.
 
     Native bodies use the exact integrator; PyBullet and MuJoCo use their own.
 

@@ -28,8 +28,8 @@ class Method:
     Attributes:
         name: Name of the method, the same in every case.
         call: Function to be timed. It performs `calls` operations, on different inputs.
-        error: Largest error over these inputs against the oracle, or a function that computes it. It is called before
-            timing, so that a missing package (MissingPackageError) is detected early.
+        error: Largest error over these inputs against the oracle, or a function that computes it. A function is called
+            before timing, so that a missing package (MissingPackageError) is detected early.
         note: Note for readers of the row.
         calls: Number of operations of one `call`; times are per operation.
         singly: Whether to time every call separately and to report the quantiles of its time.
@@ -72,7 +72,7 @@ class Row:
         time_us: Time per operation in the fastest, least disturbed round [us]; None if not timed.
         error: Largest error against the oracle, in `unit`; None without an oracle.
         ratio: Time relative to the case's reference, or to its fastest method.
-        state: "timed", "wrong" (not timed, because its error exceeds the bound) or "missing" (not installed).
+        state: "timed", "wrong" (not timed: it fails, or its error exceeds the bound) or "missing" (not installed).
         quantiles: Quantiles of single operations by name [us], if every call is timed.
     """
 

@@ -187,9 +187,9 @@ def lines(certificate: Certificate) -> Iterator[str]:
     if any(row.exact for row in certificate.limits):
         differences = [row.difference for row in certificate.limits if not math.isnan(row.difference)]
         checked = f"; the whole loop has the same limits to {max(differences):.0e}" if differences else ""
-        yield f"  internal and external modes separately{checked}; pushing by the whole loop"
+        yield f"  internal and external limits from separate modes{checked}; pushing limits from the whole loop"
     elif certificate.limits:
-        yield "  by the whole loop, each gain at the others' present values; pushing: the remaining stiffness"
+        yield "  limits from the whole loop, each for one gain with the others fixed; pushing: remaining stiffness"
     if any(row.limit == 0.0 for row in certificate.limits):
         yield (
             "  limit 0: no value of that gain alone is stable; change several gains and dampings together, the period, "

@@ -92,8 +92,8 @@ def certify(
 
     Args:
         scene: Scene, name of a built-in scene, or path.
-        quick: Hold the squeeze of one linear step from the start instead of computing the rest. The result is
-            provisional.
+        quick: Whether to hold the squeeze of one linear step from the start instead of computing the rest. The result
+            is then provisional.
         recording: Recording of the scene, or its path; the grasp of the last row is judged.
 
     Returns:
@@ -191,7 +191,7 @@ def _sliding(scene: Scene, loop: Linearised) -> Iterator[str]:
 def _passive(scene: Scene, loop: Linearised) -> tuple[CouplingLimits | None, str]:
     linear, coupling = loop.linear, scene.coupling
     if linear.ground is not None:
-        return None, "the object stands on something"
+        return None, "the object stands on an obstacle"
     dampings = [number_of(part.damping) for part in (coupling.external, coupling.internal)]
     if any(math.isnan(value) for value in dampings):
         return None, "its damping is given by matrices"

@@ -71,7 +71,7 @@ class Share:
 
 
 def share_of(count: int, total: int) -> Share:
-    """Return the share and its interval; for a true share at either end, the count has a binomial tail of 2.5 %."""
+    """Return the share and its interval; at each end, the count has a binomial tail probability of 2.5 %."""
     from scipy.special import betaincinv
 
     tail = (1.0 - CONFIDENCE) / 2.0
@@ -167,7 +167,7 @@ class OperatorCertificate(Carded):
         return plot(self, path, width)
 
     def lines(self) -> Iterator[str]:
-        """Yield the sentence, each mode's margins, and what is guaranteed and what is sampled."""
+        """Yield the sentence, each mode's margins, and the guarantee."""
         yield f"in whose hands? {self.sentence}"
         yield f"  operators {self.operators.source}: {'; '.join(each.text for each in self.operators.ranges)}"
         own = self.own.worst
@@ -186,7 +186,7 @@ class OperatorCertificate(Carded):
             yield f"  in the worst hands, {weakest.text}"
         loose, restless, apart = (sum(one.at == place for one in self.population) for place in ("start", "", "apart"))
         if loose:
-            yield f"  {loose} of {self.share.total} may be led to the object: judged at the start"
+            yield f"  {loose} of {self.share.total} leave a real device's finger off its object: judged at the start"
         if restless:
             yield f"  {restless} of {self.share.total} do not come to rest, and are counted as not stable"
         if apart:
@@ -197,7 +197,7 @@ class OperatorCertificate(Carded):
     def guarantee(self) -> str:
         """Sentence about what is guaranteed and what is sampled."""
         if self.is_passive:
-            return "guaranteed: the gains are passive to any hand of springs, dampers and masses, whatever the ranges"
+            return "guaranteed: the gains are passive for any hand of springs, dampers and masses, whatever the ranges"
         return (
             f"sampled: each of {self.judged} operators is judged in full (corners, points that fill the box, a descent "
             "to the worst, a random population); no bound between them. No gain is guaranteed for every operator"

@@ -78,7 +78,7 @@ def _workspace(limits: SafetyLimits) -> Row:
 
 
 def loop_rows(parts: Parts) -> Iterator[Row]:
-    """Yield rows about work between ticks, the place of the servo, and the forces if the servo's process dies."""
+    """Yield rows about the servo loop, the servo's process, and the removal of forces if that process dies."""
     if not parts.hardware:
         return
     yield "loop", True, _loop(parts)
@@ -113,7 +113,7 @@ def _loop(parts: Parts) -> str:
 
 
 def lateness_rows(parts: Parts) -> Iterator[Row]:
-    """Yield the devices whose forces are late by a time that is not a whole number of samples."""
+    """Yield the lateness of each device with late forces, in milliseconds and in samples."""
     for wire, late in late_wires(parts):
         names = ", ".join(parts.scene.finger_names[i] for i in wire.used)
         share = late / parts.scene.period

@@ -58,7 +58,7 @@ class Line:
 
 
 class PartLoop:
-    """Matrix A(K) of a part, without motions that change no force; A(0) + W K C if neither implicit nor delayed."""
+    """Matrix A(K) of a part, without motions that change no force; A(0) + W K C if `affine`."""
 
     def __init__(self, part: Part) -> None:
         linear, self._part = part.linear, part

@@ -44,7 +44,7 @@ LOW = 2e-5  # largest gap of an object that stands [m]; scenes start objects up 
 
 @dataclass
 class Grip:
-    """One grasped object with its fingers, with coordinates y = (fingers n d, free freedoms r of the object).
+    """One grasped object with its fingers, with coordinates y = (n d of the fingers, r free ones of the object).
 
     Fingers are in world axes [m]; the object is displaced from its pose by shifts [m] and rotations [rad].
     """
@@ -64,7 +64,7 @@ class Grip:
         self.changing = g.block[: mesh or None]  # entries that a sample may change; the mesh at the end is only read
 
     def forces(self) -> FloatArray | None:
-        """Compute (forces on the object, wrench on its free freedoms) of a sample, (m + r,); None after a fault."""
+        """Compute (forces on the object, free components of the wrench) of a sample, (m + r,); None after a fault."""
         if self._sample():
             return None
         return np.concatenate([self.grasped.force.ravel(), self.grasped.wrench[self.rows_of_wrench]])
@@ -117,7 +117,7 @@ class Grip:
         return J
 
     def turning_damping(self) -> FloatArray:
-        """Compute -d wrench/d(angular velocity) on the free freedoms (r, r), including the damping of torsion."""
+        """Compute -d wrench/d(angular velocity) for the free coordinates (r, r), including the damping of torsion."""
         o = at.BODY + body.ANGULAR_VELOCITY
         B = np.zeros((self.r, self.r))
         for i, axis in enumerate(self.axes):
@@ -134,14 +134,14 @@ class Grip:
         return B
 
     def wrenches(self, arms: FloatArray) -> FloatArray:
-        """Compute G (r, m) for forces at arms (n, d) from the object's centre, on its free freedoms."""
+        """Compute G (r, m) for forces at arms (n, d) from the object's centre, for its free coordinates."""
         wide = np.zeros((self.n, 3))
         wide[:, : self.d] = arms
         full = np.hstack([np.vstack([np.eye(3), cross(arm)])[:, : self.d] for arm in wide])
         return np.asarray(full[np.array(ROWS[self.d])[self.free]])
 
     def inertia(self) -> FloatArray:
-        """Compute the body's inertia on its free freedoms (r, r)."""
+        """Compute the body's inertia for its free coordinates (r, r)."""
         state, full = self.grasped.body_state, np.zeros((6, 6))
         R = state[body.ROTATION : body.ROTATION + 9].reshape(3, 3)
         full[:3, :3] = state[body.MASS] * np.eye(3)
@@ -236,7 +236,7 @@ def sliding_notes(
             D = released(linear.damping, t, v) if linear.damping.any() else linear.damping
             radius = radius_of(linear.with_changes(stiffness=K, damping=linear.damping if D is None else D))
             if radius > 1.0 + GROWTH:
-                yield f"if {of} slid on, the loop would grow while it slides, spectral radius {radius:.6f}"
+                yield f"if {of} slid on, oscillations would grow during the sliding, spectral radius {radius:.6f}"
 
 
 # Ground --------------------------------------------------------------------------------------------------------------
@@ -248,7 +248,7 @@ class Ground:
 
     Attributes:
         names: Names of the obstacles.
-        stiffness, damping: Matrices K_g and B_g (r, r) on the object's free freedoms, with all contact points sticking.
+        stiffness, damping: Matrices K_g and B_g (r, r) for the object's free coordinates; all points stick.
         points: Number of contact points.
     """
 
@@ -259,7 +259,7 @@ class Ground:
 
 
 def ground_under(parts: Parts, index: int, grip: Grip, *, lower: float = 0.0) -> Ground | None:
-    """Return the ground of an object at its position, or `lower` [m] along gravity; None if no plane supports it.
+    """Return the ground of an object, moved by `lower` [m] along gravity; None if no plane supports it.
 
     K_g = sum k J'J over the supporting points, where J (d, r) is the velocity of a point per motion of the object, and
     k the world's stiffness; B_g is computed likewise with b = 2 sqrt(k m). The result is also None if the object is not

@@ -1,4 +1,4 @@
-"""Judgement of a scene with other values: at its own rest in full, or quickly at the present rest."""
+"""Judgement of a scene with other values: in full at their own rest, or quickly at the present rest."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class Judgement:
 
     @property
     def worst(self) -> ObjectLimit | None:
-        """Limit with the smallest margin; of equal limits, the most specific; None without gains."""
+        """Limit with the smallest margin; of equal limits, the most specific; None if there are none."""
         return min(self.limits, key=lambda row: (round(row.limit.margin, 9), -len(row.limit.mode)), default=None)
 
     @property
@@ -109,7 +109,7 @@ class Judge:
 
     Args:
         scene: Scene whose values are replaced.
-        grips: True to compute grip and forces too.
+        grips: Whether to compute grip and forces too.
     """
 
     def __init__(self, scene: Scene, *, grips: bool = False) -> None:
@@ -132,7 +132,7 @@ class Judge:
         return scene, [linearise(scene, "squeezed", scene.object[i].name) for i in self._touched]
 
     def judge(self, values: Mapping[str, Any], *, pushing: bool = False) -> Judgement:
-        """Judge the scene with these values in full; judge fingers that push alone only on request.
+        """Judge the scene with these values in full, and fingers that push alone if `pushing`.
 
         Raises:
             SceneError: If the scene does not accept a key or a value.
@@ -198,7 +198,7 @@ class Judge:
 
 @dataclass(frozen=True, eq=False)
 class HandCourse:
-    """Intended motion of hands for an object: velocity and acceleration of their fingers' mean, (k, d) each."""
+    """Intended motion of hands for an object: mean velocity and acceleration of its fingers, (k, d) [m/s, m/s^2]."""
 
     velocity: FloatArray
     acceleration: FloatArray
@@ -246,10 +246,10 @@ def loads(scene: Scene, index: int, loop: Linearised, course: HandCourse) -> Flo
 def grip_of(scene: Scene, index: int, loop: Linearised, course: HandCourse) -> float:
     """Compute the ratio of the squeeze at rest to the smallest squeeze at which no finger slides or lets go.
 
-    Let f_i be the internal part of the forces at rest, and f_e the P-weighted smallest forces for a load. s is the
-    smallest share of the squeeze with f_e + s f_i in every finger's cone, f_t <= mu f_n, f_n >= 0; grip = 1/s at the
-    worst instant of the hands' motion. Fingers without a coefficient (which stick, or slip freely) need only push.
-    Torsion of soft fingers is ignored.
+    Let f_i be the internal part of the forces at rest, and f_e the smallest forces for a load, in the split's metric.
+    s is the smallest share of the squeeze with f_e + s f_i in every finger's cone, f_t <= mu f_n, f_n >= 0; grip = 1/s
+    at the worst instant of the hands' motion. Fingers without a coefficient (which stick, or slip freely) need only
+    push. Torsion of soft fingers is ignored.
 
     Returns:
         1 if the squeeze just suffices; inf if no squeeze is needed, or contacts are attached; 0 if no squeeze along f_i
@@ -362,7 +362,7 @@ def _is_of(scene: Scene, key: str, name: str) -> bool:
 
 
 def altered(scene: Scene, loop: Linearised, change: Change) -> Linearisation:
-    """Return the matrices of a loop with a change, except its stiffness."""
+    """Return the matrices of a loop with a change, but with the stiffness unchanged."""
     linear = loop.linear
     table = next(each for each in scene.object if each.name == loop.objects[0])
     shifts = sum(scene.free(table)[: scene.dimensions])

@@ -88,7 +88,7 @@ class SweptLimits:
         conventional: Limit of a single gain, kp = kep = kip.
         modal: True if the limits are computed in closed form from separate modes; False if a scene is linearised for
             each point.
-        seconds: Computing time.
+        seconds: Computing time [s].
     """
 
     sweeps: tuple[Sweep, ...]
@@ -122,7 +122,7 @@ class SweptLimits:
 
 @one_blas_thread()
 def swept_limits(scene: Scene, sweeps: Sequence[Sweep], at: str = "squeezed") -> SweptLimits:
-    """Compute the limits of a scene with one grasped object, over its keys.
+    """Compute the limits of a scene with one grasped object, over values of one or two keys.
 
     If the modes separate and the keys are parameters of their closed forms, the closed forms are evaluated for all
     points at once. Otherwise a scene is created and linearised for each point.

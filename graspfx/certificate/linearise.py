@@ -66,7 +66,7 @@ class Linearised:
         at: "squeezed" or "start" for each object.
         assumed: Assumptions of the matrices, as sentences.
         splits: Split of each object's grasp.
-        laws: Law of each object, with matrices in world axes.
+        laws: Coupling law of each object, with matrices in world axes.
         margins: Friction in use f_t/(mu f_n) of each finger at rest, (n,); nan without friction.
         edge: Indices of the fingers on their cones' edges.
         slip: T and V (m, edge) of those fingers, from `edge_directions`.
@@ -76,13 +76,13 @@ class Linearised:
         stiffness: Function of (a, b, c) that returns K (m, m): gains of external translations times a, of external
             rotations times b, internal gains times c.
         damping: Function of (a, b) that returns D (m, m): external damping times a, internal damping times b.
-        gains: K of shifts, of rotations and of internal displacements (m, m). `stiffness` scales and adds these; None
-            if `stiffness` is not such a sum.
+        gains: K of translations, of rotations and of internal displacements (m, m), which `stiffness` scales and adds;
+            None if `stiffness` is not such a sum.
         conventional: Function of k that returns K (m, m) if every finger has the stiffness k.
         compliance: Compliance of the dampers in series (m,) [m/(N s)], if damping grows with depth; zero at full depth.
         pads: Normals (m, p) of compliant fingertips, and their stiffness at rest (p,) [N/m]; None if there are none.
         geometric: Stiffness (r, r) that the contact forces at rest add to each object with a stiffness of its own, on
-            its free freedoms, from moments about its centre; None for other objects and at the start.
+            its free coordinates, from moments about its centre; None for other objects and at the start.
     """
 
     linear: Linearisation
@@ -344,7 +344,7 @@ def _integrator(parts: Parts, table: Object, assumed: list[str]) -> str:
     """Return the integrator of an object's body; for a plug-in, the one stated by its module, else an assumed one.
 
     Raises:
-        InputError: If a plug-in states an integrator that its kind of body does not have.
+        InputError: If a plug-in states an unknown integrator, or "implicit".
     """
     if table.dynamics == "native":
         return table.integrator

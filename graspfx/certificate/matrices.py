@@ -26,7 +26,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ScaledGains:
-    """K of the law on one grasp: translations, rotations and internal gains times factors, slipping tangents freed."""
+    """K of a law on one grasp, with a factor on each of its parts; slipping tangents carry no force."""
 
     law: Coupling
     split: Split
@@ -47,7 +47,7 @@ class ScaledGains:
 
     @cached_property
     def parts(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """K of translations, of rotations and internal, (m, m) each."""
+        """K of translations, K of rotations and internal K, (m, m) each."""
         if self.of_object is not None:
             return self.of_object[0], self.of_object[1], self.of_object[2]
         n, m = self.fingers, self.split.components
@@ -88,7 +88,7 @@ class ScaledGains:
         return K if self.pads is None else springs_in_series(K, *self.pads)
 
     def release_tangents(self, K: FloatArray) -> FloatArray:
-        """Release the tangents of contacts that slip from K."""
+        """Condense the tangents of slipping contacts out of K."""
         if self.normals is None:
             return K
         m, p = self.normals.shape
@@ -128,7 +128,7 @@ def block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
 
 
 def pads_of(g: GraspedObject, *, at_rest: bool) -> tuple[FloatArray, FloatArray] | None:
-    """Return normals (m, p) and stiffness at rest (p,) [N/m] of the compliant fingertips that carry a load."""
+    """Return normals (m, p) and stiffness at rest (p,) [N/m] of compliant fingertips, zero without load."""
     stiffness, n, d = g.pad_stiffness(), g.fingers, g.dimensions
     padded = np.flatnonzero(np.isfinite(stiffness))
     if not len(padded):
@@ -220,7 +220,7 @@ def turned_operator(
 
     Args:
         operator: Matrices in world axes, finger by finger.
-        columns: Coordinates.
+        columns: Indices of the coordinates.
         V: Block-diagonal matrix of axes, (m, m).
         friction: Off-diagonal part of the devices' friction, in their axes, (m, m).
     """
@@ -260,7 +260,7 @@ def assumptions(parts: Parts, fingers: Sequence[int], force: FloatArray) -> Iter
     if any(table.stiffening is not None for table in own):
         grip = np.linalg.norm(force, axis=1)
         forces = ", ".join(f"{parts.scene.finger_names[i]} {grip[i]:.3g} N" for i in fingers)
-        yield f"hands are as stiff as the grip makes them at rest ({forces}), and the squeeze's own force grows with it"
+        yield f"hands are as stiff as the grip makes them at rest ({forces}), and the squeeze force grows with the grip"
     if any(table.reaction is not None for table in own):
         yield "delays of reactions are rounded to samples; no such operator is passive"
     inputs = [name for name in ("tremor", "noise") if any(getattr(table, name) is not None for table in own)]

@@ -78,7 +78,7 @@ def depth_notes(scene: Scene) -> list[str]:
 
 
 def unsettled(parts: Parts) -> list[str]:
-    """Return a sentence for each motion that grows from sample to sample, naming the finger that moves fastest.
+    """Return a sentence for each motion that grows from sample to sample, naming the finger with the fastest growth.
 
     Each finger is treated as one of n equal fingers. Squeezing: the finger oscillates against a fixed object, on kip
     and the grip. Moving: all n fingers oscillate together with the object, on kep and the arm. Velocities are assumed

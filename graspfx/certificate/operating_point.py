@@ -83,7 +83,7 @@ class Load:
     Attributes:
         hands: Stiffness K_h of the hands, (m, m) [N/m].
         weight: Weight along the free degrees of freedom, (r,) [N, N m].
-        closing: Function that returns the intended positions (k, m) [m] at fractions (k,) of the hands' way.
+        closing: Function that returns the intended positions (k, m) [m] at fractions (k,) of the hands' closing time.
     """
 
     hands: FloatArray
@@ -203,7 +203,7 @@ def _squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], f
     if result is not None:
         log.info("settling: %s in %d steps", "at rest" if result.rest else "no rest", result.steps)
     if result is None:
-        raise no_rest_error(name, "on the way to rest the forces of a sample do not converge")
+        raise no_rest_error(name, "before a rest was reached, the forces of a sample did not converge")
     if not result.rest:
         slipping = [scene.finger_names[i] for i in fingers[result.sliding]]
         raise no_rest_error(
@@ -259,7 +259,7 @@ def require_contact(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.in
     Fingers on hardware are exempt, because the operator can move them anywhere.
 
     Raises:
-        NotGraspingError: If no finger touches on the way.
+        NotGraspingError: If no finger touches while the hands close.
     """
     if parts.scene.coupling.contact == "attached" or led(parts).intersection(fingers.tolist()):
         return
@@ -325,7 +325,7 @@ class Settlement:
 
     Attributes:
         rest: True if a rest was reached.
-        slid: Mask of the contacts that slid on the way, (n,).
+        slid: Mask of the contacts that slid during the search, (n,).
         sliding: Mask of the contacts that still slide, (n,).
         steps: Number of steps.
     """

@@ -241,5 +241,5 @@ def test_matrices_that_do_not_fit_are_refused() -> None:
 
 def test_reactions_too_late_for_too_many_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(loop_module, "MOST_WALKED", 299)  # two coordinates, 75 samples
-    with pytest.raises(InputError, match="for a judgement"):
+    with pytest.raises(InputError, match="for a stability analysis"):
         late_loop(linearise(pinch(**REACTION)).linear)

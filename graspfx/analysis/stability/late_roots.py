@@ -1,10 +1,10 @@
 """Eigenvalues of loops with long delays, without a state for each delayed sample.
 
-A loop s_(k+1) = A s_k + B h_k, h_k,i = -(C s_(k - n_i))_i has as eigenvalues the z with det T(z) = 0,
+The eigenvalues of a loop s_(k+1) = A s_k + B h_k, h_k,i = -(C s_(k - n_i))_i are the z with det T(z) = 0:
 
-    T(z) = z I + B diag(z^-n) C - A,
+    T(z) = z I + B diag(z^-n) C - A
 
-whose number is the number of states plus the number of delayed samples. The function det(T(z)/z) tends to 1 for large z
+There are as many eigenvalues as states and delayed samples together. The function det(T(z)/z) tends to 1 for large z
 and has no poles except at z = 0. By the argument principle, the number of eigenvalues outside a circle |z| = rho is the
 number of times that the function winds clockwise around zero along the circle. The function is computed from the Schur
 form A = U S U^H with diagonal entries l_i:
@@ -99,12 +99,12 @@ class LateLoop:
         return np.asarray((C @ Y.reshape(n, -1)).reshape(p, len(z), p).transpose(1, 0, 2))
 
     def _gaps(self, z: ComplexArray) -> ComplexArray:
-        """Compute z - l_i, (points, N); if z equals an eigenvalue of A, return one rounding instead of zero."""
+        """Compute z - l_i, (points, N); a magnitude of at most 1e-15 is replaced by 1e-15."""
         gaps = z[:, None] - self.eigenvalues
         return np.where(np.abs(gaps) > ROUNDING, gaps, ROUNDING)
 
     def determinants(self, z: ComplexArray, H: ComplexArray) -> tuple[FloatArray, FloatArray]:
-        """Compute phase and logarithm of the magnitude of det(T/z) at each z from the responses there."""
+        """Compute the phase of det(T/z) and the logarithm of its magnitude at each z, from H at each z."""
         factors = self._gaps(z) / z[:, None]
         late = z[:, None] ** -self.delay[None, :].astype(float)
         sign, size = np.linalg.slogdet(np.eye(len(self.delay)) + late[:, :, None] * H)
@@ -144,7 +144,7 @@ def farthest_root(loop: LateLoop) -> complex:
 
 
 def _bisected(loop: LateLoop) -> complex:
-    """Find the largest |z| by counting alone, because iterations are slow for multiple eigenvalues."""
+    """Find an eigenvalue of largest |z| by root counts alone, because iterations are slow at multiple eigenvalues."""
     low = high = 1.0
     least = max(LEAST, MOST_GROWTH ** (-1.0 / float(loop.delay.max())))
     while low > least and not _walk(loop, low)[0]:
@@ -160,7 +160,7 @@ def _bisected(loop: LateLoop) -> complex:
 
 
 def _walk(loop: LateLoop, radius: float) -> tuple[int, FloatArray, FloatArray]:
-    """Walk along half a circle: return the number of roots outside, the angles, and log |det T/z| there."""
+    """Walk along half a circle: return the number of roots outside it, the angles, and log |det(T/z)| there."""
     angle, phase, size = _points(loop, radius)
     turns = np.angle(np.exp(1j * np.diff(phase))).sum() / math.pi  # both halves of the circle
     return round(-float(turns)), angle, size
@@ -188,9 +188,9 @@ def _turns(phase: FloatArray) -> FloatArray:
 
 
 def _start(loop: LateLoop, radius: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Choose initial angles: evenly spaced, some about eigenvalues of A, and dense where the reaction matters.
+    """Choose initial angles: evenly spaced, clustered about eigenvalues of A, and dense where H is not small.
 
-    The angles are returned with phase and logarithm of the magnitude of det(T/z).
+    The phase of det(T/z) and the logarithm of its magnitude are returned with the angles.
     """
     z = loop.eigenvalues
     z = z[(z.imag >= 0.0) & (np.abs(z) > 0.3 * radius)]

@@ -33,9 +33,9 @@ class Loci(Carded):
 
     Attributes:
         frequency: Frequencies up to half the sampling rate, (F,) [Hz].
-        response: Loci as columns, (F, k), continuous in frequency; loci without any gain are left out.
+        response: Loci as columns, (F, k), continuous in frequency; loci that are zero are left out.
         gain_margin: Smallest factor above 1 on all of the coupling's forces at which a locus passes through -1; inf if
-            none does. The margin is also a factor on all gains together, unless the coupling predicts ("implicit").
+            none does. It is also a factor on all gains together, unless the object's integrator is "implicit".
         gain_frequency: Frequency of that crossing [Hz]; nan if there is none.
         phase_margin: Smallest angle from -1 at which a locus crosses the unit circle [degrees]; inf if none does.
         phase_frequency: Frequency of that crossing [Hz]; nan if there is none.
@@ -153,7 +153,7 @@ def _gain_margin(loop: OpenLoop, frequency: FloatArray, response: ComplexArray) 
 
 
 def _edge(loop: OpenLoop, factor: float, frequency: float) -> tuple[float, float]:
-    """Bisect for the factor of forces nearest to a known factor at which the number of growing motions changes."""
+    """Bisect, near an estimate, for the factor of the forces at which the number of growing motions changes."""
 
     def growing(each: float) -> int:
         return int((np.abs(np.linalg.eigvals(loop.A + each * loop.B @ loop.C)) > 1.0 + GROWING).sum())

@@ -32,7 +32,7 @@ def spectral_radius(linear: Subject, recording: object = None, *, drift: bool = 
         linear: `Linearisation`, scene, or name or path of a scene.
         recording: Recording of the scene, or its path: the loop is linearised about the rest at its end. A recording of
             hardware also provides the lateness of forces; the less stable of its 1st and 99th percentiles is used.
-        drift: Include motions of fingers and object together that change no force (without an operator's spring).
+        drift: Whether to include common motions of fingers and object that change no force.
     """
     return radius_of(linear_of(linear, recording), drift=drift)
 
@@ -64,7 +64,7 @@ def loop_matrix(subject: Subject, motions: Motions | None = None) -> FloatArray:
 
 
 class OpenLoop(NamedTuple):
-    """A loop opened at the coupling's forces u (m,), which act like contact forces on the object: A, B, C.
+    """Matrices A, B, C of a loop opened at the coupling's forces u (m,), which act on devices and object.
 
     `hand` (states, m) is the input matrix of an operator's force on each device coordinate, held over a sample.
     """
@@ -102,7 +102,7 @@ def late_loop(linear: Linearisation, motions: Motions | None = None, *, drift: b
     Args:
         linear: Loop with a reaction.
         motions: Result of `uncoupled`, if known.
-        drift: Include motions that change no force.
+        drift: Whether to include motions that change no force.
 
     Raises:
         InputError: If the delay has too many samples for this number of coordinates.
@@ -113,7 +113,8 @@ def late_loop(linear: Linearisation, motions: Motions | None = None, *, drift: b
     samples, most = int(operator.delay.max()), MOST_WALKED // m**2
     if samples > most:
         raise InputError(
-            "reaction.delay", f"{samples} samples", f"at most {most}, with {m} finger coordinates, for a judgement",
+            "reaction.delay", f"{samples} samples",
+            f"at most {most}, with {m} finger coordinates, for a stability analysis",
             "use a shorter delay, a longer period or fewer fingers; the scene itself can be run",
         )  # fmt: skip
     plant = LoopRows(linear, motions, opened=True)
@@ -127,7 +128,7 @@ def late_loop(linear: Linearisation, motions: Motions | None = None, *, drift: b
 
 
 class LoopRows:
-    """Devices, hands and object, as rows over the state and additional inputs.
+    """Equations of devices, hands and object, as matrix rows that multiply the state and additional inputs.
 
     Device i feels a force (n_i + phi_i) T after its tick, and its reading is (a_i + psi_i) T old:
 
@@ -145,7 +146,7 @@ class LoopRows:
 
     Attributes:
         size: Number of states.
-        at: Rows of the state by name.
+        at: Rows that select each part of the state, by name.
         reading: Rows of the positions that the coupling uses.
     """
 
@@ -345,10 +346,10 @@ def late_readings(linear: Linearisation) -> int:
 
 
 def ground_wrench(linear: Linearisation, s: FloatArray, position: FloatArray, speed: FloatArray) -> FloatArray:
-    """Compute F_g = -(K_g q_1 + B_g w_1) for the resulting motion, from position and speed without it.
+    """Compute the ground's wrench F_g from the position q and velocity w that the object would have without it.
 
-    F_g = -Y [K_g (q + a w) + B_g w], Y = [I + (T K_g + B_g) s]^-1, with the lookahead a of `objects.floor.rest`, so
-    that for every integrator the ground acts at q_0 + T w_1.
+    F_g = -Y [K_g (q + a w) + B_g w], Y = [I + (T K_g + B_g) s]^-1. With the lookahead a of `objects.floor.rest`, a
+    change of the velocity w changes the position at which the ground acts by T times as much, for every integrator.
     """
     if linear.ground is None:
         return np.zeros_like(position)
@@ -445,9 +446,9 @@ def _advance_alone(stiffness: float, damping: float, push: float, T: float) -> F
 def object_matrices(
     integrator: str, inertia: FloatArray, viscosity: FloatArray, T: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Compute (p, q, r, s) of q+ = q + p w + q F, w+ = r w + s F under a wrench F held over T, each (r, r).
+    """Compute (P, Q, R, S) of q+ = q + P w + Q F, w+ = R w + S F under a wrench F held over T, each (r, r).
 
-    With "implicit", q and s also serve to solve for the force.
+    With "implicit", Q and S also serve to solve for the force.
     """
     figures = (np.ascontiguousarray(each, dtype=float).tobytes() for each in (inertia, viscosity))
     return _object_matrices(integrator, len(inertia), *figures, T)
@@ -486,7 +487,7 @@ def without_drift(linear: Linearisation, A: FloatArray) -> FloatArray:
 
 
 def drift_free(linear: Linearisation, states: int) -> FloatArray | None:
-    """Find an orthonormal basis of the states without motions that change no force; None if there are none."""
+    """Find an orthonormal basis of the states without motions that change no force; None without such motions."""
     m, r = linear.coordinates
     K = np.zeros((m + r, m + r))
     K[:m, :m] = linear.stiffness

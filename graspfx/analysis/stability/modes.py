@@ -54,12 +54,12 @@ class Mode:
             that do not separate).
         count: Number of motions: equal internal motions are counted together; for "coupled" the size of the block.
         stiffness, damping: Stiffness and damping of the mode's coupling [N/m, N s/m]; (count, count) for "coupled".
-        object_mass, object_viscosity: Object that its device moves [kg, N s/m]; 0 for "internal", matrices for
+        object_mass, object_viscosity: Mass and viscosity of the object [kg, N s/m]; 0 for "internal", matrices for
             "coupled".
-        spectral_radius: Spectral radius of its closed loop.
+        spectral_radius: Spectral radius of the mode's closed loop.
         motions: Orthonormal device motions, (m, count), each entry times the square root of the device's mass over the
             mean mass.
-        limits: Limits of its stiffness at its present damping; None for "coupled".
+        limits: Limits of the mode's stiffness at its present damping; None for "coupled".
     """
 
     kind: str
@@ -76,18 +76,18 @@ class Mode:
 def modes(linear: Subject) -> list[Mode]:
     """List the modes of a grasp of identical devices without preload, internal modes first.
 
-    There are m - r equal internal modes "device + wall k_ip", and r external modes "device + object", where M_i are the
-    eigenvalues of (G G')^-1/2 M_o (G G')^-1/2, and b_i and k_i likewise; if those matrices do not commute, they form
-    one coupled block. Devices with different masses count as identical if friction, springs and gains are proportional
-    to the masses, as with a mass metric: each device is measured in units of the square root of its mass over the mean
-    mass.
+    There are m - r internal modes "device + wall", and r external modes "device + object". The objects' masses are the
+    eigenvalues of (G G')^-1/2 M_o (G G')^-1/2, their viscosities those with B_o in place of M_o, and the stiffnesses
+    those with G K G'. If these matrices do not commute, the external motions form one coupled block. Devices with
+    different masses count as identical if friction, springs and gains are proportional to the masses, as with a mass
+    metric: each device is measured in units of the square root of its mass over the mean mass.
 
     Args:
         linear: `Linearisation`, scene, or name or path of a scene.
 
     Raises:
-        InputError: If devices, delays or gains do not separate, or there is a preload or a ground; `spectral_radius`
-            has no such restriction.
+        InputError: If devices or delays differ, gains mix internal and external forces, or there is a preload, a ground
+            or an operator model; `spectral_radius` has no such restriction.
     """
     linear = linear_of(linear)
     r = linear.coordinates[1]
@@ -96,7 +96,7 @@ def modes(linear: Subject) -> list[Mode]:
     K, D = linear.stiffness / np.outer(root, root), linear.damping / np.outer(root, root)
     left, sizes, right = np.linalg.svd(G)
     if r and (len(sizes) < r or sizes[-1] <= SAME * sizes[0]):
-        raise InputError("G", linear.G, "independent rows", "leave out freedoms that the fingers cannot move")
+        raise InputError("G", linear.G, "independent rows", "leave out degrees of freedom that the fingers cannot move")
     U, inner = right[:r].T @ left.T, right[r:].T  # G = (G G')^1/2 U'
     for name, A in (("stiffness", K), ("damping", D)):
         if np.abs(inner.T @ A @ U).max(initial=0.0) + np.abs(U.T @ A @ inner).max(initial=0.0) > SAME * np.abs(A).max():
@@ -108,7 +108,7 @@ def modes(linear: Subject) -> list[Mode]:
 
 
 def _device(linear: Linearisation) -> tuple[Plant, FloatArray]:
-    """Return the device to which all are equal in units of mass, and the square roots of masses over the mean mass."""
+    """Return a device that represents all devices scaled by mass, and the square roots of mass over mean mass."""
     if linear.preload is not None and linear.preload.any():
         raise InputError("preload", linear.preload, "none", "a squeezed grasp has no separate modes")
     if not np.allclose(linear.G, linear.G_displacement, rtol=0.0, atol=SAME * np.abs(linear.G).max(initial=0.0)):
@@ -199,32 +199,32 @@ class Part:
     """An independent part of a loop.
 
     Attributes:
-        linear: The part as a loop of its own; without an object if its motions do not reach the object.
-        basis: Matrix B (m, k) with x = B y, so that its stiffness is B'K B; None if the loop is a single part.
+        linear: Loop of the part alone, without an object if the part's motions do not reach the object.
+        basis: Matrix B (m, k) with x = B y, so that the part's stiffness is B'K B; None if the loop is a single part.
     """
 
     linear: Linearisation
     basis: FloatArray | None
 
     def stiffness(self, K: FloatArray) -> FloatArray:
-        """Project K of the whole loop to the part's own coordinates."""
+        """Project K of the whole loop onto the part's own coordinates."""
         return K if self.basis is None else np.asarray(self.basis.T @ K @ self.basis)
 
 
 def parts_of(linear: Linearisation, gains: Sequence[FloatArray] = ()) -> list[Part]:
     """Divide a loop into parts that are independent for all factors of its gains.
 
-    Devices are measured in units of the square root of their masses. The part with the object is the smallest space
-    that contains the ranges of G', G_e', G_c' and the preload, through which the object and the devices act on each
-    other, and that is invariant under stiffness, damping, friction and hands. In its orthogonal complement, devices
-    move as on a wall. If all matrices have common eigenvectors in the complement, each eigenvector is a loop of one
-    coordinate, and equal loops are listed once. n equal fingers thus leave at most 15 of 3 n coordinates, for any n.
-    Limits and spectral radii are those of the whole loop, to rounding.
+    Devices are measured in units of the square root of their masses. Object and devices act on each other through the
+    ranges of G', G_e', G_c' and the preload. The part with the object is the smallest space that contains these ranges
+    and is invariant under stiffness, damping, friction and hands. In its orthogonal complement, devices move as on a
+    wall. If all matrices have common eigenvectors in the complement, each eigenvector is a loop of one coordinate, and
+    equal loops are listed once. With n equal fingers, at most 15 of 3 n coordinates remain, for any n. Limits and
+    spectral radii are those of the whole loop, to rounding.
 
     Args:
-        linear: Loop.
-        gains: Symmetric matrices (m, m) of which its stiffness is a linear combination; if there are none, only the
-            loop's own stiffness.
+        linear: Loop to divide.
+        gains: Symmetric matrices (m, m) of which the loop's stiffness is a linear combination; by default only the
+            stiffness itself.
     """
     m, r = linear.coordinates
     if m <= r:
@@ -292,7 +292,7 @@ def _closure(rows: FloatArray, matrices: Sequence[FloatArray]) -> FloatArray | N
 
 
 def _part(linear: Linearisation, root: FloatArray, columns: FloatArray, with_object: bool) -> Part:
-    """Restrict a loop to orthonormal columns of its devices' coordinates, each entry times the root of its mass."""
+    """Restrict a loop to orthonormal columns of device coordinates, each scaled by the root of mass over mean mass."""
     m, r = linear.coordinates
     k, q = columns.shape[1], r if with_object else 0
     B, forces = columns / root[:, None], columns * root[:, None]  # x = B y, and the part's own f

@@ -35,7 +35,7 @@ def _with_object(
 
 
 def wall_limit(mass: float, damping: float, period: float, **options: Unpack[WallOptions]) -> float:
-    """Compute the stiffness at which a wall first becomes unstable as it grows from zero [N/m]; inf if it never does.
+    """Compute the smallest stiffness at which a wall is unstable [N/m]; inf if all stiffnesses are stable.
 
         m x'' + (b + b_s) x' + k_s x = -f,    f = k x_j + B (x_j - x_(j-1))/T,    f held over T, `delay` samples late
 
@@ -52,8 +52,8 @@ def wall_limit(mass: float, damping: float, period: float, **options: Unpack[Wal
             devices without encoders report as velocity. It may be negative; 0 if not given.
         delay: Delay of the displayed force, in whole samples; 0 if not given.
         spring_damping: Damping b_s of the operator [N s/m]; 0 if not given.
-        latency: Additional delay from the motion to its reading and from there to the force [s], not necessarily whole
-            samples: a delay of (n + phi) T shifts the held force within a sample, exactly. 0 if not given.
+        latency: Sum of additional delays from the motion to its reading and from the reading to the force [s]. It need
+            not be a whole number of samples: the held force is shifted exactly. 0 if not given.
 
     Raises:
         InputError: If an argument is invalid; the error names it.
@@ -107,8 +107,8 @@ def external_limit(
         object_delay: Delay of the force on the object, in whole samples, zero with "implicit"; 0 if not given.
         coupling_damping: Damping B of the coupling [N s/m]; 0 if not given.
         spring_damping: Damping b_s of the operator [N s/m]; 0 if not given.
-        latency: Additional delay of each device from the motion to its reading and from there to the force [s]; 0 if
-            not given.
+        latency: Sum of each device's additional delays from the motion to its reading and from the reading to the force
+            [s]; 0 if not given.
 
     Raises:
         InputError: If an argument is invalid; the error names it.
@@ -165,7 +165,7 @@ def external_stable_map(
     object_damping: ArrayLike,
     **options: Unpack[ObjectOptions],
 ) -> NDArray[np.bool_]:
-    """Test whether given k_ep [N/m] are stable: Jury's conditions, by Routh's array in w = (z - 1)/(z + 1)."""
+    """Test whether given k_ep [N/m] are stable, by Jury's conditions as Routh's array in w = (z - 1)/(z + 1)."""
     plant = _with_object(mass, damping, period, object_mass, object_damping, **options).checked()
     plant = replace(plant, gain=numbers("gain", gain, "N/m"))
     stable = np.empty(plant.shape, dtype=bool)
@@ -196,7 +196,7 @@ def stable_intervals(
 
 @dataclass(frozen=True)
 class Gains:
-    """Stiffnesses [N/m]: k_ep and k_ip of the split, and k_p of the conventional method, the smaller of the two."""
+    """Stiffnesses [N/m]: k_ep and k_ip of the split, and the single stiffness k_p of the conventional method."""
 
     external: float
     internal: float
@@ -215,11 +215,11 @@ def largest_gains(
     pushing: bool = True,
     **options: Any,
 ) -> Gains:
-    """Compute gains that may grow by `margin`, like all smaller gains, before n fingers along one axis become unstable.
+    """Compute the largest gains of n fingers along one axis that are stable up to `margin` times their values.
 
-    k_ip is the wall's limit over the margin, and k_ep that of an object of mass m_v/n. With `pushing`, k_ep is lowered
-    until any s of the n fingers may push alone: the stiffness is then 1/[(1 - s/n)/k_ip + (s/n)/k_ep], and the object's
-    mass is m_v/s.
+    k_ip is the limit of a wall divided by `margin`, k_ep is the limit with an object of mass m_v/n divided by `margin`,
+    and k_p is the smaller of the two. With `pushing`, k_ep and k_p are lowered until any s of the n fingers may push
+    alone: the split's stiffness is then 1/[(1 - s/n)/k_ip + (s/n)/k_ep], and the object's mass is m_v/s.
 
     Args:
         margin: Safety factor; above 1.
@@ -268,8 +268,8 @@ def least_friction(
 ) -> float:
     """Compute the smallest b of devices that move an object stably with k_ep up to `margin` times a stiffness [N s/m].
 
-    The search is as in `least_wall_friction`. The result is inf if no friction suffices because the object's viscosity
-    is too small.
+    The search is as in `least_wall_friction`. The result is inf if no friction suffices, as with too small a
+    viscosity of the object.
     """
     number("stiffness", stiffness, "N/m", zero=False)
 

@@ -45,7 +45,7 @@ class Sample:
 
     Attributes:
         due: Deadline [s].
-        start: Start of the reading; `end`: end of the writing [s].
+        start, end: Start of the reading, and end of the writing [s].
         position: Positions of the fingers, (k, d) [m].
         is_fresh: Whether the reading contained a new sample.
     """
@@ -87,7 +87,7 @@ class Bench:
         return k, d
 
     def tick(self, channel: int = 0, force: FloatArray | None = None) -> Sample:
-        """Read, then write a force (d,) to one channel (None for zero force), and zero force to all other channels.
+        """Read, then write a force (d,) [N] to one channel (None for zero), and zero force to all other channels.
 
         Raises:
             DeviceError: If the device has a fault, a finger moves too far or too fast, or a force lasted too long
@@ -121,7 +121,7 @@ class Bench:
 
     @property
     def velocity(self) -> FloatArray:
-        """Mean velocity over the last samples, (k, d) [m/s]; a device's own estimate may use two encoder counts."""
+        """Mean velocity over 20 ms, (k, d) [m/s], because a device's own estimate may use only two encoder counts."""
         recent = self.samples[-1 - max(1, round(WINDOW / self.period)) :]
         if len(recent) < 2:
             return np.zeros_like(self.home)
@@ -134,7 +134,7 @@ class Bench:
             return
         if away > FARTHEST:
             raise DeviceError(
-                f"{self.port.name} moved {1e3 * away:.0f} mm away from its start; set it up free and level"
+                f"{self.port.name} moved {1e3 * away:.0f} mm away from its start; level it, and let nothing touch it"
             )
         if float(np.abs(self.velocity).max()) > FASTEST:
             raise DeviceError(f"{self.port.name} moves faster than {FASTEST:g} m/s, which was not commanded")
@@ -180,7 +180,7 @@ def on_bench(parts: Parts, wire: Wire, clock: Clock) -> Iterator[Bench]:
 
 
 def _limits(parts: Parts, wire: Wire) -> FloatArray:
-    """Return the largest force of each channel in the device's units, (k,) [N]; infinite if unknown."""
+    """Return the largest force that the device displays on each channel, (k,) [N]; infinite if unknown."""
     limits = np.full(len(wire.fingers), np.inf)
     if wire.device.features.peak_force is not None:
         limits[:] = wire.device.features.peak_force
@@ -216,7 +216,7 @@ def axis_checks(bench: Bench, channel: int, finger: str, frame: Frame | None, pr
     answers = {}
     bench.watched = False
     for axis in range(bench.shape[1]):
-        prompt(f"push {finger} {WAYS[bench.shape[1]][axis]} by two centimetres, which should be +{'xyz'[axis]}")
+        prompt(f"push {finger} {WAYS[bench.shape[1]][axis]} by two centimetres; expected: +{'xyz'[axis]}")
         start = _placed(bench, channel, frame)
         shift = np.zeros_like(start)
         for _ in range(round(PATIENCE / bench.period)):
@@ -243,7 +243,7 @@ def _answer(shift: FloatArray, axis: int) -> str:
 
 
 def zero_check(bench: Bench, channel: int, finger: str, frame: Frame | None, prompt: Prompt) -> FloatArray | None:
-    """Ask a person to move a finger to the scene's origin; return its reading, (d,) [m], or None without a person."""
+    """Ask a person to move a finger to the scene's origin; return its position, (d,) [m]; None if the check fails."""
     bench.watched = False
     prompt(f"put {finger} at the intended origin of the scene, and hold it there for {LONG_ENOUGH:g} s")
     start = _placed(bench, channel, frame)
@@ -258,7 +258,7 @@ def zero_check(bench: Bench, channel: int, finger: str, frame: Frame | None, pro
         if is_away and since * bench.period >= LONG_ENOUGH:
             prompt(f"  read at {np.round(1e3 * now, 2).tolist()} mm")
             return now
-    prompt("  not checked: the finger did not move")
+    prompt("  not checked: the finger did not move, or was not held still")
     return None
 
 
@@ -291,7 +291,7 @@ class FingerFigures:
     """Measured properties of one finger.
 
     Attributes:
-        delay, mass: Delay and mass, computed from the finger's response to pulses.
+        delay, mass: Delay [s] and mass [kg], computed from the finger's response to pulses.
         friction: Viscous friction [N s/m].
         mobility: Mobility W, (d, d) [1/kg].
         resolution: Smallest step of a reading [m]; 0 if none was observed.
@@ -309,7 +309,7 @@ class FingerFigures:
 
 
 def finger_figures(bench: Bench, channel: int, force: float, pulses: int) -> FingerFigures:
-    """Push one finger back and forth along each axis, and let it move freely in between.
+    """Measure one finger: push it back and forth along each axis, and let it coast.
 
     Args:
         bench: Bench of its device.
@@ -339,7 +339,7 @@ def finger_figures(bench: Bench, channel: int, force: float, pulses: int) -> Fin
     answer: Response = response(done, max(float(np.trace(drag)) / d, 0.0), max(MOST_DELAY, 3.0 * bench.period))
     if answer.explained < EXPLAINED or not math.isfinite(answer.mass.value):
         raise DeviceError(
-            f"{bench.port.name}: a pushed mass explains {answer.explained:.0%} of its motion under pulses, "
+            f"{bench.port.name}: a model of a pushed mass explains {answer.explained:.0%} of its motion under pulses, "
             f"expected {EXPLAINED:.0%}; move it to the middle of its workspace, and make sure that nothing touches it"
         )
     friction = friction_of(answer.mobility, drag, others)
@@ -371,7 +371,7 @@ def _trial(bench: Bench, channel: int, axis: int, force: float, step: float) -> 
 
 
 def _take_back(bench: Bench, channel: int, push: FloatArray, duration: float) -> None:
-    """Undo a push: push twice as long in the opposite direction, then once as before, so that the finger returns."""
+    """Undo a push of this duration: push back for twice the duration, then forwards for the duration."""
     began = bench.samples[-1].end
     while bench.samples[-1].end - began < 2.0 * duration:
         bench.tick(channel, -push)
@@ -386,7 +386,7 @@ def _shift(first: Sample, last: Sample, channel: int, axis: int) -> float:
 
 
 def _pulse(bench: Bench, channel: int, axis: int, force: float, step: float, acceleration: float) -> Push:
-    """Push, and undo the motion."""
+    """Push one finger, undo the motion, and return the force with the readings."""
     samples = bench.rest(BEFORE)
     duration = math.sqrt(2.0 * STEPS * step / acceleration)
     duration = min(max(duration, SHORTEST_PULSE * bench.period), LONGEST_PULSE, MOST_SPEED / acceleration)

@@ -103,8 +103,8 @@ class DeviceMeasures:
             where = "not checked: that needs a person" if zero is None else f"read at {np.round(1e3 * zero, 2)} mm"
             yield f"    origin      {where}"
         low, high = (1e3 * (self.delay + end) for end in self.jitter)
-        own = f"{1e3 * self.round_trip:.3f} ms of it for reading and writing"
-        yield f"  {own}; {low:.3f} to {high:.3f} ms in 98 % of the ticks"
+        own = f"lateness includes {1e3 * self.round_trip:.3f} ms for reading and writing"
+        yield f"  {own}; it is {low:.3f} to {high:.3f} ms in 98 % of the ticks"
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,8 +167,8 @@ def calibrate(
     """Measure a scene's hardware: lateness, mass, friction and resolution; with a person's help also origin and axes.
 
     Each device is opened separately, and comes to rest at zero force. Small pulses then push its fingers back and forth
-    one by one, while nobody holds them. The scene's limits apply. At the end of a calibration, for any reason, forces
-    are first set to zero.
+    one by one, while nobody holds them. The scene's limits apply. However a calibration ends, forces are set to
+    zero before the devices are closed.
 
     Args:
         scene: Name, path, or a Scene.

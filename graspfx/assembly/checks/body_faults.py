@@ -91,7 +91,7 @@ def mass_faults(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding
 
 
 def may_turn(scene: SceneTable, thing: Any) -> bool:
-    """Return whether an object is free to rotate, if `free` has a valid length."""
+    """Return whether an object is free to rotate; False if `free` has an invalid length."""
     free = scene.free(thing)
     return len(free) == WIDTHS[scene.dimensions] and any(free[scene.dimensions :])
 
@@ -132,7 +132,7 @@ DEEP = 1e-5  # largest initial depth in an obstacle [m]; a larger one is due nei
 
 
 def meeting_faults(scene: SceneTable, stock: Stock, earlier: Sequence[Finding]) -> Iterator[Finding]:
-    """Find contacts that the dynamics of the objects do not support; skip objects and obstacles with other faults."""
+    """Find contacts that the objects' dynamics do not support, if objects, obstacles and world have no other fault."""
     if any(at[:1] in (("object",), ("obstacle",), ("world",), ("gravity",)) for at, _ in earlier):
         return
     yield from _together(scene, stock)
@@ -164,7 +164,7 @@ def meeting_faults(scene: SceneTable, stock: Stock, earlier: Sequence[Finding]) 
 
 
 def light_faults(scene: SceneTable, at: Location, thing: Object, stock: Stock) -> Iterator[Finding]:
-    """Find a mass or moment of inertia too small for the software that moves the object."""
+    """Find a mass or moment of inertia too small for the physics engine that moves the object."""
     engine = dynamics_of(thing.dynamics)
     if not engine.least:
         return

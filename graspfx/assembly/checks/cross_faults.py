@@ -86,7 +86,7 @@ def chain_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Ite
                 text = "expected a scene with [safety], which enables the safety chain; add that table"
                 yield ("finger", i, "safety"), text
     elif hardware and scene.safety.soft_start == 0.0:
-        yield ("safety", "soft_start"), "expected a time above zero, as a person holds the hardware; given 0"
+        yield ("safety", "soft_start"), "expected a time above zero, because a person holds the hardware; given 0"
 
 
 def _box_faults(scene: SceneTable, at: Location, table: Any) -> Iterator[Finding]:
@@ -123,7 +123,7 @@ def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
         )
         return
     if finger.patch is None:
-        yield at, "required for a soft finger: the radius of its contact patch, the length unit of torsion [m]"
+        yield at, "required for a soft finger: the radius of its contact patch [m], with which torsion is scaled"
     coupling = scene.coupling
     parts = [part for part in (coupling.external, coupling.internal) if not isinstance(part, ObjectImpedance)]
     if any(np.ndim(gain) for part in parts for gain in (part.stiffness, part.damping)):
@@ -133,7 +133,7 @@ def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
         )
     if coupling.contact == "attached":
         if scene.object[scene.finger_objects[i]].shape is None:
-            yield ("finger", i, "model"), "a soft finger requires an object with a shape: torsion is about its normal"
+            yield ("finger", i, "model"), "a soft finger requires an object with a shape: torsion is about the normal"
     elif coupling.friction != "stick" and scene.coefficients[i] == 0.0:
         yield (
             ("finger", i, "model"),
@@ -151,8 +151,8 @@ def pad_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
         yield at, "expected unilateral contact: a pad can only push, but attached contacts also pull"
     implicit = thing.dynamics == "native" and thing.integrator == "implicit"
     if implicit and any(np.any(part.damping) for part in (coupling.external, coupling.internal)):
-        text = "expected no damping with the integrator 'implicit', which solves for it together with the motion"
-        yield at, f"{text}: a pad's depth follows the elastic force; use another integrator, or no damping"
+        text = "expected no damping with the integrator 'implicit', which solves for damping and motion together"
+        yield at, f"{text}: a pad's depth follows the elastic force alone; use another integrator, or no damping"
 
 
 def contact_axes_faults(scene: SceneTable, share: str) -> Iterator[Finding]:
@@ -332,7 +332,7 @@ def _free(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
     width = WIDTHS[scene.dimensions]
     if thing.free is not None and len(thing.free) != width:
         moves = {1: "translation", 3: "two translations, one rotation", 6: "three translations, three rotations"}[width]
-        yield (*at, "free"), f"expected {width} of true or false ({moves}); given {abbreviate(list(thing.free))}"
+        yield (*at, "free"), f"expected {width} values, true or false ({moves}); given {abbreviate(list(thing.free))}"
 
 
 def _inertia(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
@@ -355,7 +355,7 @@ def _turning(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
     if thing.rotational_viscosity is None and may_turn(scene, thing):
         yield (
             (*at, "rotational_viscosity"),
-            "required if a rotation is free: without it a grasp is not stable; or lock the rotation by `free`",
+            "required if a rotation is free: without it a grasp is not stable; or lock the rotation with `free`",
         )
 
 
@@ -365,7 +365,7 @@ def _orientation(scene: SceneTable, at: Location, thing: Any) -> Iterator[Findin
     if scene.dimensions == 3 and isinstance(value, tuple) and len(value) == 4:
         norm = float(np.linalg.norm(value))
         if abs(norm - 1.0) > UNIT:
-            yield (*at, "orientation"), f"expected a quaternion of norm 1; its norm is {norm:.6g}"
+            yield (*at, "orientation"), f"expected a unit quaternion; its norm is {norm:.6g}"
 
 
 def _angular_velocity(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
@@ -384,7 +384,7 @@ def _turned(scene: SceneTable, at: Location, field: str, value: Any, in_space: s
 
 
 def _body(scene: SceneTable, at: Location, thing: Any, stock: Stock, faults: list[Finding]) -> Iterator[Finding]:
-    """Find errors raised by the body, if there is no other fault."""
+    """Find errors raised when the body is created, if there is no other fault."""
     if any(place[: len(at)] == at or place == ("gravity",) for place, _ in faults):
         return
     try:

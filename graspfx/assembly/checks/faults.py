@@ -33,8 +33,8 @@ DO = "move it there, or trust the scene:"
 def trust_faults(scene: SceneTable, source: Source) -> list[Finding]:
     """Find every path outside the folder of the scene's file, and remove such paths from the tables.
 
-    In a scene from a recording, every path of a Python file is a fault, because the recording itself defines which
-    folder is the scene's.
+    In a scene from a recording, every Python file that the recording names is a fault, because the recording itself
+    defines which folder is the scene's.
 
     The remaining scene names no files outside of the folder, so later checks cannot import or read one.
     """

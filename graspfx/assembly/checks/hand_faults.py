@@ -95,7 +95,10 @@ def _operator(scene: SceneTable, at: Location, hand: Any) -> Iterator[Finding]:
     if tremor is not None and tremor.width >= 2.0 * tremor.frequency:
         yield (*at, "tremor", "width"), f"expected less than twice the frequency; given {abbreviate(tremor.width)}"
     if reaction is not None and reaction.delay > LONGEST * scene.period:
-        yield (*at, "reaction", "delay"), f"expected at most {LONGEST} periods; given {abbreviate(reaction.delay)}"
+        yield (
+            (*at, "reaction", "delay"),
+            f"expected at most {LONGEST} periods, {LONGEST * scene.period:g} s; given {abbreviate(reaction.delay)}",
+        )
 
 
 def _guide(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int]) -> Iterator[Finding]:
@@ -242,7 +245,7 @@ def _closing(
         start = np.array(_starts(scene, fingers, stock), dtype=float)
         arms = np.linalg.norm(start - start.mean(axis=0), axis=1) if fingers else np.ones(1)
         if arms.min() <= NEAR * np.abs(start).max(initial=0.0):
-            yield (*at, "closing"), "a finger starts at the fingers' mean, so its closing direction is undefined"
+            yield (*at, "closing"), "a finger starts at the fingers' mean position, so it has no closing direction"
 
 
 def _share(at: Location, hand: SharedHand, fingers: Sequence[int]) -> Iterator[Finding]:

@@ -87,7 +87,7 @@ def setting_faults(scene: SceneTable, at: Location, table: Device, stock: Stock)
 
 
 def reason(error: GraspFXError) -> str:
-    """Return an error's text, without its leading name if the fault's key already contains that name."""
+    """Return an error's text without the leading name, which the fault's key already contains."""
     return str(error).removeprefix(f"{error.name}: ") if isinstance(error, InputError) else str(error)
 
 
@@ -125,7 +125,7 @@ def signature_faults(
     parameters: Mapping[str, inspect.Parameter],
     automatic: AbstractSet[str],
 ) -> Iterator[Finding]:
-    """Find settings that a plug-in does not accept and required settings that are missing; add automatic settings."""
+    """Find settings that a plug-in does not accept and required settings that are missing, except automatic ones."""
     for key, value in settings.items():
         if not _finite(value):
             yield (*at, key), f"expected finite numbers; given {abbreviate(value)}"

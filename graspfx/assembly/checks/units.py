@@ -127,7 +127,7 @@ def _gains(scene: SceneTable, stock: Stock) -> Iterator[Doubt]:
 
 
 def _soft(at: Location, stiffness: Any) -> Iterator[Doubt]:
-    """Find springs too soft to be felt; a stiffness of zero is intended."""
+    """Report the largest stiffness if all springs are too soft to be felt; zero stiffness is intended."""
     springs = [k for k in np.ravel(stiffness).tolist() if k > 0.0]
     if springs and max(springs) < SOFTEST:
         yield at, max(springs), "N/m", _in(max(springs), "N/mm", 1e3)

@@ -13,7 +13,7 @@ from graspfx.system import child_process
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
-THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")  # limits numerical libraries to one thread
+THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")  # thread limits of numerical libraries
 
 
 def start(ring: int) -> tuple[subprocess.Popen[bytes], Connection]:
@@ -31,8 +31,8 @@ def start(ring: int) -> tuple[subprocess.Popen[bytes], Connection]:
 def spawn(module: str, *descriptors: int) -> tuple[subprocess.Popen[bytes], Connection]:
     """Start a process that calls `main` of a module with descriptors of its connection and other files.
 
-    The new process is in a separate process group: a terminal's Ctrl-C reaches only this process, which passes the
-    signal on.
+    The new process is in a separate process group: a terminal's Ctrl-C reaches only the calling process, which
+    passes the signal on.
 
     Args:
         module: Module of this package.

@@ -111,7 +111,7 @@ class Relay:
         self._recorder.drain()
 
     def _goal_changes(self) -> Iterator[tuple[int, Mapping[str, Any]]]:
-        """Yield the goals that were accepted since the last call, at most the last 16384."""
+        """Yield the goals that were accepted since the last call, at most the last 16383."""
         count = int(self._ring.words[Word.GOALS])
         for number in range(max(self._goals, count - SLOTS + 1), count):
             row = self._ring.goal_log[number % SLOTS]

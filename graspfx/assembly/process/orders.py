@@ -41,7 +41,7 @@ class Errand:
         width: Number of entries of a row.
         selected: Whether rows have only the columns and ticks that the scene selects.
         live: Keys that may change during the run.
-        goals: Size of the goals of guided hands.
+        goals: Number of entries of the guided hands' goals.
         trust: Whether files outside the scene's folder may be read.
         verbosity: Level of messages to pass on, or None.
         path: Search path of modules.
@@ -90,7 +90,7 @@ class GoalPlace(NamedTuple):
     Attributes:
         plant: Index of the plant that the hand moves.
         memory: Block of the hand.
-        entries: Entries of the goals in that block: offsets, (n d,), then the squeeze.
+        entries: Indices of the goals in that block: offsets, (n d,), then the squeeze.
     """
 
     plant: int
@@ -356,7 +356,7 @@ class ParentGone(BaseException):
 
 
 class Orders:
-    """Stop condition of a servo, tested before each tick and while it waits; it also accepts letters with new numbers.
+    """Stop condition of a servo, tested before each tick and during waits; its test also accepts letters.
 
     Args:
         ring: Ring buffer with the words and letters.

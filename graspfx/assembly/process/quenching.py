@@ -60,7 +60,7 @@ class Quencher:
 
 
 def quenchers(parts: Parts) -> list[Quencher]:
-    """Return the hardware of a scene that displays forces, with its drivers imported.
+    """Return a quencher for each real device of a scene that displays forces, and import its driver.
 
     Raises:
         InputError: If the hardware has no watchdog and its driver has no `quench`.
@@ -90,7 +90,7 @@ def quenchers(parts: Parts) -> list[Quencher]:
 
 
 def quench_all(each: Sequence[Quencher]) -> list[str]:
-    """Quench devices in parallel, within `PATIENCE`; return a report on each."""
+    """Remove the forces of devices in parallel, within `PATIENCE`; return a report on each device."""
     texts = [one.silence for one in each]
 
     def act(i: int) -> None:

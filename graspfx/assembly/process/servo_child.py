@@ -56,7 +56,7 @@ def main(line_: int, ring_: int) -> None:
 
 
 def _serve(errand: Errand, line: Connection, ring_: int) -> None:
-    """Build, open, run, rest and close."""
+    """Build the servo, open its hardware, run, rest and close."""
     with (
         granted(errand.trust),
         build(errand.scene, selected=errand.selected, live=errand.live, real_time=True) as servo,
@@ -160,7 +160,7 @@ def _await_close(line: Connection) -> None:
 
 def _require(word: Any, expected: str) -> None:
     if word != expected:
-        raise ParentGone(f"told {word}, not {expected}")
+        raise ParentGone(f"given the message {word!r} of the recording process, expected {expected!r}")
 
 
 def _wait_for_orders(number: int, frame: object) -> None:

@@ -77,7 +77,7 @@ def _news(memory: FloatArray, number: int, where: Index, numbers: FloatArray) ->
 
 def _refusal(values: Mapping[str, Any]) -> InputError:
     return InputError(
-        ", ".join(values), list(values.values()), "gains, friction and numbers of objects without planes",
+        ", ".join(values), list(values.values()), "gains, friction and numbers of objects that collide with no plane",
         "in real time these parts run in another process; start the run with these values",
     )  # fmt: skip
 
@@ -152,7 +152,7 @@ class ServoProcess:
 
     @property
     def ticks(self) -> int:
-        """Ticks so far."""
+        """Number of ticks so far."""
         return int(self.ring.words[Word.HEAD]) if self._ticks is None else self._ticks
 
     @property
@@ -317,7 +317,7 @@ def servo_process(
         ticks: Number of ticks to run.
         selected: Whether rows contain only what the scene's `record` selects.
         live: Keys that may change during the run.
-        goals: Size of the goals of guided hands.
+        goals: Number of entries of the guided hands' goals.
 
     Raises:
         InputError: If the scene cannot be serialised; hardware has neither a watchdog nor `quench`; or a finger is
