@@ -228,6 +228,4 @@ def _listed(values: Mapping[str, Any]) -> str:
 
 
 def _clamp_text(request: Mapping[str, Any], values: Mapping[str, Any], why: str) -> str:
-    return (
-        f"requested {_listed(request)}; set {_listed(values)}, at most {SHARE:g} of each limit; the request has {why}"
-    )
+    return f"requested {_listed(request)}; set {_listed(values)}, at most {SHARE:g} of each limit. The request: {why}"

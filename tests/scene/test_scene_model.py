@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import graspfx as gx
 from graspfx.errors import SceneError
 from graspfx.objects import dynamics_table
 from graspfx.scene.model import Scene, schema
@@ -95,6 +96,11 @@ def test_arrays_are_taken_as_lists() -> None:
     scene = Scene(**table)
     assert scene.finger[0].start == (0.002,)
     assert scene.coupling.external.stiffness == (30.0, 30.0)
+    device = {"name": "simulated", "mass": np.float32(0.5), "damping": 0.2, "delay": np.int64(1)}
+    [device, _] = Scene(**put(line(), "finger.0.device", device)).to_dict()["finger"]
+    assert [type(device["device"][name]) for name in ("mass", "delay")] == [float, int]
+    arms = gx.load("paper-waving", {"finger.*.device.base": np.array([0.0, 0.01])})
+    assert all(finger["device"]["base"] == [0.0, 0.01] for finger in arms.to_dict()["finger"])
 
 
 @pytest.mark.parametrize("make", [line, plane, space])

@@ -77,7 +77,11 @@ CASES: list[tuple[list[dict[str, Any]], dict[str, Any], str]] = [
     ([], {"world": {"friction": -1.0}}, "world.friction: expected no less than 0"),
     ([], {"obstacle": [FLOOR, FLOOR]}, "obstacle.1.name: 'floor' is used twice; every obstacle needs a different name"),
     ([], {"obstacle": [FLOOR | {"position": [0.0]}]}, "obstacle.0.position: expected 3 numbers"),
-    ([], {"obstacle": [FLOOR | {"orientation": [0.0, 0.0, 0.0, 2.0]}]}, "obstacle.0.orientation: expected a quater"),
+    (
+        [],
+        {"obstacle": [FLOOR | {"orientation": [0.0, 0.0, 0.0, 2.0]}]},
+        "obstacle.0.orientation: expected a unit quaternion",
+    ),
     ([], {"obstacle": [FLOOR | {"shape": {"kind": "half-space", "normal": [1.0]}}]}, "obstacle.0.shape.normal: expec"),
     ([], {"obstacle": [{"name": "floor"}]}, "obstacle.0.shape: required, but not given"),
     ([thing(position=[0.0, 0.0, 0.02])], {}, "object.0.position: the object starts 5 mm inside the obstacle 'floor'"),

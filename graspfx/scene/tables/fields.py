@@ -98,6 +98,16 @@ def listed(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
+def _all_listed(value: Any) -> Any:
+    """Convert arrays to nested lists, also within lists and tables."""
+    if isinstance(value, Mapping):
+        return {key: _all_listed(each) for key, each in value.items()}
+    return [_all_listed(each) for each in value] if isinstance(value, list | tuple) else listed(value)
+
+
+Setting = Annotated[Any, BeforeValidator(_all_listed)]  # value of a plug-in's own key
+
+
 def _not_too_large(value: float) -> float:
     if abs(value) > LARGEST:
         raise PydanticCustomError("size", "expected no more than {most} in SI units", {"most": f"{LARGEST:g}"})

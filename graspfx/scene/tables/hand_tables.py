@@ -16,6 +16,7 @@ from graspfx.scene.tables.fields import (
     Number,
     NumberOrVector,
     Positive,
+    Setting,
     Table,
     Vector,
     Vectors,
@@ -298,6 +299,7 @@ class MadeHand(Table):
     """A hand from a Python file or another distribution, with the arguments of its `hold`."""
 
     model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, Setting]
     form: ClassVar[Literal["made"]] = "made"
 
     kind: str = Field(description="path of a .py file, or a name from `graspfx list`")

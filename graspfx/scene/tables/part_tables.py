@@ -21,6 +21,7 @@ from graspfx.scene.tables.fields import (
     NumberOrVector,
     Pair,
     Positive,
+    Setting,
     Switch,
     Table,
     Vector,
@@ -331,6 +332,7 @@ class Device(Table):
     """A driver with its settings: keys that all devices have, and the arguments of the driver's `connect`."""
 
     model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, Setting]
 
     name: str = Field(description="a driver's name, or the path of a .py file")
     frame: Frame | None = Field(default=None, description="pose of the device in the scene; identity if not given")
