@@ -138,7 +138,7 @@ def test_what_would_change_more_than_numbers_is_refused(case: str) -> None:
         ("reference-1dof", {}, "finger.0.start", "moving parts continue from their present state"),
         ("reference-1dof", {}, "object.shape.size", "which bodies exist"),
         ("reference-1dof", {}, "coupling.contact", "it selects what is computed"),
-        ("reference-1dof", {}, "coupling.passivity", "whether energy is recorded"),
+        ("reference-1dof", {}, "coupling.passivity", "whether energy is observed or controlled"),
         ("reference-1dof", {}, "finger.*.radius", "the memory layout of contacts"),
         ("reference-1dof", {"coupling.passivity": "observe"}, "object.mass", "the energy ledger"),
         ("reference-1dof", {"coupling.metric": "mass"}, "finger.*.device.mass", "coupling.split = 'mass'"),

@@ -208,7 +208,7 @@ def test_a_library_that_is_none() -> None:
     connect_ = driver("force-dimension").connect
     with pytest.raises(DeviceError, match="install the vendor's SDK"):
         connect_(library="/nowhere/libdrd.so").open(PERIOD)
-    with pytest.raises(DeviceError, match="has no dhd"):
+    with pytest.raises(DeviceError, match="has no function dhd"):
         connect_(library=ctypes.CDLL(None)).open(PERIOD)
     for settings, name in (
         ({"library": ""}, "library"),

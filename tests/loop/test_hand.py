@@ -223,7 +223,7 @@ def test_joined_hands_are_block_diagonal_and_in_order():
         (lambda: Hand(REST, [1.0, 2.0, 3.0]), "stiffness.*d = 2"),
         (lambda: Hand(REST, 1.0, np.zeros((2, 2, 2))), r"damping.*\(2, 3, 3\)"),
         (lambda: Hand([[0.0], [0.0]], [[[1.0, 2.0], [0.0, 1.0]]]), "stiffness.*symmetric"),
-        (lambda: Hand([[0.0], [0.0]], [[[1.0, 2.0], [2.0, 1.0]]]), "stiffness.*eigenvalue -1"),
+        (lambda: Hand([[0.0], [0.0]], [[[1.0, 2.0], [2.0, 1.0]]]), "stiffness.*eigenvalue is -1"),
         (lambda: Hand(REST, 1.0, motion=Reach([0.1])), "motion.*2 dimensions"),
         (lambda: Hand(REST, 1.0, squeeze=0.01), "inward"),
         (lambda: Hand(REST, 1.0, squeeze=0.01, inward=[[1.0, 0.0]]), "inward"),

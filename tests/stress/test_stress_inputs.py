@@ -186,6 +186,7 @@ ANYTHING = st.recursive(
 )
 
 
+@pytest.mark.filterwarnings("ignore:Do not use the `random` module")  # servers' threads of other tests draw numbers
 @efforts(short=40, full=2500)
 def test_arbitrary_values(cases: int, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
