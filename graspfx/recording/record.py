@@ -242,8 +242,8 @@ class Recording(Carded, History):
     def to_html(self, path: str | PathLike[str], *, overwrite: bool = False) -> Path:
         """Write a page that plays the run in a browser: objects, fingers, forces as arrows, and charts.
 
-        The page is one file and needs no network. It shows at most 60 frames per second, with numbers rounded to 24 bits;
-        the charts show the minimum and maximum over all ticks.
+        The page is one file and needs no network. It shows at most 60 frames per second, with numbers rounded to
+        24 bits; the charts show the minimum and maximum over all ticks.
 
         Args:
             path: Path of the file, which ends in .html; the file appears when it is complete.
