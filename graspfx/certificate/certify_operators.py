@@ -407,13 +407,8 @@ class GainRegion:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for JSON."""
-        return {
-            "external_N_per_m": self.external.tolist(),
-            "internal_N_per_m": self.internal.tolist(),
-            "share": self.share.tolist(),
-            "hands": self.hands,
-            "present_N_per_m": list(self.present),
-        }
+        fields: dict[str, Any] = plain(self)
+        return fields
 
 
 def _stable(scene: Scene, loop: Linearised, factors: FloatArray) -> NDArray[np.bool_]:
