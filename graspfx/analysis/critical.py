@@ -160,10 +160,7 @@ def _alternating(a: FloatArray) -> FloatArray:
 
 
 def _value(a: FloatArray, y: FloatArray) -> FloatArray:
-    total = np.zeros_like(y)
-    for c in a[::-1]:
-        total = total * y + c
-    return total
+    return np.asarray(np.polynomial.polynomial.polyval(y, a, tensor=False))
 
 
 def positive_roots(h: FloatArray) -> FloatArray:

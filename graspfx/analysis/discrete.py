@@ -201,7 +201,4 @@ def plus(*terms: FloatArray) -> FloatArray:
 
 def power(n: int) -> FloatArray:
     """Return z^n as a polynomial."""
-    value = np.ones(1)
-    for _ in range(n):
-        value = np.convolve(value, ONE_PLUS)
-    return value
+    return np.asarray(np.polynomial.polynomial.polypow(ONE_PLUS, n))

@@ -156,7 +156,7 @@ def without_freedoms(linear: Linearisation, a: NDArray[np.bool_]) -> Linearisati
         preload=None,
         G_displacement=G,
         G_contact=None,
-        operator=None if linear.operator is None else linear.operator.restricted(a),
+        operator=None if linear.operator is None else linear.operator.selected(a),
     )
 
 

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
+OF_LIMBS = ("limb_mass", "limb_stiffness", "limb_damping")  # matrices of operators, by the vectors that they map
+FROM_MOTIONS, FROM_FORCES = ("pull", "pull_damping", "friction"), ("counter", "grip")
+
 
 @dataclass(frozen=True, eq=False)
 class OperatorMatrices:
@@ -54,9 +57,7 @@ class OperatorMatrices:
 
     def __post_init__(self) -> None:
         m, limbs = self.limb.shape
-        sizes = dict.fromkeys(("limb_mass", "limb_stiffness", "limb_damping"), limbs)
-        sizes |= dict.fromkeys(("pull", "pull_damping", "counter", "grip", "friction"), m)
-        for name, size in sizes.items():
+        for name, size in (dict.fromkeys(OF_LIMBS, limbs) | dict.fromkeys((*FROM_MOTIONS, *FROM_FORCES), m)).items():
             matrix = getattr(self, name)
             if matrix.shape != (size, size) or not np.isfinite(matrix).all():
                 raise InputError(name, matrix, f"a finite matrix ({size}, {size})")
@@ -86,52 +87,35 @@ class OperatorMatrices:
     @property
     def springs(self) -> list[FloatArray]:
         """Matrices (m, m) from motions to forces, if either all coordinates or none have a limb."""
-        return [self.limb_mass, self.limb_stiffness, self.limb_damping, self.pull, self.pull_damping, self.friction]
+        return [getattr(self, name) for name in (*OF_LIMBS, *FROM_MOTIONS)]
 
     @property
     def ratios(self) -> list[FloatArray]:
         """Matrices (m, m) from forces to forces."""
-        return [self.counter, self.grip]
+        return [getattr(self, name) for name in FROM_FORCES]
 
-    def restricted(self, coordinates: NDArray[np.bool_]) -> OperatorMatrices:
-        """Return the operator of the coordinates of a mask (m,), without force on the others."""
-        limbs = self.limb[coordinates].any(axis=0)
-        block, own = np.ix_(coordinates, coordinates), np.ix_(limbs, limbs)
-        return OperatorMatrices(
-            limb=self.limb[np.ix_(coordinates, limbs)],
-            limb_mass=self.limb_mass[own],
-            limb_stiffness=self.limb_stiffness[own],
-            limb_damping=self.limb_damping[own],
-            pull=self.pull[block],
-            pull_damping=self.pull_damping[block],
-            counter=self.counter[block],
-            delay=self.delay[coordinates],
-            grip=self.grip[block],
-            grip_share=self.grip_share[coordinates],
-            friction=self.friction[block],
-        )
+    def selected(self, coordinates: NDArray[np.bool_ | np.intp]) -> OperatorMatrices:
+        """Return the operator of some coordinates, a mask (m,) or indices in order, without force on the others."""
+        S = self.limb[coordinates]
+        limbs, own = np.nonzero(S)[1], np.arange(len(self.limb))[coordinates]  # limbs in the order of the coordinates
+        places: dict[str, Any] = dict.fromkeys(OF_LIMBS, np.ix_(limbs, limbs))
+        places |= dict.fromkeys((*FROM_MOTIONS, *FROM_FORCES), np.ix_(own, own)) | {"delay": own, "grip_share": own}
+        return replace(self, limb=S[:, limbs], **{name: getattr(self, name)[place] for name, place in places.items()})
 
     def on(self, basis: FloatArray, forces: FloatArray) -> OperatorMatrices:
-        """Return the operator for motions x = B y, with forces B'f, if `alike`: limbs are transformed by B too.
+        """Return the operator for motions x = B y, with forces B'f, if `alike` or if B rotates the axes of each finger.
 
         Args:
-            basis: Matrix B (m, k).
+            basis: Matrix B (m, k), which also transforms limbs.
             forces: Matrix C (m, k), B'C = I, from the part's own forces to the forces on x.
         """
-        k = basis.shape[1]
-        names = ("limb_mass", "limb_stiffness", "limb_damping")
-        limb = {name: basis.T @ getattr(self, name) @ basis if self.limbs else np.zeros((0, 0)) for name in names}
-        pulls = {name: basis.T @ getattr(self, name) @ basis for name in ("pull", "pull_damping", "friction")}
-        return replace(
-            self,
-            limb=np.eye(k) if self.limbs else np.zeros((k, 0)),
-            **limb,
-            **pulls,
-            counter=basis.T @ self.counter @ forces,
-            delay=self.delay[:k],
-            grip=basis.T @ self.grip @ forces,
-            grip_share=self.grip_share[:k],
-        )
+        m, k = basis.shape
+        limb = self.limb if self.limbs not in (0, m) else np.eye(k)[:, : self.limbs]
+        W = self.limb.T @ basis @ limb
+        changes: dict[str, Any] = {name: W.T @ getattr(self, name) @ W for name in OF_LIMBS}
+        changes |= {name: basis.T @ getattr(self, name) @ basis for name in FROM_MOTIONS}
+        changes |= {name: basis.T @ getattr(self, name) @ forces for name in FROM_FORCES}
+        return replace(self, limb=limb, delay=self.delay[:k], grip_share=self.grip_share[:k], **changes)
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)

@@ -34,6 +34,7 @@ UNITS = {  # units of keys of plain data
     "external": "external_N_per_m",
     "frequency": "frequency_Hz",
     "fade": "fade_m",
+    "present": "present_N_per_m",
 }
 
 

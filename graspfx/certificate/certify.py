@@ -67,9 +67,6 @@ class Certificates(Carded, Sequence[Certificate]):
     def __len__(self) -> int:
         return len(self.each)
 
-    def __iter__(self) -> Iterator[Certificate]:
-        return iter(self.each)
-
     def _card(self) -> Card:
         unstable = any(each.grasps and not each.stable for each in self.each)
         verdict = STABLE if self.stable else NOT_STABLE if unstable else NOT_GRASPING
@@ -117,9 +114,13 @@ def certify(
         answers = certificates(scene_, "recorded", rest)
     else:
         answers = certificates(scene_, "provisional" if quick else "squeezed")
-    path = scene_.source.path
-    name = path.stem.replace("_", "-") if path is not None else scene_.title or scene_.source.name
-    return Certificates(name, tuple(answers), quick)
+    return Certificates(name_of(scene_), tuple(answers), quick)
+
+
+def name_of(scene: Scene) -> str:
+    """Return the name of a scene: that of its file or, without a file, its title."""
+    path = scene.source.path
+    return path.stem.replace("_", "-") if path is not None else scene.title or scene.source.name
 
 
 @one_blas_thread()
@@ -132,18 +133,15 @@ def certificates(scene: Scene, at: str = "squeezed", recording: Recording | None
     Raises:
         InputError: If a device does not state its mass or damping.
     """
-    touched = sorted(set(scene.finger_objects))
-    return [_certificate_of(scene, at, scene.object[i].name, recording) for i in touched]
+    names = [scene.object[i].name for i in sorted(set(scene.finger_objects))]
+    return [_certificate(scene, at, name, recording) for name in names]
 
 
-def _certificate_of(scene: Scene, at: str, name: str, recording: Recording | None) -> Certificate:
+def _certificate(scene: Scene, at: str, name: str, recording: Recording | None) -> Certificate:
     try:
-        return _certificate(scene, linearise(scene, at, name, recording))
+        loop = linearise(scene, at, name, recording)
     except NotGraspingError as error:
         return Certificate(name, at, math.nan, (), (), None, "no finger touches the object", gap=error.gap)
-
-
-def _certificate(scene: Scene, loop: Linearised) -> Certificate:
     passive, why = _passive(scene, loop)
     return Certificate(
         object=loop.objects[0],
@@ -190,19 +188,18 @@ def _sliding(scene: Scene, loop: Linearised) -> Iterator[str]:
 
 def _passive(scene: Scene, loop: Linearised) -> tuple[CouplingLimits | None, str]:
     linear, coupling = loop.linear, scene.coupling
-    if linear.ground is not None:
-        return None, "the object stands on an obstacle"
     dampings = [number_of(part.damping) for part in (coupling.external, coupling.internal)]
-    if any(math.isnan(value) for value in dampings):
-        return None, "its damping is given by matrices"
-    if loop.pads is not None:
-        return None, "its fingertips are compliant"
-    if loop.compliance.any():
-        return None, "its damping grows with depth and is not at its full value here"
-    if linear.delay.any() or linear.latency.any():
-        return None, "its devices display forces with a delay"
-    if linear.integrator != "exact":
-        return None, f"it requires an object with the integrator exact, not {linear.integrator}"
+    obstacles = (
+        (linear.ground is not None, "the object stands on an obstacle"),
+        (np.isnan(dampings).any(), "its damping is given by matrices"),
+        (loop.pads is not None, "its fingertips are compliant"),
+        (loop.compliance.any(), "its damping grows with depth and is not at its full value here"),
+        (linear.delay.any() or linear.latency.any(), "its devices display forces with a delay"),
+        (linear.integrator != "exact", f"it requires an object with the integrator exact, not {linear.integrator}"),
+    )
+    for is_there, why in obstacles:
+        if is_there:
+            return None, why
     from graspfx.analysis.passivity.grasp_leak import coupling_limits
 
     limits = coupling_limits(

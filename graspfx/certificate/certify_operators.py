@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from graspfx.analysis.checked_arguments import count
 from graspfx.card import Card, Carded
 from graspfx.certificate.certificate import NOT_GRASPING, NOT_STABLE, STABLE, is_stable, plain
-from graspfx.certificate.certify import certificates
+from graspfx.certificate.certify import certificates, name_of
 from graspfx.certificate.first_loss import Family, WholeLoop
 from graspfx.certificate.judgement import Change, Judge, Judgement, altered
 from graspfx.certificate.linearise import Linearised
@@ -153,12 +153,62 @@ class OperatorCertificate(Carded):
         Args:
             keys: One or two of the operators' keys; the first two if None.
             points: Number of points along each key.
+
+        Raises:
+            InputError: If the number of keys, or of points, is out of range.
+            UnknownNameError: If a key is not in the set.
         """
-        return operator_region(self._made_of, self.operators, keys, points)
+        if not 2 <= points <= MOST_POINTS:
+            raise InputError("points", points, f"from 2 to {MOST_POINTS}")
+        by_key = {each.key: each for each in self.operators.ranges}
+        selection = self.operators.keys[:2] if keys is None else tuple(keys)
+        if not 1 <= len(set(selection)) == len(selection) <= 2:
+            raise InputError("keys", keys, "one or two different keys of the set")
+        for key in selection:
+            if key not in by_key:
+                raise UnknownNameError("key of the operators", key, by_key)
+        ranges = tuple(by_key[key] for key in selection)
+        values = tuple(each.between(np.linspace(0.0, 1.0, points)) for each in ranges)
+        shape = (points,) * len(ranges)
+        margin, stable = np.zeros(shape), np.zeros(shape, dtype=bool)
+        judge = Judge(self._made_of)
+        with judge.session(), waiting(f"judging hands over {' and '.join(selection)}", margin.size, "hands") as wait:
+            for place in np.ndindex(*shape):
+                one = judge.judge({key: float(x[i]) for key, x, i in zip(selection, values, place, strict=True)})
+                margin[place], stable[place] = one.margin, one.stable
+                wait.done += 1
+        return OperatorRegion(ranges, values, margin, stable)
 
     def gains(self, points: int = 40, span: float = 4.0) -> GainRegion:
-        """Compute the stable share of the population for gains k_ep and k_ip up to `span` times the scene's gains."""
-        return gain_region(self._made_of, [one.values for one in self.population], points, span)
+        """Compute the stable share of the population for gains k_ep and k_ip up to `span` times the scene's gains.
+
+        Each of the first 60 hands is brought to rest once, with the scene's gains. For other gains, contacts are kept,
+        and the squeeze is computed from the stiffnesses of hand and k_ip in series (`judgement.altered`). Therefore
+        each hand is linearised once, not once per pair of gains.
+
+        Args:
+            points: Number of points along each gain.
+            span: End of the grid, as a multiple of the scene's gains.
+
+        Raises:
+            InputError: If gains are not numbers above zero, or points or span are out of range.
+        """
+        coupling = self._made_of.coupling
+        present = coupling.external.stiffness, coupling.internal.stiffness
+        if not all(isinstance(gain, int | float) and gain > 0.0 for gain in present):
+            raise InputError("coupling", present, "gains that are positive numbers, for a map over the gains")
+        if not 2 <= points <= MOST_POINTS or not span > LEAST:
+            raise InputError("points, span", (points, span), f"from 2 to {MOST_POINTS} points and a span above {LEAST}")
+        factors = np.linspace(LEAST, 1.0, points) * span
+        stable = np.zeros((points, points))
+        judge, hands = Judge(self._made_of), [one.values for one in self.population[:HANDS]]
+        with judge.session(), waiting("looking at gains", len(hands), "hands") as wait:
+            for hand in hands:
+                scene, loops = judge.loops(hand)
+                stable += np.all([_stable(scene, loop, factors) for loop in loops], axis=0)
+                wait.done += 1
+        kep, kip = (float(np.asarray(gain)) for gain in present)
+        return GainRegion(factors * kep, factors * kip, stable / len(hands), len(hands), (kep, kip))
 
     def plot(self, path: str | PathLike[str] | None = None, width: str = "screen") -> Any:
         """Plot the distribution of margins, and the region over the first two ranges; a given path saves the figure."""
@@ -276,11 +326,8 @@ def certify_operators(
     share = share_of(sum(one.stable for one in population), samples)
     leak = passive[0] if len(passive) == 1 else None
     is_passive = worst.stable and share.count == samples and are_passive(scene_, set_) and _within(scene_, leak)
-    name = (
-        scene_.title or scene_.source.name if scene_.source.path is None else scene_.source.path.stem.replace("_", "-")
-    )
     return OperatorCertificate(
-        name, set_, own, worst, tuple(population), share, search.every, leak, is_passive, seed, scene_
+        name_of(scene_), set_, own, worst, tuple(population), share, search.every, leak, is_passive, seed, scene_
     )
 
 
@@ -340,37 +387,6 @@ class OperatorRegion:
         }
 
 
-def operator_region(
-    scene: Scene, operators: OperatorSet, keys: tuple[str, ...] | None = None, points: int = 24
-) -> OperatorRegion:
-    """Judge a grid of points over two of the ranges, or a line of points if there is only one range or one key.
-
-    Raises:
-        InputError: If the number of keys, or of points, is out of range.
-        UnknownNameError: If a key is not in the set.
-    """
-    if not 2 <= points <= MOST_POINTS:
-        raise InputError("points", points, f"from 2 to {MOST_POINTS}")
-    by_key = {each.key: each for each in operators.ranges}
-    selection = operators.keys[:2] if keys is None else tuple(keys)
-    if not 1 <= len(set(selection)) == len(selection) <= 2:
-        raise InputError("keys", keys, "one or two different keys of the set")
-    for key in selection:
-        if key not in by_key:
-            raise UnknownNameError("key of the operators", key, by_key)
-    ranges = tuple(by_key[key] for key in selection)
-    values = tuple(each.between(np.linspace(0.0, 1.0, points)) for each in ranges)
-    shape = (points,) * len(ranges)
-    margin, stable = np.zeros(shape), np.zeros(shape, dtype=bool)
-    judge = Judge(scene)
-    with judge.session(), waiting(f"judging hands over {' and '.join(selection)}", margin.size, "hands") as wait:
-        for place in np.ndindex(*shape):
-            one = judge.judge({key: float(x[i]) for key, x, i in zip(selection, values, place, strict=True)})
-            margin[place], stable[place] = one.margin, one.stable
-            wait.done += 1
-    return OperatorRegion(ranges, values, margin, stable)
-
-
 @dataclass(frozen=True, eq=False)
 class GainRegion:
     """Share of a population that is stable with each pair of gains.
@@ -391,47 +407,8 @@ class GainRegion:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for JSON."""
-        return {
-            "external_N_per_m": self.external.tolist(),
-            "internal_N_per_m": self.internal.tolist(),
-            "share": self.share.tolist(),
-            "hands": self.hands,
-            "present_N_per_m": list(self.present),
-        }
-
-
-def gain_region(scene: Scene, hands: Sequence[Mapping[str, float]], points: int = 40, span: float = 4.0) -> GainRegion:
-    """Compute on a grid of gains the share of hands in which the whole loop is stable.
-
-    Each hand is brought to rest once, with the scene's gains. For other gains, contacts are kept, and the squeeze is
-    computed from the stiffnesses of hand and k_ip in series (`judgement.altered`). Therefore each hand is linearised
-    once, not once per pair of gains.
-
-    Args:
-        scene: Scene; the grid's ends are multiples of its gains.
-        hands: Values of each hand by key; only the first 60 hands are used.
-        points: Number of points along each gain.
-        span: End of the grid, as a multiple of the scene's gain.
-
-    Raises:
-        InputError: If gains are not numbers above zero, or points or span are out of range.
-    """
-    present = tuple(part.stiffness for part in (scene.coupling.external, scene.coupling.internal))
-    if not all(isinstance(gain, int | float) and gain > 0.0 for gain in present):
-        raise InputError("coupling", present, "gains that are positive numbers, for a map over the gains")
-    if not 2 <= points <= MOST_POINTS or not span > LEAST:
-        raise InputError("points, span", (points, span), f"from 2 to {MOST_POINTS} points and a span above {LEAST}")
-    factors = np.linspace(LEAST, 1.0, points) * span
-    count = np.zeros((points, points))
-    judge = Judge(scene)
-    looked_at = list(hands)[:HANDS]
-    with judge.session(), waiting("looking at gains", len(looked_at), "hands") as wait:
-        for hand in looked_at:
-            altered_scene, loops = judge.loops(hand)
-            count += np.all([_stable(altered_scene, loop, factors) for loop in loops], axis=0)
-            wait.done += 1
-    kep, kip = (float(np.asarray(gain)) for gain in present)
-    return GainRegion(factors * kep, factors * kip, count / max(len(looked_at), 1), len(looked_at), (kep, kip))
+        fields: dict[str, Any] = plain(self)
+        return fields
 
 
 def _stable(scene: Scene, loop: Linearised, factors: FloatArray) -> NDArray[np.bool_]:

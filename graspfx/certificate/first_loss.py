@@ -68,7 +68,6 @@ class PartLoop:
         rows = LoopRows(linear.with_arrays(stiffness=np.zeros((m, m))), self._motions, inputs=m)
         states = rows.size
         self._basis = drift_free(linear, states)
-        self.size = states if self._basis is None else self._basis.shape[1]
         self.affine = linear.integrator != "implicit" and not self.late
         if self.affine:
             A, W, f = rows.opened()
@@ -119,11 +118,6 @@ class Family:
     def __init__(self, loop: WholeLoop | Linearisation, stiffness: Stiffness) -> None:
         self.loop = loop if isinstance(loop, WholeLoop) else WholeLoop(loop)
         self.stiffness = stiffness
-
-    @property
-    def size(self) -> int:
-        """Number of states of the largest part."""
-        return max(part.size for part in self.loop.parts)
 
     @property
     def late(self) -> bool:

@@ -337,10 +337,10 @@ def change_of(scene: Scene, name: str, values: Mapping[str, Any]) -> Change | No
         if plain in FRICTION or old == value:
             continue  # contacts stick at any friction
         if plain in FIELDS:
-            if not (_is_number(old) and _is_number(value)) or old <= 0.0 or value < 0.0:
+            if not (is_number(old) and is_number(value)) or old <= 0.0 or value < 0.0:
                 return None
             changes[FIELDS[plain]] = value / old
-        elif plain in OF_OBJECT and _is_number(value):
+        elif plain in OF_OBJECT and is_number(value):
             if old is None:
                 return None
             if _is_of(scene, key, name):
@@ -350,8 +350,9 @@ def change_of(scene: Scene, name: str, values: Mapping[str, Any]) -> Change | No
     return Change(**changes)
 
 
-def _is_number(value: object) -> TypeGuard[float]:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+def is_number(value: object) -> TypeGuard[float]:
+    """True if a value is a finite number."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _is_of(scene: Scene, key: str, name: str) -> bool:
@@ -389,7 +390,7 @@ def altered(scene: Scene, loop: Linearised, change: Change) -> Linearisation:
 def _squeeze_ratio(scene: Scene, linear: Linearisation, change: Change) -> float:
     """Return the ratio of the new to the old squeeze: hand and internal stiffness in series, for equal closing."""
     gain = scene.coupling.internal.stiffness
-    if change.internal == 1.0 or not _is_number(gain):
+    if change.internal == 1.0 or not is_number(gain):
         return 1.0
     _, sizes, V = np.linalg.svd(linear.G)
     internal = V[int((sizes > 1e-6 * sizes.max(initial=0.0)).sum()) :]

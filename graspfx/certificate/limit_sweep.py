@@ -237,7 +237,7 @@ def _modal(scene: Scene, loop: Linearised, sweeps: Sequence[Sweep]) -> tuple[Flo
     if turn is None:
         return None
     t, J, w = (np.diag(turn.T @ A @ turn) for A in parts)
-    arguments = {
+    values: dict[str, Any] = {
         "T": linear.period,
         "m_v": m_v,
         "b_v": table.viscosity,
@@ -249,7 +249,6 @@ def _modal(scene: Scene, loop: Linearised, sweeps: Sequence[Sweep]) -> tuple[Flo
         "k_s": float(np.trace(linear.hand_stiffness / np.outer(root, root))) / m,
         "b_s": float(np.trace(linear.hand_damping / np.outer(root, root))) / m,
     }
-    values: dict[str, Any] = dict(arguments)
     for axis, sweep in enumerate(sweeps):
         name = MODAL[_of_lone_object(scene, sweep.key)]
         shape = [1] * len(sweeps)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
 
 import numpy as np
@@ -25,7 +25,6 @@ from graspfx.certificate.matrices import (
     joined_pads,
     operated,
     pads_of,
-    turned_operator,
 )
 from graspfx.certificate.operating_point import OperatingPoint, provisional, require_contact, squeezed
 from graspfx.certificate.recorded import lateness_ends, less_stable, recorded, recording_of, set_pose
@@ -421,7 +420,7 @@ def _joined(parts: Parts, shares: Sequence[_ObjectMatrices], recording: Recordin
         preload=_preload(shares, V),
         G_displacement=G_e,
         ground=_joined_ground(shares),
-        operator=turned_operator(operator, columns, V, apart),
+        operator=None if operator is None else replace(operator.selected(columns).on(V, V), friction=apart),
         G_contact=G_c if shares[0].integrator == "implicit" else None,
     )
     ends = np.repeat(lateness_ends(devices, recording)[:, fingers], d, axis=1)
@@ -460,16 +459,10 @@ def _joined(parts: Parts, shares: Sequence[_ObjectMatrices], recording: Recordin
 def _preload(shares: Sequence[_ObjectMatrices], V: FloatArray) -> FloatArray | None:
     if not any(share.N.any() for share in shares):
         return None
-    m, r = len(V), sum(len(share.G) for share in shares)
-    N = np.zeros((m + r, m + r))
-    x = q = 0
-    for share in shares:
-        rows = np.r_[x : x + share.G.shape[1], m + q : m + q + len(share.G)]
-        N[np.ix_(rows, rows)] = share.N
-        x, q = x + share.G.shape[1], q + len(share.G)
-    N[:m] = V.T @ N[:m]
-    N[:, :m] = N[:, :m] @ V
-    return N
+    of_object = np.concatenate([np.arange(len(share.N)) >= share.G.shape[1] for share in shares])
+    order = np.argsort(of_object, kind="stable")  # all devices, then all objects
+    W = block_diagonal([V, np.eye(len(order) - len(V))])
+    return np.asarray(W.T @ block_diagonal([share.N for share in shares])[np.ix_(order, order)] @ W)
 
 
 def _joined_ground(shares: Sequence[_ObjectMatrices]) -> tuple[FloatArray, FloatArray] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -211,40 +211,6 @@ def operated(
         friction=np.zeros((m, m)),
     )
     return matrices, stiffer.ravel(), damper.ravel()
-
-
-def turned_operator(
-    operator: OperatorMatrices | None, columns: NDArray[np.intp], V: FloatArray, friction: FloatArray
-) -> OperatorMatrices | None:
-    """Restrict an operator to some coordinates, in order, and rotate it to the axes V of each finger.
-
-    Args:
-        operator: Matrices in world axes, finger by finger.
-        columns: Indices of the coordinates.
-        V: Block-diagonal matrix of axes, (m, m).
-        friction: Off-diagonal part of the devices' friction, in their axes, (m, m).
-    """
-    if operator is None:
-        return None
-    block = np.ix_(columns, columns)
-    rows = operator.limb[columns]
-    limbs = np.nonzero(rows)[1]  # in the order of the coordinates
-    S = rows[:, limbs]
-    own, W = np.ix_(limbs, limbs), V[np.ix_(S.any(axis=1), S.any(axis=1))]
-    return replace(
-        operator,
-        limb=S,
-        limb_mass=W.T @ operator.limb_mass[own] @ W,
-        limb_stiffness=W.T @ operator.limb_stiffness[own] @ W,
-        limb_damping=W.T @ operator.limb_damping[own] @ W,
-        pull=V.T @ operator.pull[block] @ V,
-        pull_damping=V.T @ operator.pull_damping[block] @ V,
-        counter=V.T @ operator.counter[block] @ V,
-        delay=operator.delay[columns],
-        grip=V.T @ operator.grip[block] @ V,
-        grip_share=operator.grip_share[columns],
-        friction=friction,
-    )
 
 
 def assumptions(parts: Parts, fingers: Sequence[int], force: FloatArray) -> Iterator[str]:

@@ -197,11 +197,10 @@ def gone_without(scene: Scene, loop: Linearised, near: Linearisation, pushers: t
     U = np.linalg.svd(near.G, full_matrices=False)
     basis = U[2][U[1] > 1e-6 * U[1].max(initial=0.0)]
     P = basis.T @ basis
-    I = np.eye(len(P))  # noqa: E741 (the identity's letter)
+    inner = np.eye(len(P)) - P
     ked, kid = number_of(coupling.external.damping), number_of(coupling.internal.damping)
     pushing = np.isin(loop.finger_of_column, pushers)
-    compliance = loop.compliance[pushing]
-    shares = [kep * P, None if math.isnan(ked) else ked * P]
+    shares = [kep * P, ked * P]
     if isinstance(outer, ObjectImpedance):
         table = next(thing for thing in scene.object if thing.name == loop.objects[0])
         free = np.array(scene.free(table), dtype=bool)
@@ -209,9 +208,8 @@ def gone_without(scene: Scene, loop: Linearised, near: Linearisation, pushers: t
         gains = (gain[np.ix_(free, free)] for gain in (about.stiffness, about.damping))
         moments = np.arange(len(free))[free] >= loop.contacts.shape[1]
         shares = [basis.T @ modal_gain(gain, near.G @ basis.T, moments) @ basis for gain in gains]
-    K, D = shares
-    damping = near.damping if D is None or math.isnan(kid) else in_series(D + kid * (I - P), compliance)
-    K = K + kip * (I - P)
+    K, D = shares[0] + kip * inner, shares[1] + kid * inner
+    damping = in_series(D, loop.compliance[pushing]) if np.isfinite(D).all() else near.damping
     if loop.pads is not None:
         K = springs_in_series(K, loop.pads[0][pushing], loop.pads[1])
     return near.with_arrays(stiffness=K, damping=damping)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.assembly.live import value_of
-from graspfx.certificate.judgement import Judgement
+from graspfx.certificate.judgement import Judgement, is_number
 from graspfx.errors import GraspFXError, InputError, UnknownNameError
 from graspfx.progress import waiting
 from graspfx.scene.keys import general
@@ -127,11 +127,6 @@ class OperatorRange:
 
 
 Ranges = Mapping[str, Any] | Sequence[str | OperatorRange]
-
-
-def is_number(value: object) -> bool:
-    """True if a value is a finite number."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def usual_law(low: float) -> Law:

@@ -1,19 +1,25 @@
-"""Plan of a scene: steps of a sample, steps that are skipped, and the reasons."""
+"""Plan of a scene: steps of a sample, steps that are skipped, calls per tick and engine, and the reasons."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator
+from typing import TYPE_CHECKING, NamedTuple
 
 from graspfx.assembly.bodies import meeting
+from graspfx.assembly.build import build
 from graspfx.assembly.device_limits import forceless_text, hidden_text, limit_text
 from graspfx.assembly.grasps import grasps
 from graspfx.assembly.hands import descriptions, holdings
 from graspfx.assembly.meshes import mesh_name
 from graspfx.assembly.resolve import Parts, resolve
+from graspfx.card import span
 from graspfx.certificate.device_plan import Row, lateness_rows, loop_rows, moment_rows, safety_rows
 from graspfx.certificate.notes import is_damped, why_not_gradual
+from graspfx.compile.cache import folder_text
 from graspfx.coupling import block as at
+from graspfx.errors import GraspFXError, InputError, KernelError, SceneError, message
+from graspfx.loop.engine import is_machine_code, kept_program, machine_codes
+from graspfx.loop.python_parts import foreign, guests, looked_ahead
 from graspfx.objects.dynamics_table import dynamics_of
 from graspfx.scene.model import Scene
 from graspfx.scene.tables.hand_tables import Moving
@@ -21,47 +27,23 @@ from graspfx.scene.tables.part_tables import Device, Object, ObjectImpedance, Pl
 from graspfx.scene.tables.reading import listed
 from graspfx.scene.tables.shapes import MeshShape
 
+if TYPE_CHECKING:
+    from graspfx.loop.servo import Servo
 
-@dataclass(frozen=True)
-class PlanRow:
-    """A step of a sample, whether it runs, and the reason or the method.
+INSTALL = "llvmlite is not installed: run `pip install llvmlite`"
 
-    Attributes:
-        kernel: Name of the kernel that a program contains only if the step runs; empty if there is none.
-    """
+
+class PlanRow(NamedTuple):
+    """A step of a sample, whether it runs, and the reason or the method."""
 
     step: str
     runs: bool
     why: str
-    kernel: str = ""
 
 
 def plan(scene: Scene) -> list[PlanRow]:
     """List the start positions, the steps of a sample in order, and the packages that a run imports."""
-    return [PlanRow(step, runs, why, _kernel(scene, step)) for step, runs, why in _rows(resolve(scene))]
-
-
-KERNELS = {
-    "contact points": "touch",
-    "fade": "fade",
-    "split": "refactor",
-    "torsion": "twist",
-    "pads": "press",
-    "damping by depth": "damping_share",
-    "energy": "watch",
-    "limit": "limit",
-    "safety": "restrain",
-    "soft start": "soften",
-}
-NATIVE = {"predict": "predict", "turn": "orient", "meet": "step_on_planes"}  # steps of native objects only
-
-
-def _kernel(scene: Scene, step: str) -> str:
-    first, _, name = step.partition(" ")
-    group = [thing for thing in scene.object if thing.name == name or len(scene.object) == 1]
-    if first in NATIVE and all(thing.dynamics == "native" for thing in group):
-        return NATIVE[first]
-    return KERNELS.get(step, "")
+    return [PlanRow(*row) for row in _rows(resolve(scene))]
 
 
 def _rows(parts: Parts) -> Iterator[Row]:
@@ -188,7 +170,7 @@ def _fingertips(scene: Scene) -> Row:
     radii = [1e3 * finger.radius for finger in scene.finger if finger.radius > 0.0]
     if not radii:
         return "ball fingertips", False, "fingertips are points"
-    sizes = f"{min(radii):g} mm" if min(radii) == max(radii) else f"{min(radii):g} to {max(radii):g} mm"
+    sizes = span(radii, "mm")
     return "ball fingertips", True, f"{len(radii)} of {len(scene.finger)}, radius {sizes}: contact on the offset shape"
 
 
@@ -413,3 +395,69 @@ def equal_gains(scene: Scene) -> bool:
     if isinstance(external, ObjectImpedance):
         return False
     return external.stiffness == internal.stiffness and external.damping == internal.damping
+
+
+# Calls and engine ----------------------------------------------------------------------------------------------------
+
+
+def engine_plan(scene: Scene) -> list[PlanRow]:
+    """Return the rows about calls and engine, which follow those of `plan`.
+
+    The scene is assembled, but nothing moves, and the program of all scenes is not compiled.
+
+    Raises:
+        SceneError: If the scene cannot be assembled, so that no run can begin.
+    """
+    try:
+        with build(scene, engine="interpreted") as servo:
+            return [PlanRow("calls", True, _calls(servo)), _engine(scene, servo)]
+    except SceneError:
+        raise
+    except GraspFXError as error:
+        raise scene.error([((), message(error))]) from error
+
+
+def _calls(servo: Servo) -> str:
+    world, ahead = servo.arena.world, looked_ahead(servo)
+    why_ahead = "it is not a kernel" if len(ahead) == 1 else "they are not kernels"
+    beforehand = f"; the targets of {', '.join(ahead)} are computed in advance, because {why_ahead}" if ahead else ""
+    if not world.pauses:
+        return f"one call for many ticks{beforehand}" if ahead else "all parts are kernels: one call for many ticks"
+    called, moved = foreign(servo), guests(servo)
+    calls = "two calls for each tick" if world.ports else "one call for each tick"
+    why = [f"{_listed(called)} not {'a kernel' if len(called) == 1 else 'kernels'}"] if called else []
+    why += [f"{_listed(moved)} moved by other software between ticks"] if moved else []
+    return f"{calls}, because {' and '.join(why)}{beforehand}"
+
+
+def _listed(parts: Collection[str]) -> str:
+    return f"{', '.join(parts)} {'is' if len(parts) == 1 else 'are'}"
+
+
+def _engine(scene: Scene, servo: Servo) -> PlanRow:
+    says = "" if scene.engine == "auto" else ", as the scene requires"
+    if scene.engine == "interpreted":
+        return PlanRow("engine", True, f"interpreted{says}")
+    if why := _obstacle(servo):
+        if scene.engine == "auto":
+            return PlanRow("engine", True, f"interpreted: {why}")
+        return PlanRow("engine", False, f"cannot be compiled, although the scene requires it: {why}")
+    program = kept_program()
+    if program is None:
+        where = f"compiled before the first tick, once per version and machine (`graspfx warmup`), into {folder_text()}"
+    else:
+        where = f"{1e-3 * program.size:.0f} kB in {program.place}"
+    return PlanRow("engine", True, f"compiled{says}, by the program of all scenes: {where}")
+
+
+def _obstacle(servo: Servo) -> str:
+    """Return the reason why the scene cannot run compiled; empty if it can."""
+    if not is_machine_code():
+        return INSTALL
+    try:
+        machine_codes(servo.arena)
+    except KernelError:
+        raise
+    except InputError as error:
+        return message(error)
+    return ""

@@ -72,16 +72,13 @@ def recorded(
     """
     g, name = grip.grasped, scene.object[index].name
     place = OperatingPoint("recorded", None, np.full(grip.n, np.nan))
-    if scene.coupling.contact != "attached" and not recording.touching[-1, fingers].any():
+    touching = recording.touching[-1, fingers] | (scene.coupling.contact == "attached")
+    if not touching.any():
         gaps = recording.gap  # missing if the recording has selected columns
-        raise NotGraspingError(
-            scene.object[index].name,
-            float("nan") if gaps is None else float(gaps[-1, fingers].min()),
-            "at the end of the recording",
-        )
-    if scene.coupling.contact != "attached" and not recording.touching[-1, fingers].all():
-        apart = fingers[~recording.touching[-1, fingers]]
-        raise incomplete(scene, index, apart, "at the end of the recording")
+        gap = float("nan") if gaps is None else float(gaps[-1, fingers].min())
+        raise NotGraspingError(name, gap, "at the end of the recording")
+    if not touching.all():
+        raise incomplete(scene, index, fingers[~touching], "at the end of the recording")
     set_pose(grip, recording, name)
     set_contacts(grip, recording, fingers)
     if g.soft:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -153,8 +154,7 @@ def report(scene: Scene) -> Report:
     from graspfx.assembly.resolve import resolve
     from graspfx.certificate.certify import certificates
     from graspfx.certificate.notes import blend_notes, other_doubts
-    from graspfx.certificate.plan import plan
-    from graspfx.certificate.prospect import engine_plan
+    from graspfx.certificate.plan import engine_plan, plan
     from graspfx.scene.load import preset_faults
 
     if faults := preset_faults(scene):
@@ -217,26 +217,22 @@ def beside(scene: Readable) -> Callable[[str, str], dict[str, Any]]:
     The certificate is computed once, on the first call. Keys: `spectral_radius`, `gain` and `limit` [N/m] (None if
     there is none), and `text`.
     """
-    answers: list[dict[str, Certificate] | str] = []
+
+    @cache
+    def answer() -> dict[str, Certificate] | str:
+        from graspfx.certificate.certify import certificates
+
+        try:
+            return {each.object: each for each in certificates(whole_scene(scene))}
+        except GraspFXError as error:
+            return " ".join(str(error).split())
 
     def say(name: str, mode: str) -> dict[str, Any]:
-        if not answers:
-            answers.append(_certificates(scene))
-        answer = answers[0]
-        if isinstance(answer, str):
-            return {"spectral_radius": None, "gain": None, "limit": None, "text": f"no certificate: {answer}"}
-        return _answer(answer[name], mode)
+        if isinstance(why := answer(), str):
+            return {"spectral_radius": None, "gain": None, "limit": None, "text": f"no certificate: {why}"}
+        return _answer(why[name], mode)
 
     return say
-
-
-def _certificates(scene: Readable) -> dict[str, Certificate] | str:
-    from graspfx.certificate.certify import certificates
-
-    try:
-        return {each.object: each for each in certificates(whole_scene(scene))}
-    except GraspFXError as error:
-        return " ".join(str(error).split())
 
 
 def whole_scene(scene: Any) -> Scene:

@@ -13,12 +13,12 @@ from graspfx import progress
 from graspfx.__main__ import main
 from graspfx.assembly.build import build
 from graspfx.assembly.warm import warm
-from graspfx.certificate.plan import plan
-from graspfx.certificate.prospect import engine_plan
+from graspfx.certificate.plan import engine_plan
 from graspfx.compile import native
 from graspfx.loop import engine as engines
 from graspfx.loop.tick_listing import used
 from tests.support import foreign_parts
+from tests.support.plan_kernels import rows_with_kernels
 from tests.support.small_scenes import LINE
 
 
@@ -47,7 +47,7 @@ def test_without_the_program_the_first_tick_waits_for_it_with_a_line_of_progress
     """Nothing is compiled to say so; the program's own compiler is not waited for here."""
     monkeypatch.setenv("GRASPFX_CACHE", str(tmp_path))
     monkeypatch.setattr(engines, "kept_program", lambda: None)
-    monkeypatch.setattr("graspfx.certificate.prospect.kept_program", lambda: None)
+    monkeypatch.setattr("graspfx.certificate.plan.kept_program", lambda: None)
     assert (
         f"compiled before the first tick, once per version and machine (`graspfx warmup`), into {tmp_path}"
         in (said(gx.Scene(**LINE))["engine"])
@@ -210,6 +210,6 @@ def test_the_plan_of_a_scene_in_space_is_what_its_ticks_run() -> None:
     scene = gx.load("pick-and-place")
     with build(scene, engine="interpreted") as servo:
         ran = used(servo).kernels
-    rows = [row for row in plan(scene) if row.kernel]
-    assert {row.step for row in rows} >= {"split", "fade", "energy", "torsion", "turn", "meet", "predict"}
-    assert [row for row in rows if (row.kernel in ran) is not row.runs] == []
+    rows = [*rows_with_kernels(scene)]
+    assert {row.step for row, _ in rows} >= {"split", "fade", "energy", "torsion", "turn", "meet", "predict"}
+    assert [row for row, kernel in rows if (kernel in ran) is not row.runs] == []

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspfx.analysis.checked_arguments import number, one_of
 from graspfx.analysis.passivity.display import symmetric
+from graspfx.analysis.stability.loop import object_matrices
 from graspfx.errors import InputError
-from graspfx.exponential import expm1
 from graspfx.numeric import SMALLEST, finite
 
 FloatArray = NDArray[np.float64]
@@ -57,7 +57,8 @@ def external_limit(damping: float, period: float, object_viscosity: float, *, co
     """
     number("period", period, "s", zero=False)
     for name, value in (("damping", damping), ("object_viscosity", object_viscosity)):
-        _damping_or_rigid(name, value)
+        if not np.array_equal(value, math.inf):
+            number(name, value, "N s/m")
     number("coupling_damping", coupling_damping, "N s/m", negative=True)
     return max(0.0, 2 / period * (_in_series(damping, object_viscosity) - abs(coupling_damping)))
 
@@ -197,19 +198,8 @@ def grasp_display(
     M, Bo = symmetric("mass", mass, w), symmetric("viscosity", viscosity, w)
     if w and not np.linalg.eigvalsh(M)[0] >= SMALLEST:
         raise InputError("mass", mass, "a positive definite mass")
-    slows, pushes = np.linalg.solve(M, Bo), np.linalg.solve(M, G)
-    zero, one = np.zeros((w, w)), np.eye(w)
-    if integrator == "exact":
-        flow = expm1(T * np.block([[zero, one, 0 * G], [zero, -slows, pushes], [np.zeros((m, 2 * w + m))]]))
-        flow += np.eye(len(flow))
-        move, push = flow[: 2 * w, : 2 * w], flow[: 2 * w, 2 * w :]
-    else:
-        speed = np.hstack([zero, one - T * slows])
-        if integrator == "explicit":
-            move, push = np.vstack([np.hstack([one, T * one]), speed]), np.vstack([0 * G, T * pushes])
-        else:
-            move = np.vstack([np.hstack([one, zero]) + T * speed, speed])
-            push = np.vstack([T * T * pushes, T * pushes])
+    P, Q, R, S = object_matrices(integrator, M, Bo, T)
+    move, push = np.block([[np.eye(w), P], [np.zeros((w, w)), R]]), np.vstack([Q @ G, S @ G])
     stretch = np.hstack([-G.T, np.zeros((m, w))])  # e = x + stretch (q, q')
     C = np.hstack([(k + d / T) @ stretch, -d / T])
     D = k + d / T
@@ -221,13 +211,6 @@ def grasp_display(
     if not d.any():  # no force depends on e_{k-1}
         A, B, C = A[: 2 * w, : 2 * w], B[: 2 * w], C[:, : 2 * w]
     return A, B, C, D
-
-
-def _damping_or_rigid(name: str, argument: object) -> None:
-    if not (isinstance(argument, float) and argument == math.inf):
-        value = finite(name, argument, "a damping [N s/m], zero or above")
-        if value.ndim or value < 0.0:
-            raise InputError(name, argument, "a damping [N s/m], zero or above")
 
 
 def _in_series(b: float, B: float) -> float:

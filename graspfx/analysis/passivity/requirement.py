@@ -233,7 +233,3 @@ class PositiveReal:
                 break
             best, at = float(values[k]), float(angles[k])
         return polished(self.lack, best, at)
-
-    def holds(self) -> bool:
-        """True if Herm W > 0 on the whole circle, from the pencil's eigenvalues and a single evaluation."""
-        return bool(self.lack(np.array([np.pi]))[0] < 0.0) and not len(self.crossings(0.0, near=1e-9))

@@ -18,6 +18,10 @@ from graspfx.errors import InputError
 FloatArray = NDArray[np.float64]
 
 COUNT = 161  # number of wall dampings
+UNITS = {
+    "damping": "N s/m", "period": "s", "wall_damping": "N s/m", "delay": "s", "friction": "N", "resolution": "m",
+    "stiffness": "N/m",
+}  # fmt: skip
 
 
 def wall_limit(damping: float, period: float, *, wall_damping: float = 0.0, delay: float = 0.0) -> float:
@@ -44,8 +48,8 @@ def wall_limit(damping: float, period: float, *, wall_damping: float = 0.0, dela
     Raises:
         InputError: If the period is not positive, a damping or delay is negative, or numbers are not finite.
     """
-    b, T, t = _wall(damping, period, wall_damping, delay)
-    return max(0.0, (b - abs(wall_damping)) / (T / 2 + t))
+    b, T, B, t = _checked(damping=damping, period=period, wall_damping=wall_damping, delay=delay)
+    return max(0.0, (b - abs(B)) / (T / 2 + t))
 
 
 def guaranteed_wall_limit(damping: float, period: float, *, wall_damping: float = 0.0, delay: float = 0.0) -> float:
@@ -57,19 +61,22 @@ def guaranteed_wall_limit(damping: float, period: float, *, wall_damping: float 
 
     Arguments and errors are as for `wall_limit`.
     """
-    b, T, t = _wall(damping, period, wall_damping, delay)
-    p = t / T - math.floor(t / T)
-    a = 0.5 + t / T
-    return max(0.0, 2 * (b - abs(wall_damping)) / (T * (a + math.sqrt(a * a + p * (1 - p)))))
+    b, T, B, t = _checked(damping=damping, period=period, wall_damping=wall_damping, delay=delay)
+    return max(0.0, 2 * (b - abs(B)) / (T * _hold(t / T)))
 
 
-def _wall(damping: float, period: float, wall_damping: float, delay: float) -> tuple[float, float, float]:
-    number("wall_damping", wall_damping, "N s/m", negative=True)
-    return (
-        number("damping", damping, "N s/m"),
-        number("period", period, "s", zero=False),
-        number("delay", delay, "s"),
-    )
+def _hold(delay: float) -> float:
+    """Compute 2 b/(K T) = a + sqrt(a^2 + p (1 - p)) at the limit K of a wall, for a delay in periods."""
+    p, a = delay - math.floor(delay), 0.5 + delay
+    return a + math.sqrt(a * a + p * (1 - p))
+
+
+def _checked(**arguments: float) -> list[float]:
+    """Check the arguments of walls by name."""
+    return [
+        number(name, value, UNITS[name], zero=name not in ("period", "stiffness"), negative=name == "wall_damping")
+        for name, value in arguments.items()
+    ]
 
 
 @dataclass(frozen=True)
@@ -108,7 +115,7 @@ def quantised_wall_limit(damping: float, period: float, *, friction: float, reso
         friction: Coulomb friction f_c [N].
         resolution: Encoder step Delta [m]; 0 for a continuous sensor.
     """
-    _check(damping, period, friction, resolution, 0.0)
+    _checked(period=period, damping=damping, friction=friction, resolution=resolution)
     return min(2 * damping / period, 2 * friction / resolution if resolution > 0.0 else math.inf)
 
 
@@ -132,11 +139,9 @@ def quantised_wall(
         delay: Delay t_d [s].
         damping, period, friction, resolution: As for `quantised_wall_limit`.
     """
-    _check(damping, period, friction, resolution, delay)
-    number("stiffness", stiffness, "N/m", zero=False)
-    p = delay / period - math.floor(delay / period)
-    a = 0.5 + delay / period
-    needed = stiffness * period * (a + math.sqrt(a * a + p * (1 - p))) / 2
+    wall = {"period": period, "damping": damping, "friction": friction, "resolution": resolution, "delay": delay}
+    _checked(**wall, stiffness=stiffness)
+    needed = stiffness * period * _hold(delay / period) / 2
     short, spare = needed - damping, friction - stiffness * resolution / 2
     viscous = damping / (stiffness * period)
     coulomb = friction / (stiffness * resolution) if resolution > 0.0 else math.inf
@@ -145,18 +150,6 @@ def quantised_wall(
     below = spare / short if short > 0.0 and spare > 0.0 else 0.0
     above = spare / short if short < 0.0 and spare < 0.0 else math.inf
     return QuantisedWall(viscous, coulomb, False, below, above)
-
-
-def _check(damping: float, period: float, friction: float, resolution: float, delay: float) -> None:
-    number("period", period, "s", zero=False)
-    arguments = {
-        "damping": (damping, "N s/m"),
-        "friction": (friction, "N"),
-        "resolution": (resolution, "m"),
-        "delay": (delay, "s"),
-    }
-    for name, (value, unit) in arguments.items():
-        number(name, value, unit)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

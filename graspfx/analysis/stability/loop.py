@@ -155,14 +155,13 @@ class LoopRows:
     ) -> None:
         m, r = linear.coordinates
         T, self.linear, self.operator = linear.period, linear, linear.operator
-        late = [samples_and_part(seconds, T) for seconds in linear.lateness.tolist()]
-        self._whole = [n + int(delay) for (n, _), delay in zip(late, linear.delay, strict=True)]
-        self._phi = np.array([part for _, part in late])
-        ages = [samples_and_part(seconds, T) for seconds in linear.age.tolist()]
-        self._back, self._psi = [a for a, _ in ages], np.array([part for _, part in ages])
+        late, self._phi = np.array([samples_and_part(seconds, T) for seconds in linear.lateness.tolist()]).T
+        self._whole = late.astype(int) + linear.delay
+        back, self._psi = np.array([samples_and_part(seconds, T) for seconds in linear.age.tolist()]).T
+        self._back = back.astype(int)
         self._steps: dict[float, tuple[FloatArray, FloatArray]] = {}
         self.readings = late_readings(linear)
-        self.lag = max(n + (part > 0.0) for n, part in zip(self._whole, self._phi.tolist(), strict=True))
+        self.lag = int((self._whole + (self._phi > 0.0)).max())
         self.differenced = linear.rate == "difference" and bool(linear.damping.any())
         self.implicit, self.grounded = linear.integrator == "implicit", linear.ground is not None
         parts = {"x": m, "v": m, "q": r, "w": r, "old": m if self.differenced else 0}
@@ -205,20 +204,16 @@ class LoopRows:
     def hand(self) -> FloatArray:
         """Return the input matrix of an operator's force on each device coordinate, held over a sample, (states, m)."""
         m = len(self.linear.mass)
+        push = self.hold.copy()
+        for part, rows in _groups(np.tile(self._psi, 2)):
+            push[rows] = self._step(1.0 - part)[1][rows]
+        limbs = self.hold[2 * m :].reshape(2, -1, m)
+        pushes = {"x": self.hold[:m], "v": self.hold[m : 2 * m], "limb": limbs[0], "limb_rate": limbs[1]}
+        pushes |= {"y0": push[:m], "dy0": push[m : 2 * m]}
         entry = np.zeros((self.size, m))
-        entry[: 2 * m] = self.hold[: 2 * m]
-        if self.operator is not None and self.operator.limbs:
-            place = np.concatenate([self.at["limb"], self.at["limb_rate"]])[:, : self.size].argmax(axis=1)
-            entry[place] = self.hold[2 * m :]
-        if self.readings:
-            push = self._step(1.0)[1].copy()
-            for part, rows in _groups(np.tile(self._psi, 2)):
-                push[rows] = self._step(1.0 - part)[1][rows]
-            start = 2 * sum(self.linear.coordinates) + (m if self.differenced else 0)
-            entry[start : start + m] = push[:m]
-            if self.linear.rate == "state":
-                start += m * self.readings
-                entry[start : start + m] = push[m:]
+        for name, each in pushes.items():
+            if name in self.at:
+                entry += self.at[name][:, : self.size].T @ each
         return entry
 
     def coupling(self) -> tuple[FloatArray, FloatArray]:
