@@ -331,9 +331,10 @@ class ArmPlant(HeldPlant):  # type: ignore[misc] # mypy does not see devices fro
         counts = [start_of(ArmPlantState, name) for name in ("fingers", "dimensions")]
         return np.array([*counts, *(arm.offset + elbow for arm in self._block.arms)])
 
-    def sensed(self, i: int) -> Index:
-        """Return the entries of a1 and a2 of arm i in the block."""
-        return self._block.stages[i].now.offset + np.arange(2)
+    def sensed(self, i: int) -> int:
+        """Return the entry of a1 of arm i in the block, which a2 follows."""
+        start: int = self._block.stages[i].now.offset
+        return start
 
     def angles(self, i: int) -> memoryview:
         """Return a view of a1, a2, a1', a2' of arm i for its encoders; the same memory for the plant's lifetime."""

@@ -208,10 +208,12 @@ def test_a_library_that_is_none() -> None:
     connect_ = driver("force-dimension").connect
     with pytest.raises(DeviceError, match="install the vendor's SDK"):
         connect_(library="/nowhere/libdrd.so").open(PERIOD)
-    with pytest.raises(DeviceError, match="has no dhd"):
+    with pytest.raises(DeviceError, match="has no function dhd"):
         connect_(library=ctypes.CDLL(None)).open(PERIOD)
     for settings, name in (
         ({"library": ""}, "library"),
+        ({"library": object()}, "library"),
+        ({"velocity_window": 2.5}, "velocity_window"),
         ({"serial": -1}, "serial"),
         ({"force_limit": 0}, "force_limit"),
     ):
@@ -219,4 +221,4 @@ def test_a_library_that_is_none() -> None:
             connect_(**settings)
         assert error.value.name == name
     with pytest.raises(DeviceError, match="not open"):
-        connect_().read()
+        connect_(velocity_window=np.int64(8)).read()
