@@ -40,7 +40,10 @@ NOT_FINITE = 1  # code of a kernel for non-finite inputs
 
 
 class PlantState(Record):
-    """First fields of the block of every plant: n fingers in d dimensions; arrays are (n, d), one row per finger."""
+    """First fields of the block of every plant: n fingers in d dimensions; arrays are (n, d), one row per finger.
+
+    Next come `middle` and `middle_rate` of a plant that needs the target in the middle of a sample.
+    """
 
     fingers: int  # n
     dimensions: int  # d
@@ -55,13 +58,6 @@ class PlantState(Record):
     start_rate: Floats = floats("fingers * dimensions")  # its rate r' [m/s]
     end: Floats = floats("fingers * dimensions")  # target at the end of the sample [m]
     end_rate: Floats = floats("fingers * dimensions")
-
-
-class MiddlePlantState(PlantState):
-    """First fields of the block of a plant that needs the target in the middle of a sample."""
-
-    middle: Floats = floats("fingers * dimensions")
-    middle_rate: Floats = floats("fingers * dimensions")
 
 
 PERIOD, SINCE, TICKS, STILL = (start_of(PlantState, name) for name in ("period", "since", "ticks", "still"))
@@ -88,7 +84,7 @@ class HeldPlant(ABC):
         self.state: FloatArray = zeros(size_for(kind, fingers=fingers, dimensions=dimensions, **whole))
         block = kind(self.state)
         block.fingers, block.dimensions = shape
-        names = ARRAYS + (("middle", "middle_rate") if isinstance(block, MiddlePlantState) else ())
+        names = ARRAYS + (("middle", "middle_rate") if hasattr(block, "middle") else ())
         starts = {name: getattr(block, name).offset for name in names}
         arrays = {name: self.state[start : start + step].reshape(shape) for name, start in starts.items()}
         self.ports = Ports(

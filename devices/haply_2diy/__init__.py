@@ -19,8 +19,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from graspfx.devices._device import Closing, FloatArray
+from graspfx.devices._device import Closing
 from graspfx.devices._settings import number, pair, port_name, whole
 from graspfx.protocols import (
     LARGEST,
@@ -34,6 +35,8 @@ from graspfx.protocols import (
 )
 
 __all__ = ["Haply2Diy", "connect", "quench"]
+
+FloatArray = NDArray[np.float64]
 
 Pair = tuple[float, float]
 

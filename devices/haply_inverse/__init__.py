@@ -13,13 +13,16 @@ import itertools
 from contextlib import suppress
 
 import numpy as np
+from numpy.typing import NDArray
 
-from graspfx.devices._device import FloatArray, Handle
+from graspfx.devices._device import Handle
 from graspfx.devices._settings import number
 from graspfx.devices.haply_inverse.service import IDENTITY, Service, service_at
 from graspfx.protocols import SMALLEST, WINDOW, DeviceError, Features, InputError, ProgramLock
 
 __all__ = ["Inverse", "connect", "quench"]
+
+FloatArray = NDArray[np.float64]
 
 URL = "ws://localhost:10001"
 MOST_FORCE = 20.0  # [N]

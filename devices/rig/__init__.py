@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.devices._device import Closing, FloatArray
+from graspfx.devices._device import Closing
 from graspfx.devices._settings import number, port_name
 from graspfx.devices.rig.controller import STILL, Controller, State
 from graspfx.devices.two_link import TwoLink
@@ -22,6 +22,8 @@ from graspfx.devices.two_link import connect as two_link
 from graspfx.protocols import SMALLEST, DeviceError, Features, InputError, SerialPort
 
 __all__ = ["Rig", "connect", "quench"]
+
+FloatArray = NDArray[np.float64]
 
 OWN = ("base", "elbow", "zero")  # settings that may differ between arms
 SILENCE = 20  # successive readings without an answer after which the controller is lost
@@ -75,16 +77,15 @@ class Rig(Closing):  # type: ignore[misc] # mypy does not see devices from insid
     def features(self) -> Features:
         """Features: peak force of the weaker arm, resolution of the coarser arm, workspace around both arms."""
         each = [arm.features for arm in self.arms]
-        corners = [feature.workspace for feature in each if feature.workspace is not None]
-        peaks = [feature.peak_force for feature in each if feature.peak_force is not None]
+        corners = [feature.workspace for feature in each]
         return Features(
             fingers=len(each),
             dimensions=2,
             workspace=(np.min([low for low, _ in corners], axis=0), np.max([high for _, high in corners], axis=0)),
-            peak_force=min(peaks),
+            peak_force=min(feature.peak_force for feature in each),
             mass=each[0].mass,
             friction=each[0].friction,
-            resolution=max(feature.resolution or 0.0 for feature in each),
+            resolution=max(feature.resolution for feature in each),
             watchdog=WATCHDOG + DECAY,
         )
 

@@ -9,12 +9,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from graspfx.devices._inputs import FloatArray, FollowingFingers, area, inside
+from graspfx.devices._inputs import FollowingFingers, area, inside
 from graspfx.devices._settings import flag, whole
 from graspfx.protocols import InputError, TouchScreen, approach
 
 __all__ = ["TouchFingers", "connect"]
+
+FloatArray = NDArray[np.float64]
 
 MOST_FINGERS = 10
 BACK = 0.1  # speed at which a lifted finger yields to its force [m/s]
