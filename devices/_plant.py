@@ -1,16 +1,19 @@
-"""Common parts of simulated plants: the first fields of the block, the time, and the hand."""
+"""Common parts of simulations: plants held by a hand, devices whose sensors read a plant, and their output delay."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.devices._device import Closing
 from graspfx.protocols import (
     DeviceError,
+    DevicePorts,
     Floats,
     FusedHand,
     Hand,
@@ -18,6 +21,8 @@ from graspfx.protocols import (
     Kernel,
     Ports,
     Record,
+    Table,
+    VelocityEstimator,
     floats,
     is_still,
     kernel,
@@ -29,12 +34,16 @@ from graspfx.protocols import (
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 Pair = tuple[FloatArray, FloatArray]
+D = TypeVar("D")
 
 NOT_FINITE = 1  # code of a kernel for non-finite inputs
 
 
 class PlantState(Record):
-    """First fields of the block of every plant: n fingers in d dimensions; arrays are (n, d), one row per finger."""
+    """First fields of the block of every plant: n fingers in d dimensions; arrays are (n, d), one row per finger.
+
+    Next come `middle` and `middle_rate` of a plant that needs the target in the middle of a sample.
+    """
 
     fingers: int  # n
     dimensions: int  # d
@@ -49,13 +58,6 @@ class PlantState(Record):
     start_rate: Floats = floats("fingers * dimensions")  # its rate r' [m/s]
     end: Floats = floats("fingers * dimensions")  # target at the end of the sample [m]
     end_rate: Floats = floats("fingers * dimensions")
-
-
-class MiddlePlantState(PlantState):
-    """First fields of the block of a plant that needs the target in the middle of a sample."""
-
-    middle: Floats = floats("fingers * dimensions")
-    middle_rate: Floats = floats("fingers * dimensions")
 
 
 PERIOD, SINCE, TICKS, STILL = (start_of(PlantState, name) for name in ("period", "since", "ticks", "still"))
@@ -82,7 +84,7 @@ class HeldPlant(ABC):
         self.state: FloatArray = zeros(size_for(kind, fingers=fingers, dimensions=dimensions, **whole))
         block = kind(self.state)
         block.fingers, block.dimensions = shape
-        names = ARRAYS + (("middle", "middle_rate") if isinstance(block, MiddlePlantState) else ())
+        names = ARRAYS + (("middle", "middle_rate") if hasattr(block, "middle") else ())
         starts = {name: getattr(block, name).offset for name in names}
         arrays = {name: self.state[start : start + step].reshape(shape) for name, start in starts.items()}
         self.ports = Ports(
@@ -205,3 +207,128 @@ def unfit(inputs: Floats, rows: int, columns: int) -> int:
             part += 0.0 * inputs[i]
         nothing += part
     return 0 if nothing == 0.0 else NOT_FINITE
+
+
+# Devices --------------------------------------------------------------------------------------------------------------
+
+
+class PlantDevice(Closing):  # type: ignore[misc] # mypy does not see devices from inside the package
+    """A device whose sensors read a plant; its kernels run once per sample on the block `state`.
+
+    Attributes:
+        sensed: Entries of the plant's block that the sensors measure; empty before a plant is made.
+    """
+
+    reading: Kernel
+    writing: Kernel
+    stopping: Kernel
+    ports: DevicePorts
+    state: FloatArray
+    _entries: Any  # `state` as plain floats, because access to items of an array takes twice as long
+    _estimator: VelocityEstimator | None  # only while the device is open
+    _sensed: FloatArray  # arrays (k, d) in `state`
+    _position: FloatArray
+    _velocity: FloatArray
+    _effort: FloatArray
+    _true: FloatArray  # values in the plant's block that the sensors measure
+    _plant: HeldPlant | None = None
+    _seen = (-1, 0.0)  # placement and time of the plant at the last reading
+    _fault = 0  # its fault code
+    sensed: Index = np.zeros(0, dtype=np.intp)
+
+    @property
+    def effort(self) -> FloatArray:
+        """Effort of the actuators until the next sample (k, d) [N, or N m at joints]; read-only."""
+        return self._effort
+
+    def read(self) -> tuple[FloatArray, FloatArray, float]:
+        """Return positions (k, d) [m], velocities (k, d) [m/s] and time [s]; constant within a tick of the plant."""
+        estimator, plant = self._opened(), self._plant
+        if plant is None:
+            kind = type(self).__name__
+            raise DeviceError(f"nothing moves this simulated device; make its plant with {kind}.plant([device])")
+        now = plant.placed, plant.time
+        if now != self._seen:
+            if now[0] != self._seen[0]:
+                estimator.reset()
+            self._seen = now
+            self._sensed[...] = self._true
+            self._fault = self.reading(self._entries, 0)
+        if self._fault:
+            raise DeviceError(self.fault_text(self._fault))
+        return self._position, self._velocity, plant.time
+
+    def write(self, forces: FloatArray) -> None:
+        """Display forces (k, d) [N] after the delay, reduced to the device's limit.
+
+        A non-finite force stops the device, clears the delay line and raises DeviceError.
+        """
+        self._take(forces)
+        code = self.writing(self._entries, 0)
+        if code:
+            raise DeviceError(self.fault_text(code))
+
+    def stop(self) -> None:
+        self.stopping(self._entries, 0)
+
+    def close(self) -> None:
+        self.stop()
+        self._estimator = None
+
+    @abstractmethod
+    def fault_text(self, code: int) -> str:
+        """Explain a code of a kernel with the values in the block."""
+
+    @abstractmethod
+    def _opened(self) -> VelocityEstimator:
+        """Return the estimator of an open device."""
+
+    @abstractmethod
+    def _take(self, forces: FloatArray) -> None:
+        """Check forces and write them into the block as the command."""
+
+    def _begin(self) -> None:
+        """Begin to read the plant, at zero effort."""
+        self._seen = (-1, 0.0)
+        self.stop()
+
+    def _connect(self, plant: HeldPlant, first: int) -> None:
+        """Let the sensors measure the entries of a plant's block from `first` on."""
+        last = first + self._sensed.size
+        self._plant, self.sensed, self._seen = plant, np.arange(first, last), (-1, 0.0)
+        self._true = plant.state[first:last].reshape(self._sensed.shape)
+
+
+def all_of(kind: type[D], devices: Sequence[object], name: str) -> list[D]:
+    """Return devices that are all of one kind; raise InputError, which names the kind, if there are others or none."""
+    found = [device for device in devices if isinstance(device, kind)]
+    if not found or len(found) < len(devices):
+        kinds = [type(device).__name__ for device in devices]
+        raise InputError("devices", kinds, f"at least one {name}, and no other device")
+    return found
+
+
+@kernel
+def delay_values(line: Table, slot: int, delay: int, values: Floats) -> int:
+    """Store values in the delay line, and replace them by the values of `delay` calls ago; return the next row to fill.
+
+    The line has delay + 1 rows; `slot` is the row that this call fills.
+    """
+    for j in range(line.columns):
+        line[slot, j] = values[j]
+    slot += 1
+    if slot > delay:
+        slot = 0
+    for j in range(line.columns):
+        values[j] = line[slot, j]
+    return slot
+
+
+@kernel
+def clear_line(line: Table, delay: int, values: Floats) -> None:
+    """Set the values and the delay line to zero."""
+    for row in range(delay + 1):
+        for j in range(line.columns):
+            line[row, j] = 0.0
+    for j in range(line.columns):
+        values[j] = 0.0

@@ -2,32 +2,58 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from graspfx.protocols import LARGEST, InputError, finite
 
+FloatArray = NDArray[np.float64]
 
-def number(name: str, value: object, least: float, most: float = LARGEST) -> float:
-    """Return a finite number between two bounds."""
-    expected = f"a number from {least:g} to {most:g}"
+MOST = 1_000_000  # largest count, unless stated otherwise
+
+
+def number(name: str, value: object, least: float, most: float = LARGEST, expected: str = "") -> float:
+    """Return a finite number between two bounds; `expected` replaces the description of the bounds in errors."""
+    expected = expected or f"a number from {least:g} to {most:g}"
     figure = finite(name, value, expected)
-    if isinstance(value, bool) or figure.shape != () or not least <= figure <= most:
+    if isinstance(value, bool | np.bool_) or figure.shape != () or not least <= figure <= most:
         raise InputError(name, value, expected)
     return float(figure)
 
 
-def pair(name: str, value: object, least: float) -> tuple[float, float]:
-    """Return two finite numbers that are at least `least`."""
-    expected = f"two numbers of at least {least:g}"
+def pair(name: str, value: object, least: float, expected: str = "", *, one: bool = False) -> tuple[float, float]:
+    """Return two finite numbers that are at least `least`; with `one`, a single number stands for both."""
+    expected = expected or f"two numbers of at least {least:g}"
     both = finite(name, value, expected)
-    if both.shape != (2,) or (both < least).any():
+    flags = [isinstance(each, bool | np.bool_) for each in (value if isinstance(value, list | tuple) else [value])]
+    if both.shape not in ([(), (2,)] if one else [(2,)]) or any(flags) or (both < least).any():
         raise InputError(name, value, expected)
-    return float(both[0]), float(both[1])
+    first, second = np.broadcast_to(both, 2).tolist()
+    return first, second
 
 
-def whole(name: str, value: object, least: int, most: int) -> int:
+def whole(name: str, value: object, least: int, most: int = MOST) -> int:
     """Return an integer between two bounds."""
-    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
         raise InputError(name, value, f"an integer from {least} to {most}")
+    return int(value)
+
+
+def flag(name: str, value: object) -> bool:
+    """Return true or false."""
+    if not isinstance(value, bool):
+        raise InputError(name, value, "true or false")
     return value
+
+
+def corners(workspace: object, dimensions: int) -> FloatArray:
+    """Return the corners of a workspace (2, d) [m], which cannot be changed."""
+    expected = f"two corners of {dimensions} finite coordinates [m], each of the first corner below that of the second"
+    both = finite("workspace", workspace, expected)
+    if both.shape != (2, dimensions) or not (both[0] < both[1]).all():
+        raise InputError("workspace", workspace, expected)
+    both.flags.writeable = False
+    return both
 
 
 def port_name(value: object) -> str:

@@ -29,8 +29,11 @@ from graspfx.exponential import expm1
 from graspfx.loop.adapt import adapt
 from graspfx.loop.device import (
     AskedDevice,
+    Calls,
+    CallsDevice,
     Device,
     DevicePorts,
+    DrivingDevice,
     Features,
     FusedDevice,
     LimitedDevice,
@@ -40,7 +43,6 @@ from graspfx.loop.device import (
     SwitchedDevice,
     former_settings,
 )
-from graspfx.loop.device_calls import Calls, CallsDevice, DrivingDevice
 from graspfx.loop.follower import Follower
 from graspfx.loop.hand import Hand as SpringHand
 from graspfx.loop.mailbox import Mailbox

@@ -7,13 +7,13 @@ The driver is intended for users without haptic hardware. It was tested only aga
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from graspfx.devices._inputs.events import ABSOLUTE, Event, EventPort, Range
-from graspfx.devices._inputs.pointer import FloatArray, Pointer, box, place
-from graspfx.devices._settings import number, port_name
-from graspfx.protocols import SMALLEST, InputError
+from graspfx.devices._inputs import ABSOLUTE, Event, FloatArray, Pointer, Range
+from graspfx.devices._settings import number, whole
+from graspfx.protocols import InputError
 
 __all__ = ["Gamepad", "connect"]
 
@@ -32,22 +32,21 @@ class Gamepad(Pointer):  # type: ignore[misc] # mypy does not see devices from i
         dead: Fraction of a stick's range that is treated as its middle.
     """
 
-    def __init__(
-        self, port: EventPort, workspace: FloatArray, start: FloatArray, lag: float, speed: float,
-        sticks: Sequence[tuple[int, float]], rate: bool, dead: float,
-    ) -> None:  # fmt: skip
-        super().__init__(port, workspace, start, lag, speed, BUTTONS)
+    def __init__(self, sticks: Sequence[tuple[int, float]], rate: bool, dead: float, **settings: Any) -> None:
+        super().__init__(BUTTONS, **settings)
         self._sticks, self._rate, self._dead = sticks, rate, dead
         self._ranges = [RANGE] * len(sticks)
         self._deflection = np.zeros(len(sticks))
 
-    def _begin(self) -> None:
+    def _look(self) -> None:
+        """Query the axes and the keys."""
         self._deflection[:] = 0.0
         for i, (code, _) in enumerate(self._sticks):
-            state = self.port.axis(code)
+            state = self.source.axis(code)
             if state is not None and state.most > state.least:
                 self._ranges[i] = state
                 self._deflect(i, state.value)
+        super()._look()
 
     def _act(self, event: Event) -> None:
         if event.kind == ABSOLUTE:
@@ -68,8 +67,9 @@ class Gamepad(Pointer):  # type: ignore[misc] # mypy does not see devices from i
             goal += self.speed * duration / most * self._deflection
         else:
             low, high = self._box
-            outward = np.where(self._deflection > 0.0, high - self._start, self._start - low)
-            goal[:] = self._start + outward * self._deflection
+            [start] = self._start
+            outward = np.where(self._deflection > 0.0, high - start, start - low)
+            goal[:] = start + outward * self._deflection
 
 
 def connect(
@@ -100,21 +100,12 @@ def connect(
         speed: Largest speed of the finger [m/s].
         grab: Whether to withhold the events from other programs.
     """
-    corners = box(workspace, 0.1, dimensions)
     if mode not in MODES:
         raise InputError("mode", mode, "'position' or 'rate'")
-    if not isinstance(grab, bool):
-        raise InputError("grab", grab, "true or false")
     return Gamepad(
-        EventPort(port_name(port), grab=grab),
-        corners,
-        place(start, corners),
-        number("lag", lag, 1e-4, 1.0),
-        number("speed", speed, SMALLEST, 5.0),
-        _sticks(sticks, dimensions),
-        mode == "rate",
-        number("dead", dead, 0.0, 0.9),
-    )
+        _sticks(sticks, whole("dimensions", dimensions, 1, 3)), mode == "rate", number("dead", dead, 0.0, 0.9),
+        port=port, dimensions=dimensions, workspace=workspace, start=start, lag=lag, speed=speed, grab=grab,
+    )  # fmt: skip
 
 
 def _sticks(names: object, dimensions: int) -> list[tuple[int, float]]:

@@ -10,20 +10,136 @@ It is unknown whether the service removes a force when the program dies; `quench
 from __future__ import annotations
 
 import itertools
+from contextlib import suppress
 
-from graspfx.devices._settings import number, whole
-from graspfx.devices.haply_inverse.inverse_device import Inverse, lock_of
-from graspfx.devices.haply_inverse.inverse_messages import IDENTITY
-from graspfx.devices.haply_inverse.service import Service, service_at
-from graspfx.protocols import SMALLEST, WINDOW, DeviceError, InputError
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.devices._device import Handle
+from graspfx.devices._settings import number
+from graspfx.devices.haply_inverse.service import IDENTITY, Service, service_at
+from graspfx.protocols import SMALLEST, WINDOW, DeviceError, Features, InputError, ProgramLock
 
 __all__ = ["Inverse", "connect", "quench"]
 
+FloatArray = NDArray[np.float64]
+
 URL = "ws://localhost:10001"
 MOST_FORCE = 20.0  # [N]
-MOST_SAMPLES = 1_000_000  # largest window [samples]
 BASES = frozenset("".join(letters) for letters in itertools.permutations(IDENTITY))
+FASTEST = 5.0  # speed limit of a hand; a position that implies a higher speed is rejected [m/s]
+NEAR = 1e-3  # additional tolerance of a position [m]
+SILENCE = 0.1  # time without a sample after which the device is lost [s]
+FIRST = 1.0  # time for the first sample [s]
 QUIET = 2.0  # time for the service to answer `quench` [s]
+
+
+class Inverse(Handle):  # type: ignore[misc] # mypy does not see devices from inside the package
+    """An Inverse, accessed through its service: positions and forces in the service's axes, z up.
+
+    `ask` repeats the last forces, so that a reading is only as old as one exchange. A position that a hand cannot have
+    reached since the last sample is rejected. Without a new position, the last sample and its time are kept.
+
+    Args:
+        service: Service shared by all devices of this program.
+        device, basis, damping, timeout: Settings of the driver.
+        handle: Settings of `Handle`.
+    """
+
+    def __init__(
+        self, service: Service, *, device: object, basis: object, damping: object, timeout: object, **handle: object
+    ) -> None:  # fmt: skip
+        super().__init__(MOST_FORCE, **handle)
+        if device is not None and (not isinstance(device, str) or not device or not device.isprintable()):
+            raise InputError("device", device, "the id of a device of the service, such as '049D'")
+        if not isinstance(basis, str) or basis not in BASES:
+            raise InputError("basis", basis, f"one of {', '.join(sorted(BASES))}")
+        self.service, self.device, self.basis = service, device, basis
+        self.damping, self.timeout = number("damping", damping, 0.0), number("timeout", timeout, SMALLEST, 1.0)
+        self._name = ""  # empty unless the device is open
+        self._lock: ProgramLock | None = None
+
+    @property
+    def features(self) -> Features:
+        return Features(
+            fingers=1,
+            dimensions=3,
+            peak_force=self.force_limit,
+            friction=self.damping or None,
+            resolution=self.resolution,
+        )
+
+    def open(self, period: float) -> None:
+        self.close()
+        name = self.service.join(self.device, self.basis, self.damping)
+        self._name = name
+        try:
+            lock = lock_of(self.service, name)
+            lock.take()
+            self._lock = lock
+            self._began = self._time = self._question = self.service.now()
+            self._waiting = False
+            sample = None
+            while sample is None and self.service.now() < self._began + FIRST:
+                self.service.ask(name)
+                sample = self.service.sample(name, self.service.now() + 0.05)
+            if sample is None:
+                raise DeviceError(f"{name} reported no initial position")
+            (self._position[0], self._time), self._velocity[0] = sample, 0.0
+        except DeviceError:
+            self.close()
+            raise
+        self._estimator = self._estimator_at(period)
+        self._estimator.update(self._position[0], self._time - self._began)
+
+    def ask(self) -> None:
+        self._opened()
+        self._question, self._waiting = self.service.now(), True
+        self.service.ask(self._name)
+
+    def read(self) -> tuple[FloatArray, FloatArray, float]:
+        """Return position (1, 3) [m], velocity (1, 3) [m/s] and time [s]; the last sample if there is no new one."""
+        self._opened()
+        if not self._waiting:
+            self.ask()
+        self._waiting = False
+        sample = self.service.sample(self._name, self._question + self.timeout)
+        if sample is not None and sample[1] > self._time and self._can_be(*sample):
+            self._position[0], self._time = sample
+            self._velocity[0] = self._estimator.update(self._position[0], self._time - self._began)
+        elif self.service.now() - self._time > SILENCE:
+            self._abandon()
+            raise DeviceError(f"{self._name} has reported no new position for {SILENCE:g} s")
+        return self._position, self._velocity, self._time - self._began
+
+    def stop(self) -> None:
+        if self._name:
+            self.service.stop(self._name)
+
+    def close(self) -> None:
+        name, self._name = self._name, ""
+        lock, self._lock = self._lock, None
+        if name:
+            self.service.leave(name)
+        if lock is not None:
+            lock.release()
+
+    def _display(self, force: FloatArray) -> None:
+        x, y, z = force.tolist()
+        self.service.write(self._name, (x, y, z))
+
+    def _abandon(self) -> None:
+        with suppress(DeviceError):  # the service may be gone
+            self.stop()
+
+    def _can_be(self, position: tuple[float, float, float], when: float) -> bool:
+        """Tell whether a hand can have moved this far since the last sample."""
+        way = float(np.linalg.norm(self._position[0] - position))
+        return bool(way <= NEAR + FASTEST * (when - self._time))
+
+    def _opened(self) -> None:
+        if not self._name:
+            raise DeviceError("the Inverse is not open: call open(period) first")
 
 
 def connect(
@@ -52,20 +168,10 @@ def connect(
     Raises:
         MissingPackageError: If websockets is not installed; `pip install graspfx[inverse]` installs it.
     """
-    service = service_at(url)
-    _check_name(device)
-    if basis not in BASES:
-        raise InputError("basis", basis, f"one of {', '.join(sorted(BASES))}")
     return Inverse(
-        service,
-        device=device,
-        basis=basis,
-        damping=number("damping", damping, 0.0),
-        force_limit=number("force_limit", force_limit, SMALLEST, MOST_FORCE),
-        resolution=number("resolution", resolution, SMALLEST),
-        velocity_window=whole("velocity_window", velocity_window, 1, MOST_SAMPLES),
-        timeout=number("timeout", timeout, SMALLEST, 1.0),
-    )
+        service_at(url), device=device, basis=basis, damping=damping, timeout=timeout, force_limit=force_limit,
+        resolution=resolution, velocity_window=velocity_window,
+    )  # fmt: skip
 
 
 def quench(*, url: str = URL, device: str | None = None, **_: object) -> None:
@@ -95,6 +201,6 @@ def quench(*, url: str = URL, device: str | None = None, **_: object) -> None:
     raise DeviceError(f"the service at {url} does not answer: switch {name} off, because its force may persist")
 
 
-def _check_name(device: object) -> None:
-    if device is not None and (not isinstance(device, str) or not device or not device.isprintable()):
-        raise InputError("device", device, "the id of a device of the service, such as '049D'")
+def lock_of(service: Service, name: str) -> ProgramLock:
+    """Return the lock of a device, which only one program on this machine can hold at a time."""
+    return ProgramLock(f"the device {name} of {service.url}")

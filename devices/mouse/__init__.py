@@ -8,13 +8,12 @@ desktop's pointer also moves unless `grab` is set.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from graspfx.devices._inputs.events import RELATIVE, Event, EventPort
-from graspfx.devices._inputs.pointer import FloatArray, Pointer, box, place
-from graspfx.devices._settings import number, port_name
-from graspfx.protocols import SMALLEST, InputError
+from graspfx.devices._inputs import RELATIVE, Event, Pointer
+from graspfx.devices._settings import number
 
 __all__ = ["Mouse", "connect"]
 
@@ -27,11 +26,8 @@ MOST_COUNTS = 10_000  # largest count of one event
 class Mouse(Pointer):  # type: ignore[misc] # mypy does not see devices from inside the package
     """A mouse: x to the right, y away from the user, z up with the wheel."""
 
-    def __init__(
-        self, port: EventPort, workspace: FloatArray, start: FloatArray, lag: float, speed: float,
-        counts: float, notch: float,
-    ) -> None:  # fmt: skip
-        super().__init__(port, workspace, start, lag, speed, BUTTONS)
+    def __init__(self, counts: float, notch: float, **settings: Any) -> None:
+        super().__init__(BUTTONS, **settings)
         self._steps = {RIGHT: (0, counts), DOWN: (1, -counts), WHEEL: (2, notch)}
 
     def _act(self, event: Event) -> None:
@@ -66,15 +62,7 @@ def connect(
         speed: Largest speed of the finger [m/s].
         grab: Whether to withhold the events from the desktop.
     """
-    corners = box(workspace, 0.1, dimensions)
-    if not isinstance(grab, bool):
-        raise InputError("grab", grab, "true or false")
     return Mouse(
-        EventPort(port_name(port), grab=grab),
-        corners,
-        place(start, corners),
-        number("lag", lag, 1e-4, 1.0),
-        number("speed", speed, SMALLEST, 5.0),
-        INCH / number("dpi", dpi, 1.0),
-        number("wheel", wheel, 0.0, 1.0),
-    )
+        INCH / number("dpi", dpi, 1.0), number("wheel", wheel, 0.0, 1.0), port=port, dimensions=dimensions,
+        workspace=workspace, start=start, lag=lag, speed=speed, grab=grab,
+    )  # fmt: skip

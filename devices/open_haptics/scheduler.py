@@ -1,17 +1,100 @@
-"""The library's scheduler, one per process: it starts when all devices are added, and calls one function per period."""
+"""The OpenHaptics library (HD) and its scheduler, one per process, which calls one function per period."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import ctypes
 from contextlib import suppress
+from functools import cache
 from threading import RLock
-from typing import Protocol
+from typing import Any, Protocol
 
-from graspfx.devices.open_haptics.hd import FIRST, FORCE, FORCE_OUTPUT, NO_DEVICE, POSITION, RATE, Hd
+import numpy as np
+
+from graspfx.devices._device import library_functions, load_library
 from graspfx.protocols import Calls, DeviceError, Mailbox, VelocityEstimator, adapt
 
 LONGEST = 0.5  # time for the scheduler to call back [s]
 SETTLED = 2  # turns after which a written force is displayed
+
+TITLE = "the OpenHaptics library"
+LIBRARIES = {"win32": ("hd.dll",), "darwin": ("HD.framework/HD",)}
+ELSEWHERE = "libHD.so", "libHD.so.3.4", "libHD.so.3"
+
+NO_DEVICE = 0xFFFFFFFF
+POSITION, FORCE, FORCE_OUTPUT = 0x2050, 0x2700, 0x4000  # mm, N
+FIRST = 0xFFFF  # priority of a callback before all others
+RATE = 1000  # rate of the scheduler [Hz]
+ERRORS = {
+    0x102: "the operation is not allowed in this state",
+    0x200: "the motors are warm: let them cool down",
+    0x201: "the force was above the device's maximum",
+    0x202: "the force changed by more than the device allows",
+    0x203: "the handle was faster than the device allows",
+    0x204: "the force cannot be displayed",
+    0x300: "the device has a fault: it may be unplugged, switched off, or in use by another program",
+    0x302: "the device does not answer: check its cable",
+    0x304: "the scheduler's timer does not run",
+}
+
+
+class _Error(ctypes.Structure):
+    """HDErrorInfo."""
+
+    _fields_ = (("code", ctypes.c_uint), ("internal", ctypes.c_int), ("handle", ctypes.c_uint))
+
+
+_handle, _number = ctypes.c_uint, ctypes.c_uint
+SIGNATURES: dict[str, tuple[Any, ...]] = {
+    "hdInitDevice": (_handle, ctypes.c_char_p),
+    "hdDisableDevice": (None, _handle),
+    "hdMakeCurrentDevice": (None, _handle),
+    "hdEnable": (None, _number),
+    "hdBeginFrame": (None, _handle),
+    "hdEndFrame": (None, _handle),
+    "hdGetDoublev": (None, _number, ctypes.c_void_p),
+    "hdSetDoublev": (None, _number, ctypes.c_void_p),
+    "hdScheduleAsynchronous": (ctypes.c_ulong, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_ushort),
+    "hdUnschedule": (None, ctypes.c_ulong),
+    "hdSetSchedulerRate": (None, ctypes.c_ulong),
+    "hdStartScheduler": (None,),
+    "hdStopScheduler": (None,),
+    "hdGetError": (_Error,),
+}
+MOST = 64  # largest number of errors popped from the stack
+
+
+class Hd:
+    """Functions of the library (HD) by name; an error on its stack after a call raises a DeviceError.
+
+    Args:
+        path: Path of the library, None for its usual names, or the loaded library.
+
+    Attributes:
+        library: Loaded library.
+    """
+
+    def __init__(self, path: str | ctypes.CDLL | None) -> None:
+        self.library = load_library(path, TITLE, LIBRARIES, ELSEWHERE)
+        self._functions = library_functions(self.library, TITLE, "libHD", SIGNATURES)
+
+    def call(self, name: str, *arguments: object) -> Any:
+        """Call a function and return its result.
+
+        Raises:
+            DeviceError: If it leaves an error on the stack.
+        """
+        result = self._functions[name](*arguments)
+        errors: list[int] = []
+        while len(errors) < MOST and (code := int(self._functions["hdGetError"]().code)):
+            errors.append(code)
+        if errors:
+            raise DeviceError(f"{name} of OpenHaptics: {error_text(errors[-1])}")
+        return result
+
+
+def error_text(code: int) -> str:
+    """Explain an error of the library."""
+    return f"{ERRORS.get(code, 'an error')} (0x{code:X})"
 
 
 class Member(Protocol):
@@ -119,15 +202,12 @@ class Scheduler:
             return
         mailbox.release(LONGEST)
         for i in range(len(self._calls)):
-            mailbox.write(i, mailbox.read(i)[1] * 0.0)
+            mailbox.write(i, np.zeros((1, 3)))
         mailbox.wait(SETTLED, 0.05)
-        steps: list[Callable[[], object]] = [
-            lambda: self._hd.call("hdUnschedule", self._number),
-            lambda: self._hd.call("hdStopScheduler"),
-        ]
-        for step in steps:
-            with suppress(DeviceError):
-                step()
+        with suppress(DeviceError):
+            self._hd.call("hdUnschedule", self._number)
+        with suppress(DeviceError):
+            self._hd.call("hdStopScheduler")
 
 
 def _calls(hd: Hd, handle: int, velocity: VelocityEstimator) -> Calls:
@@ -146,17 +226,7 @@ def _calls(hd: Hd, handle: int, velocity: VelocityEstimator) -> Calls:
     )
 
 
-_SCHEDULERS: dict[object, Scheduler] = {}  # by library; shared by all devices of this process
-
-
-def library_key(library: object) -> object:
-    """Return a key for a library: its path, or the object itself."""
-    return library if library is None or isinstance(library, str) else id(library)
-
-
-def scheduler_of(library: object) -> Scheduler:
-    """Return the scheduler of a library, which is loaded on first use."""
-    key = library_key(library)
-    if key not in _SCHEDULERS:
-        _SCHEDULERS[key] = Scheduler(Hd(library))
-    return _SCHEDULERS[key]
+@cache
+def scheduler_of(library: str | ctypes.CDLL | None) -> Scheduler:
+    """Return the scheduler of a library, shared by all devices of this process; the library is loaded on first use."""
+    return Scheduler(Hd(library))

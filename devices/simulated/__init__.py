@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from graspfx.devices._settings import corners, number, whole
 from graspfx.devices.simulated.point_device import PointDevice
-from graspfx.protocols import LARGEST, SMALLEST, WINDOW, InputError, finite, former_settings
-
-FloatArray = NDArray[np.float64]
+from graspfx.protocols import SMALLEST, WINDOW, former_settings
 
 __all__ = ["PointDevice", "connect"]
-
-MOST = 1_000_000  # largest number of fingers, or of samples of delay
 
 
 @former_settings(friction="damping")
@@ -41,42 +37,17 @@ def connect(
         force_limit: Largest force at a fingertip [N]; larger forces are scaled down.
         workspace: Lower and upper corner (d,) [m]; a finger outside raises a DeviceError.
     """
+    if force_limit is not None:
+        force_limit = number("force_limit", force_limit, SMALLEST, expected="a finite force above zero [N], or none")
+    d = whole("dimensions", dimensions, 1, 3)
     return PointDevice(
-        mass=_number("mass", mass, "a finite mass above zero [kg]", zero=False),
-        damping=_number("damping", damping, "a finite damping of zero or more [N s/m]"),
-        fingers=_count("fingers", fingers, 1),
-        dimensions=_count("dimensions", dimensions, 1, 3),
-        resolution=_number("resolution", resolution, "a finite length of zero or more [m]"),
-        velocity_window=_count("velocity_window", velocity_window, 1),
-        delay=_count("delay", delay, 0),
-        force_limit=None
-        if force_limit is None
-        else _number("force_limit", force_limit, "a finite force above zero [N], or none", zero=False),
-        workspace=None if workspace is None else _corners(workspace, dimensions),
+        mass=number("mass", mass, SMALLEST, expected="a finite mass above zero [kg]"),
+        damping=number("damping", damping, 0.0, expected="a finite damping of zero or more [N s/m]"),
+        fingers=whole("fingers", fingers, 1),
+        dimensions=d,
+        resolution=number("resolution", resolution, 0.0, expected="a finite length of zero or more [m]"),
+        velocity_window=whole("velocity_window", velocity_window, 1),
+        delay=whole("delay", delay, 0),
+        force_limit=force_limit,
+        workspace=None if workspace is None else tuple(corners(workspace, d)),
     )
-
-
-def _number(name: str, value: float, expected: str, *, zero: bool = True) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
-        raise InputError(name, value, expected)
-    if not (0.0 if zero else SMALLEST) <= value <= LARGEST:
-        raise InputError(name, value, expected)
-    return float(value)
-
-
-def _count(name: str, value: int, least: int, most: int = MOST) -> int:
-    limits = f"an integer from {least} to {most}"
-    if isinstance(value, bool) or not isinstance(value, int | np.integer):
-        raise InputError(name, value, limits)
-    if not least <= value <= most:
-        raise InputError(name, value, limits)
-    return int(value)
-
-
-def _corners(workspace: tuple[ArrayLike, ArrayLike], d: int) -> tuple[FloatArray, FloatArray]:
-    expected = f"a lower and an upper corner with {d} finite components each [m]"
-    corners = finite("workspace", workspace, expected)
-    if corners.shape != (2, d) or not (corners[0] < corners[1]).all():
-        raise InputError("workspace", workspace, expected)
-    corners.flags.writeable = False
-    return corners[0], corners[1]

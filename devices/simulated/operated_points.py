@@ -1,18 +1,305 @@
-"""Point masses held by an operator model beyond spring and damper."""
+"""Point masses held by an operator model beyond spring and damper: Taylor series summed to rounding."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.devices._plant import NOT_FINITE, HeldPlant
-from graspfx.devices.simulated.operated_sample import MOST, TOO_STIFF, OperatedPlantState, advance
-from graspfx.protocols import Hand, InputError, Operator, elementary, layout
+from graspfx.devices._plant import NOT_FINITE, HeldPlant, PlantState, unfit
+from graspfx.protocols import (
+    FingerOperator,
+    Floats,
+    Hand,
+    InputError,
+    Many,
+    Operator,
+    Record,
+    Table,
+    elementary,
+    floats,
+    kernel,
+    layout,
+    many,
+    table,
+)
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
+
+
+WAVES = 24  # sines of a finger's noise, as in `FingerOperator`
+SHORT = 2.0  # substeps per unit of T b/m and T (k/m)^1/2 for which `TERMS` terms reach rounding
+TERMS = 20
+MOST = 4096  # largest number of substeps per sample, which no realistic hand needs
+
+TOO_STIFF = 2  # code of the kernel for too many substeps
+
+
+class OperatedFinger(Record):
+    """State of one finger's operator, and its coefficients for a sample."""
+
+    grip: float  # grip force G, the displayed force after its lag [N]
+    grip_share: float  # factor exp(-T/lag) of the grip; 0 without a lag
+    command_share: float  # factor of the muscle force
+    delay: int  # [samples]
+    now: FingerOperator
+
+
+class Strand(Record):
+    """A finger on one axis during one substep: two coefficients of the series of each motion, and sums."""
+
+    tip: float  # series of p - r_0
+    tip_next: float
+    tip_sum: float
+    tip_rate: float
+    limb: float  # series of y - r_0
+    limb_next: float
+    limb_sum: float
+    limb_rate: float
+    stretch: float  # series of y - p
+    stretch_rate: float
+    first: float  # coefficients of r - r_0 in powers of the substep
+    second: float
+    third: float
+    fourth: float
+
+
+class OperatedPlantState(PlantState):  # type: ignore[misc] # mypy does not see devices from inside the package
+    """Point masses with their hand's gains, and the operators of all fingers with their memory."""
+
+    room: int  # number of samples in the line of reactions
+    slot: int  # row of the line to fill next
+    series: int  # number of substeps of the last sample
+    strands: Many[Strand] = many("fingers")
+    operators: Many[OperatedFinger] = many("fingers")
+    mass: Floats = floats("fingers")  # [kg]
+    friction: Floats = floats("fingers")  # [N s/m]
+    stiffness: Floats = floats("fingers * fingers * dimensions")  # K, axis by axis [N/m]
+    damping: Floats = floats("fingers * fingers * dimensions")  # B [N s/m]
+    limb: Floats = floats("fingers * dimensions")  # y [m]
+    limb_rate: Floats = floats("fingers * dimensions")  # [m/s]
+    command: Floats = floats("fingers * dimensions")  # F_m, muscle force after its lag [N]
+    pull: Floats = floats("fingers * dimensions")  # h, force of reaction and noise, held over the sample [N]
+    line: Table = table("room", "fingers * dimensions")  # future reactions [N]
+
+
+@kernel
+def advance(plant: OperatedPlantState) -> int:
+    """Advance the plant by one sample; targets at the end of the sample become targets at the beginning of the next.
+
+    Gains, grip forces and h are held over the sample; tips and limbs move by the linear equations.
+    """
+    step = plant.fingers * plant.dimensions
+    code: int = unfit(plant.effort, 5, step)
+    if code != 0:
+        return code
+    grasp_force(plant)
+    count = substeps(plant)
+    if count < 1:
+        return TOO_STIFF
+    respond(plant)
+    for axis in range(plant.dimensions):
+        for k in range(count):
+            move(plant, axis, k, count)
+    r0, dr0, r1, dr1 = plant.start, plant.start_rate, plant.end, plant.end_rate
+    for i, finger in enumerate(plant.operators):
+        for c in range(i * plant.dimensions, (i + 1) * plant.dimensions):
+            r0[c], dr0[c] = r1[c], dr1[c]
+            if finger.now.limb_mass == 0.0:  # y equals r, from which a limb enabled during a run continues
+                plant.limb[c], plant.limb_rate[c] = r1[c], dr1[c]
+    plant.series = count
+    plant.ticks += 1.0
+    return 0
+
+
+@kernel
+def grasp_force(plant: OperatedPlantState) -> None:
+    """Update each finger's grip force from the force displayed to it."""
+    d, u = plant.dimensions, plant.effort
+    for i, finger in enumerate(plant.operators):
+        if finger.now.rise != 0.0 or finger.now.damping_rise != 0.0:
+            square = 0.0
+            for a in range(d):
+                square += u[i * d + a] * u[i * d + a]
+            force = math.sqrt(square)
+            finger.grip = force + finger.grip_share * (finger.grip - force)
+
+
+@kernel
+def substeps(plant: OperatedPlantState) -> int:
+    """Return the number of substeps for which the series converge to rounding; 0 if there are too many."""
+    n, d, T = plant.fingers, plant.dimensions, plant.period
+    largest = 0.0
+    for a in range(d):
+        for i, finger in enumerate(plant.operators):
+            K = finger.now.rise * finger.grip
+            B = finger.now.damping_rise * finger.grip
+            for j in range(n):
+                K += abs(plant.stiffness[(a * n + i) * n + j])
+                B += abs(plant.damping[(a * n + i) * n + j])
+            m, M = plant.mass[i], finger.now.limb_mass
+            largest = max(largest, T * (B + plant.friction[i]) / m, T * math.sqrt(K / m))
+            if M > 0.0:
+                K += finger.now.limb_stiffness[a]
+                B += finger.now.limb_damping[a]
+                largest = max(largest, T * B / M, T * math.sqrt(K / M))
+    if not SHORT * largest < MOST:
+        return 0
+    return int(SHORT * largest) + 1
+
+
+@kernel
+def respond(plant: OperatedPlantState) -> None:
+    """Compute h of every finger, and store its present reaction in the delay line."""
+    d = plant.dimensions
+    now = plant.since + plant.ticks * plant.period
+    slot, room = plant.slot, plant.room
+    x, v, u, r, dr = plant.position, plant.velocity, plant.effort, plant.start, plant.start_rate
+    for i, finger in enumerate(plant.operators):
+        own = finger.now
+        noise = 0.0
+        if own.share != 0.0:
+            for k in range(WAVES):
+                noise += elementary.sin(own.frequency[k] * now + own.phase[k])
+            noise *= own.share * math.sqrt(2.0 / WAVES)
+        for a in range(d):
+            c = i * d + a
+            h = 0.0
+            if room > 0:
+                reaction = own.pull * (r[c] - x[c]) + own.pull_damping * (dr[c] - v[c]) - own.counter * u[c]
+                plant.line[slot, c] = reaction
+                past = slot - finger.delay
+                if past < 0:
+                    past += room
+                h = plant.line[past, c]
+            if own.share != 0.0:
+                force = muscle(plant, i, a)
+                plant.command[c] = force + finger.command_share * (plant.command[c] - force)
+                h += noise * plant.command[c]
+            plant.pull[c] = h
+    if room > 0:
+        plant.slot = slot + 1 if slot + 1 < room else 0
+
+
+@kernel
+def muscle(plant: OperatedPlantState, i: int, a: int) -> float:
+    """Compute the force of finger i's springs and dampers on axis a that act from the intended position."""
+    n, d = plant.fingers, plant.dimensions
+    own = plant.operators[i]
+    c = i * d + a
+    if own.now.limb_mass > 0.0:
+        e, de = plant.start[c] - plant.limb[c], plant.start_rate[c] - plant.limb_rate[c]
+        pull: float = own.now.limb_stiffness[a] * e + own.now.limb_damping[a] * de
+        return pull
+    e, de = plant.start[c] - plant.position[c], plant.start_rate[c] - plant.velocity[c]
+    force: float = own.grip * (own.now.rise * e + own.now.damping_rise * de)
+    for j in range(n):
+        b = j * d + a
+        e, de = plant.start[b] - plant.position[b], plant.start_rate[b] - plant.velocity[b]
+        force += plant.stiffness[(a * n + i) * n + j] * e + plant.damping[(a * n + i) * n + j] * de
+    return force
+
+
+@kernel
+def move(plant: OperatedPlantState, axis: int, k: int, count: int) -> None:
+    """Move all fingers on one axis over the k-th of `count` substeps, by the Taylor series of the motion.
+
+    With t = h s, the coefficients of the second derivative determine those of the motion: for a tip
+    m (j + 1)(j + 2) p_(j+2) = h^2 (F_j + [j = 0] u) - h b (j + 1) p_(j+1), for a limb likewise.
+    """
+    d, T = plant.dimensions, plant.period
+    h = T / count
+    begin(plant, axis, k, count)
+    for j in range(TERMS):
+        for i, strand in enumerate(plant.strands):
+            target = target_rate = 0.0
+            if j < 4:
+                target, target_rate = target_terms(strand, j)
+            if plant.operators[i].now.limb_mass > 0.0:
+                strand.stretch = strand.limb - strand.tip
+                strand.stretch_rate = (j + 1) * (strand.limb_next - strand.tip_next) / h
+            else:
+                strand.stretch = target - strand.tip
+                strand.stretch_rate = (target_rate - (j + 1) * strand.tip_next) / h
+        for i, strand in enumerate(plant.strands):
+            c = i * d + axis
+            own = plant.operators[i]
+            F = tip_force(plant, axis, i)
+            scale = h * h / ((j + 1) * (j + 2))
+            push = F - plant.friction[i] * (j + 1) * strand.tip_next / h
+            if j == 0:
+                push += plant.effort[c]
+            if own.now.limb_mass > 0.0:
+                target = target_rate = 0.0
+                if j < 4:
+                    target, target_rate = target_terms(strand, j)
+                pull = own.now.limb_stiffness[axis] * (target - strand.limb) - F
+                pull += own.now.limb_damping[axis] * (target_rate - (j + 1) * strand.limb_next) / h
+                if j == 0:
+                    pull += plant.pull[c]
+                y = scale * pull / own.now.limb_mass
+                strand.limb, strand.limb_next = strand.limb_next, y
+                strand.limb_sum += y
+                strand.limb_rate += (j + 2) * y
+            elif j == 0:
+                push += plant.pull[c]
+            x = scale * push / plant.mass[i]
+            strand.tip, strand.tip_next = strand.tip_next, x
+            strand.tip_sum += x
+            strand.tip_rate += (j + 2) * x
+    for i, strand in enumerate(plant.strands):
+        c = i * d + axis
+        plant.position[c] += strand.tip_sum
+        plant.velocity[c] = strand.tip_rate / h
+        if plant.operators[i].now.limb_mass > 0.0:
+            plant.limb[c] += strand.limb_sum
+            plant.limb_rate[c] = strand.limb_rate / h
+
+
+@kernel
+def begin(plant: OperatedPlantState, axis: int, k: int, count: int) -> None:
+    """Set the first two coefficients of all motions, and the cubics of their targets, in the strands."""
+    d, T = plant.dimensions, plant.period
+    h, e = T / count, 1.0 / count
+    s = float(k) / float(count)
+    for i, strand in enumerate(plant.strands):
+        c = i * d + axis
+        r0 = plant.start[c]
+        away, begins, ends = plant.end[c] - r0, T * plant.start_rate[c], T * plant.end_rate[c]
+        c2, c3 = 3.0 * away - 2.0 * begins - ends, begins + ends - 2.0 * away
+        strand.first = ((c3 * s + c2) * s + begins) * s
+        strand.second = e * (begins + s * (2.0 * c2 + 3.0 * c3 * s))
+        strand.third = e * e * (c2 + 3.0 * c3 * s)
+        strand.fourth = e * e * e * c3
+        x, y = h * plant.velocity[c], h * plant.limb_rate[c]
+        strand.tip, strand.tip_next, strand.tip_sum, strand.tip_rate = plant.position[c] - r0, x, x, x
+        strand.limb, strand.limb_next, strand.limb_sum, strand.limb_rate = plant.limb[c] - r0, y, y, y
+
+
+@kernel
+def target_terms(strand: Strand, j: int) -> tuple[float, float]:
+    """Return the j-th coefficient of a target's cubic, and that of its derivative with respect to s."""
+    if j == 0:
+        return strand.first, strand.second
+    if j == 1:
+        return strand.second, 2.0 * strand.third
+    if j == 2:
+        return strand.third, 3.0 * strand.fourth
+    return strand.fourth, 0.0
+
+
+@kernel
+def tip_force(plant: OperatedPlantState, axis: int, i: int) -> float:
+    """Compute a coefficient of F, the hand's force on the tip of finger i, from those of all spring extensions."""
+    n, own, strand = plant.fingers, plant.operators[i], plant.strands[i]
+    force: float = own.grip * (own.now.rise * strand.stretch + own.now.damping_rise * strand.stretch_rate)
+    for j, other in enumerate(plant.strands):
+        at = (axis * n + i) * n + j
+        force += plant.stiffness[at] * other.stretch + plant.damping[at] * other.stretch_rate
+    return force
 
 
 class OperatedPlant(HeldPlant):  # type: ignore[misc] # mypy does not see devices from inside the package

@@ -1,30 +1,39 @@
-"""The device of point masses: sensors and actuators, sample by sample."""
+"""The device of point masses: sensors and actuators, and the kernels of a sample."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.devices.simulated import point_sample as sample
+from graspfx.devices._plant import PlantDevice, all_of, clear_line, delay_values
 from graspfx.devices.simulated.operated_points import OperatedPlant, room_for
-from graspfx.devices.simulated.point_sample import PointDeviceState
 from graspfx.devices.simulated.points import PointPlant
 from graspfx.protocols import (
     Device,
     DeviceError,
     DevicePorts,
     Features,
+    Floats,
     InputError,
+    Many,
     Operator,
+    Record,
+    Table,
     VelocityEstimate,
     VelocityEstimator,
+    estimate,
     estimate_size,
+    floats,
+    kernel,
+    many,
     size_for,
     start_of,
+    table,
     zeros,
 )
 
@@ -32,16 +41,117 @@ FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 
-class PointDevice:
+class PointDeviceState(Record):
+    """State of one device with k point masses in d dimensions."""
+
+    fingers: int  # k
+    dimensions: int  # d
+    rounded: bool  # positions are rounded to the resolution
+    bounded: bool  # there is a workspace
+    limited: bool  # forces are limited
+    delay: int  # [samples]
+    estimate_size: int  # size of the velocity estimate of one component
+    slot: int  # row of the delay line to fill next
+    resolution: float  # [m]
+    limit: float  # [N]
+    low: Floats = floats("dimensions")  # corners of the workspace [m]
+    high: Floats = floats("dimensions")
+    sensed: Floats = floats("fingers * dimensions")  # true positions of the fingertips [m]
+    position: Floats = floats("fingers * dimensions")  # positions as read [m]
+    velocity: Floats = floats("fingers * dimensions")  # [m/s]
+    command: Floats = floats("fingers * dimensions")  # forces to display [N]
+    effort: Floats = floats("fingers * dimensions")  # forces that act now [N]
+    line: Table = table("delay + 1", "fingers * dimensions")
+    estimates: Many[VelocityEstimate] = many("fingers * dimensions", "estimate_size")
+
+
+STRUCTURE = [
+    start_of(PointDeviceState, name)
+    for name in ("fingers", "dimensions", "rounded", "bounded", "limited", "delay", "estimate_size")
+]
+
+# Codes of the kernels besides 0, KINDS for each finger.
+ENDLESS_FORCE, DIVERGED, OUTSIDE = 1, 2, 3
+KINDS = 3
+
+WHOLE = 2.0**52  # floats from here on are integers
+
+
+def nearest(x: float) -> float:
+    """Round x to an integer, halves to even; infinities and NaN are unchanged."""
+    if abs(x) < WHOLE:
+        return (x + WHOLE) - WHOLE if x >= 0.0 else (x - WHOLE) + WHOLE
+    return x
+
+
+@kernel
+def read(device: PointDeviceState) -> int:
+    """Compute positions and velocities from the sensed positions; return 0, or DIVERGED or OUTSIDE of a finger."""
+    d = device.dimensions
+    low, high = device.low, device.high
+    sensed, position, velocity = device.sensed, device.position, device.velocity
+    rounded, resolution = device.rounded, device.resolution
+    for j, state in enumerate(device.estimates):
+        x = sensed[j]
+        if rounded:
+            x = nearest(x / resolution) * resolution
+        position[j] = x
+        velocity[j] = estimate(state, x)
+    for i in range(device.fingers):
+        for a in range(d):
+            if not math.isfinite(position[d * i + a]):
+                return DIVERGED + KINDS * i
+        if device.bounded:
+            for a in range(d):
+                if not low[a] <= position[d * i + a] <= high[a]:
+                    return OUTSIDE + KINDS * i
+    return 0
+
+
+@kernel
+def write(device: PointDeviceState) -> int:
+    """Scale commands to the limit, pass them through the delay line and set the efforts to its output.
+
+    Returns 0, or ENDLESS_FORCE of the first finger with a non-finite command, after which the device has stopped.
+    """
+    d = device.dimensions
+    command, effort = device.command, device.effort
+    limited, limit = device.limited, device.limit
+    for i in range(device.fingers):
+        force = 0.0
+        for a in range(d):
+            force += command[d * i + a] * command[d * i + a]
+        force = math.sqrt(force)
+        if not math.isfinite(force):
+            stop(device)
+            return ENDLESS_FORCE + KINDS * i
+        share = 1.0
+        if limited and force > limit:
+            share = limit / force
+        for a in range(d):
+            effort[d * i + a] = share * command[d * i + a]
+    if device.delay > 0:
+        device.slot = delay_values(device.line, device.slot, device.delay, effort)
+    return 0
+
+
+@kernel
+def stop(device: PointDeviceState) -> int:
+    """Set the efforts and the delay line to zero."""
+    clear_line(device.line, device.delay, device.effort)
+    return 0
+
+
+class PointDevice(PlantDevice):  # type: ignore[misc] # mypy does not see devices from inside the package
     """A device from `connect`: a plant moves the fingers, and the device reads the plant through its sensors.
 
     The kernels `reading` and `writing` perform each sample on the block `state`.
     """
 
     declaration = PointDeviceState
-    reading = staticmethod(sample.read)
-    writing = staticmethod(sample.write)
-    stopping = staticmethod(sample.stop)
+    reading = staticmethod(read)
+    writing = staticmethod(write)
+    stopping = staticmethod(stop)
 
     def __init__(
         self,
@@ -73,7 +183,7 @@ class PointDevice:
             self._corners[...] = workspace
         self._estimates = block.estimates
         lengths = [start_of(VelocityEstimate, "length") + estimate.offset for estimate in block.estimates]
-        self.structure: Index = np.array([*sample.STRUCTURE, *lengths])
+        self.structure: Index = np.array([*STRUCTURE, *lengths])
         self.ports = DevicePorts(
             sensed=block.sensed.offset,
             position=block.position.offset,
@@ -81,7 +191,6 @@ class PointDevice:
             command=block.command.offset,
             effort=block.effort.offset,
         )
-        self.sensed: Index = np.zeros(0, dtype=np.intp)
         arrays = [self.state[at : at + entries].reshape(self._shape) for at in self.ports]
         self._sensed, self._position, self._velocity, self._command, self._effort = arrays
         self._features = Features(
@@ -94,20 +203,11 @@ class PointDevice:
             resolution=resolution or None,
             delay=delay,
         )
-        self._plant: PointPlant | OperatedPlant | None = None
-        self._true: FloatArray = np.zeros(self._shape)
         self._estimator: VelocityEstimator | None = None  # only while the device is open
-        self._seen = (-1, 0.0)  # placement and time of the plant at the last reading
-        self._fault = 0  # fault code of the last reading
 
     @property
     def features(self) -> Features:
         return self._features
-
-    @property
-    def effort(self) -> FloatArray:
-        """Force (k, d) [N] that acts on the fingertips until the next write; read-only."""
-        return self._effort
 
     @staticmethod
     def plant(devices: Sequence[Device]) -> PointPlant:
@@ -130,72 +230,30 @@ class PointDevice:
 
     @staticmethod
     def _moved_by(devices: Sequence[Device], make: Callable[..., Any]) -> Any:
-        points = [device for device in devices if isinstance(device, PointDevice)]
-        if not points or len(points) < len(devices):
-            raise InputError(
-                "devices",
-                [type(device).__name__ for device in devices],
-                "at least one `simulated` device, and no other device",
-            )
+        points = all_of(PointDevice, devices, "`simulated` device")
         dimensions = {device.features.dimensions for device in points}
         if len(dimensions) > 1:
             raise InputError("devices", sorted(dimensions), "devices with the same number of dimensions")
         each = [device for device in points for _ in range(device.features.fingers)]
         plant = make([device.mass for device in each], [device.damping for device in each], dimensions.pop())
-        start = 0
+        first = plant.ports.position
         for device in points:
-            stop = start + device.features.fingers
-            device._plant, device._true, device._seen = plant, plant.position[start:stop], (-1, 0.0)
-            d = device.features.dimensions
-            device.sensed = plant.ports.position + np.arange(start * d, stop * d)
-            start = stop
+            device._connect(plant, first)
+            first += device._sensed.size
         return plant
 
     def open(self, period: float) -> None:
         memory = self.state[self._estimates.offset :]
         self._estimator = VelocityEstimator(period, self._shape, 0.5 * self.resolution, self._window, memory)
-        self._seen = (-1, 0.0)
-        self.stop()
-
-    def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Return positions (k, d) [m], velocities (k, d) [m/s] and time [s]; constant within a tick of the plant."""
-        estimator, plant = self._opened(), self._plant
-        if plant is None:
-            raise DeviceError("nothing moves this simulated device; make its plant with PointDevice.plant([device])")
-        now = plant.placed, plant.time
-        if now != self._seen:
-            if now[0] != self._seen[0]:
-                estimator.reset()
-            self._seen = now
-            self._sensed[...] = self._true
-            self._fault = self.reading(self._entries, 0)
-        if self._fault:
-            raise DeviceError(self.fault_text(self._fault))
-        return self._position, self._velocity, plant.time
-
-    def write(self, forces: FloatArray) -> None:
-        """Apply forces (k, d) [N], scaled down to the force limit, to the fingertips after `delay` samples.
-
-        A non-finite force stops the device, clears the delay line and raises DeviceError.
-        """
-        self._opened()
-        if np.shape(forces) != self._shape:
-            raise InputError("forces", forces, f"an array of shape {self._shape}")
-        self._command[...] = forces
-        code = self.writing(self._entries, 0)
-        if code:
-            raise DeviceError(self.fault_text(code))
-
-    def stop(self) -> None:
-        self.stopping(self._entries, 0)
+        self._begin()
 
     def fault_text(self, code: int) -> str:
         """Explain a code of a kernel with the values in the block."""
-        i, kind = divmod(code - 1, sample.KINDS)
+        i, kind = divmod(code - 1, KINDS)
         finger, at = f"finger {i} of a simulated device", _point(self._position[i])
-        if kind + 1 == sample.ENDLESS_FORCE:
+        if kind + 1 == ENDLESS_FORCE:
             return f"the force on {finger} is {_point(self._command[i])} N; zero is displayed"
-        if kind + 1 == sample.DIVERGED:
+        if kind + 1 == DIVERGED:
             return f"{finger} is at {at} m; its motion has diverged"
         corners = self._corners
         return (
@@ -203,15 +261,11 @@ class PointDevice:
             "`workspace`, or start or move the finger nearer to its middle"
         )
 
-    def close(self) -> None:
-        self.stop()
-        self._estimator = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
+    def _take(self, forces: FloatArray) -> None:
+        self._opened()
+        if np.shape(forces) != self._shape:
+            raise InputError("forces", forces, f"an array of shape {self._shape}")
+        self._command[...] = forces
 
     def _opened(self) -> VelocityEstimator:
         if self._estimator is None:

@@ -9,15 +9,70 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from graspfx.devices._inputs.pointer import box
-from graspfx.devices._settings import number, whole
-from graspfx.devices.touch_screen.touch_fingers import TouchFingers
-from graspfx.protocols import SMALLEST, InputError, TouchScreen, finite
+from graspfx.devices._inputs import FollowingFingers, area, inside
+from graspfx.devices._settings import flag, whole
+from graspfx.protocols import InputError, TouchScreen, approach
 
 __all__ = ["TouchFingers", "connect"]
 
+FloatArray = NDArray[np.float64]
+
 MOST_FINGERS = 10
+BACK = 0.1  # speed at which a lifted finger yields to its force [m/s]
+
+
+class TouchFingers(FollowingFingers):  # type: ignore[misc] # mypy does not see devices from inside the package
+    """Fingers that follow touches on a screen; the page shows their forces.
+
+    When a finger is lifted or the screen is lost, the finger stays in place, or yields to its shown force until this
+    force is zero. The switch of a finger is closed while the finger is touched.
+    """
+
+    def __init__(
+        self, source: TouchScreen, workspace: FloatArray, start: FloatArray, lag: object, speed: object
+    ) -> None:  # fmt: skip
+        super().__init__(source, workspace, start, lag, speed, len(start))
+        self._forces = np.zeros_like(start)
+        self._raw: FloatArray = np.zeros(5 + 3 * len(start))
+
+    @property
+    def raw(self) -> FloatArray:
+        """Counts of the page, and touches (5 + 3 k,).
+
+        The first five are the numbers of accepted, dropped and lost messages, the sequence number of the last message,
+        and the number of screens. Then each finger has three: whether it is touched, and x, y [m].
+        """
+        return self._raw
+
+    def _begin(self) -> None:
+        self._forces[:] = 0.0
+
+    def _take(self) -> None:
+        touches = self.source.touches()
+        self._raw[:5], self._raw[5:] = touches.counts, touches.fingers[:, :3].ravel()
+
+    def _aim(self, duration: float) -> None:
+        d = self._start.shape[1]
+        self._switches = 0
+        for i, (is_down, x, y) in enumerate(self._raw[5:].reshape(-1, 3).tolist()):
+            if is_down:
+                self._switches |= 1 << i
+                approach(self._target[i], np.clip((x, y)[:d], *self._box), self.speed * duration)
+            else:
+                self._give_way(i, duration)
+
+    def _give_way(self, i: int, duration: float) -> None:
+        """Move a finger's target along the force that it would display."""
+        size = float(np.linalg.norm(self._forces[i]))
+        if size:
+            away = self._target[i] + self._forces[i] / size
+            approach(self._target[i], np.clip(away, *self._box), BACK * duration)
+
+    def _show(self, forces: FloatArray) -> None:
+        self._forces[:] = forces
+        self.source.show(self._position, self._forces)
 
 
 def connect(
@@ -47,20 +102,16 @@ def connect(
     Raises:
         MissingPackageError: Raised by `open` if websockets is not installed; `pip install graspfx[touch]` installs it.
     """
-    if dimensions not in (1, 2) or isinstance(dimensions, bool):
+    if whole("dimensions", dimensions, 1, 3) > 2:
         raise InputError("dimensions", dimensions, "1 or 2: a screen has no depth")
-    count, corners = whole("fingers", fingers, 1, MOST_FINGERS), box(workspace, 0.1, dimensions)
-    if not isinstance(lan, bool):
-        raise InputError("lan", lan, "true or false")
+    count, corners = whole("fingers", fingers, 1, MOST_FINGERS), area(workspace, dimensions)
     low, high = corners
     if start is None:
         places = np.tile(0.5 * (low + high), (count, 1))
         places[:, 0] = low[0] + (high[0] - low[0]) * (np.arange(count) + 1.0) / (count + 1.0)
     else:
-        expected = f"positions of {count} fingers with {dimensions} coordinates within the workspace [m]"
-        places = finite("start", start, expected)
-        if places.shape != (count, dimensions) or not ((low <= places) & (places <= high)).all():
-            raise InputError("start", start, expected)
+        places = inside(corners, start, (count, dimensions))
     bottom, top = (low[1], high[1]) if dimensions == 2 else (-0.25 * (high[0] - low[0]), 0.25 * (high[0] - low[0]))
-    screen = TouchScreen(fingers=count, port=whole("port", port, 0, 65535), box=(low[0], bottom, high[0], top), lan=lan)
-    return TouchFingers(screen, corners, places, number("lag", lag, 1e-4, 1.0), number("speed", speed, SMALLEST, 5.0))
+    box = low[0], bottom, high[0], top
+    screen = TouchScreen(fingers=count, port=whole("port", port, 0, 65535), box=box, lan=flag("lan", lan))
+    return TouchFingers(screen, corners, places, lag, speed)

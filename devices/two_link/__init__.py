@@ -24,17 +24,13 @@ damping within 0.169 ... 0.246 N s/m in every direction, and the condition numbe
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from types import MappingProxyType
 
-import numpy as np
-
-from graspfx.devices.two_link.adapter import TwoLink
+from graspfx.devices._settings import number, pair, whole
 from graspfx.devices.two_link.arm import Arm, Drive, Elbow, Mechanics, Pair
-from graspfx.devices.two_link.board import Board, Wiring
-from graspfx.devices.two_link.simulated_arm import SimulatedTwoLink
-from graspfx.protocols import SMALLEST, WINDOW, InputError, finite, former_settings
+from graspfx.devices.two_link.arm_device import Board, SimulatedTwoLink, TwoLink, Wiring
+from graspfx.protocols import LARGEST, SMALLEST, WINDOW, InputError, former_settings
 
 __all__ = ["PRESET", "Board", "TwoLink", "connect"]
 
@@ -48,7 +44,11 @@ PRESET: MappingProxyType[str, Pair] = MappingProxyType(
     }
 )
 
-LONGEST = 1_000_000  # largest delay or window of velocity [samples]
+ANY, NOT_NEGATIVE, POSITIVE = (
+    "two finite numbers",
+    "two finite numbers of zero or more",
+    "two finite numbers above zero",
+)
 
 
 @former_settings(joint_friction="joint_damping")
@@ -99,12 +99,18 @@ def connect(
         delay: Output delay of a simulated arm [samples].
         board: Board with the encoders and motors of a real arm.
     """
-    arm = Arm(_pair("base", base), _pair("links", links, positive=True), elbow, drive, _pair("margin", margin)[0])
+    arm = Arm(
+        base=pair("base", base, -LARGEST, ANY, one=True),
+        links=pair("links", links, SMALLEST, POSITIVE, one=True),
+        elbow=elbow,
+        drive=drive,
+        margin=number("margin", margin, -LARGEST, expected="a finite length [m]"),
+    )
     wiring = Wiring(
-        counts=_pair("counts", counts, positive=True),
-        gear=_pair("gear", gear),
-        zero=_pair("zero", zero),
-        torque_limit=_pair("torque_limit", torque_limit, positive=True),
+        counts=pair("counts", counts, SMALLEST, POSITIVE, one=True),
+        gear=pair("gear", gear, -LARGEST, ANY, one=True),
+        zero=pair("zero", zero, -LARGEST, ANY, one=True),
+        torque_limit=pair("torque_limit", torque_limit, SMALLEST, POSITIVE, one=True),
     )
     settings = {
         "link_masses": link_masses,
@@ -113,8 +119,10 @@ def connect(
         "rotor_inertias": rotor_inertias,
         "joint_damping": joint_damping,
     }
-    figures = {name: _pair(name, value, least=0.0) for name, value in settings.items() if value is not None}
-    window, late = _whole("velocity_window", velocity_window, 1), _whole("delay", delay, 0)
+    figures = {
+        name: pair(name, value, 0.0, NOT_NEGATIVE, one=True) for name, value in settings.items() if value is not None
+    }
+    window, late = whole("velocity_window", velocity_window, 1), whole("delay", delay, 0)
     if board is None:
         return SimulatedTwoLink(arm, wiring, _mechanics(arm, wiring, PRESET | figures), window, late)
     if late:
@@ -133,24 +141,3 @@ def _mechanics(arm: Arm, wiring: Wiring, figures: dict[str, Pair]) -> Mechanics:
         reflected=(rotors[0] * gear[0] ** 2, rotors[1] * gear[1] ** 2),
         damping=figures["joint_damping"],
     )
-
-
-def _pair(name: str, value: object, *, least: float = -math.inf, positive: bool = False) -> Pair:
-    """Convert one number for both, or a sequence of two, to a pair of finite numbers."""
-    bound = " above zero" if positive else " of zero or more" if least == 0.0 else ""
-    expected = f"two finite numbers{bound}"
-    both = finite(name, value, expected)
-    if both.shape not in ((), (2,)) or _switch(value) or (both < least).any() or (positive and (both < SMALLEST).any()):
-        raise InputError(name, value, expected)
-    first, second = np.broadcast_to(both, 2).tolist()
-    return first, second
-
-
-def _switch(value: object) -> bool:
-    return isinstance(value, bool) or (isinstance(value, Sequence) and any(isinstance(x, bool) for x in value))
-
-
-def _whole(name: str, value: object, least: int) -> int:
-    if isinstance(value, int | np.integer) and not isinstance(value, bool) and least <= value <= LONGEST:
-        return int(value)
-    raise InputError(name, value, f"an integer number of samples from {least} to {LONGEST}")

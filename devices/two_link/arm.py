@@ -125,18 +125,14 @@ class Arm:
     def angles(self, x: float, y: float) -> Pair:
         """Compute a1, a2 [rad] for the finger at x, y [m]; raise DeviceError if the finger is out of reach."""
         dx, dy = x - self.base[0], y - self.base[1]
-        self.check_reach(dx, dy)
+        low, high = self.reach
+        if not low <= math.hypot(dx, dy) <= high:
+            raise DeviceError(self.reach_fault(dx, dy))
         l1, l2 = self.links
         c = min(1.0, max(-1.0, (dx * dx + dy * dy - l1 * l1 - l2 * l2) / (2.0 * l1 * l2)))  # within 1 if in reach
         bend = self.bend * elementary.acos(c)
         a1 = elementary.atan2(dy, dx) - elementary.atan2(l2 * elementary.sin(bend), l1 + l2 * c)
         return a1, a1 + bend
-
-    def check_reach(self, dx: float, dy: float) -> None:
-        """Raise DeviceError with details if a finger at dx, dy from the base [m] is out of reach."""
-        low, high = self.reach
-        if not low <= math.hypot(dx, dy) <= high:
-            raise DeviceError(self.reach_fault(dx, dy))
 
     def reach_fault(self, dx: float, dy: float) -> str:
         """Return the message that a finger at dx, dy from the base [m] is out of reach."""

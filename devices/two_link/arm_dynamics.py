@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.devices._plant import HeldPlant, MiddlePlantState, unfit
+from graspfx.devices._plant import HeldPlant, PlantState, unfit
 from graspfx.devices.two_link.arm import Both, Mechanics, Point, links_at
-from graspfx.protocols import Many, Record, Table, kernel, many, size_of, start_of, table
+from graspfx.protocols import Floats, Many, Record, Table, floats, kernel, many, size_of, start_of, table
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -111,9 +111,11 @@ class ArmConstants(Record):
     course_y: Course
 
 
-class ArmPlantState(MiddlePlantState):  # type: ignore[misc] # mypy does not see devices from inside the package
+class ArmPlantState(PlantState):  # type: ignore[misc] # mypy does not see devices from inside the package
     """Two-link arms: the hand's gains, the arms' constants and states, and the stages of the integration."""
 
+    middle: Floats = floats("fingers * dimensions")  # target in the middle of the sample [m]
+    middle_rate: Floats = floats("fingers * dimensions")  # [m/s]
     stiffness: Table = table("2 * fingers", "fingers")  # K by axis, finger and finger [N/m]
     damping: Table = table("2 * fingers", "fingers")  # B [N s/m]
     arms: Many[ArmConstants] = many("fingers")
@@ -331,9 +333,10 @@ class ArmPlant(HeldPlant):  # type: ignore[misc] # mypy does not see devices fro
         counts = [start_of(ArmPlantState, name) for name in ("fingers", "dimensions")]
         return np.array([*counts, *(arm.offset + elbow for arm in self._block.arms)])
 
-    def sensed(self, i: int) -> Index:
-        """Return the entries of a1 and a2 of arm i in the block."""
-        return self._block.stages[i].now.offset + np.arange(2)
+    def sensed(self, i: int) -> int:
+        """Return the entry of a1 of arm i in the block, which a2 follows."""
+        start: int = self._block.stages[i].now.offset
+        return start
 
     def angles(self, i: int) -> memoryview:
         """Return a view of a1, a2, a1', a2' of arm i for its encoders; the same memory for the plant's lifetime."""

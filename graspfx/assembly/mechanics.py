@@ -14,7 +14,7 @@ from graspfx.assembly.resolve import Parts
 from graspfx.assembly.wiring import Wire
 from graspfx.errors import InputError
 from graspfx.loop.device import Features, SimulatedDevice, is_hardware
-from graspfx.loop.device_frame import Frame
+from graspfx.loop.device_mount import Frame
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]

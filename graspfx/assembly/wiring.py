@@ -19,8 +19,7 @@ from graspfx.assembly.hands import is_operated
 from graspfx.compile.memory import within
 from graspfx.errors import DeviceError, InputError, abbreviate
 from graspfx.loop.device import Device, Features, OperatedDevice, SimulatedDevice
-from graspfx.loop.device_frame import frame
-from graspfx.loop.device_mount import PLAIN, Fitting
+from graspfx.loop.device_mount import PLAIN, Fitting, frame
 
 if TYPE_CHECKING:
     from graspfx.assembly.bodies import Stock

@@ -22,7 +22,7 @@ from graspfx.compile.c_calls.trampoline import (
 )
 from graspfx.compile.emission import address, emitted, loaded, platform, require_llvm
 from graspfx.errors import InputError
-from graspfx.loop.device_calls import Calls
+from graspfx.loop.device import Calls
 from graspfx.loop.velocity import VelocityEstimator
 
 KINDS = "ptr", "i64", "double", "i64"  # types of the arguments of `estimate_after`

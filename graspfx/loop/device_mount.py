@@ -1,13 +1,141 @@
-"""Relation of a device to its scene: its frame, its deadman switch and its call interval."""
+"""Relation of a device to its scene: its frame (origin, axes and scale), its deadman switch and its call interval."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.errors import InputError
 from graspfx.loop.device import Features
-from graspfx.loop.device_frame import Frame
+
+FloatArray = NDArray[np.float64]
+
+LETTERS = "xyz"
+ROUNDING = 1e-6  # tolerance of a rotation matrix, for axes written with seven digits
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Power-preserving transformation of positions, velocities and forces between the axes of a device and a scene.
+
+        p = origin + s R p_device,   v = s R v_device,   f_device = s R' f
+
+    so f'v is the same on both sides.
+
+    Attributes:
+        origin: Origin of the device in the scene (d,) [m].
+        axes: Rotation R, one row for each axis of the scene (d, d).
+        scale: Scale s, metres in the scene per metre of the device.
+    """
+
+    origin: FloatArray
+    axes: FloatArray
+    scale: float
+
+    def place(self, positions: FloatArray) -> FloatArray:
+        """Convert positions (k, d) of a device to the scene [m]."""
+        placed: FloatArray = self.origin + self.turn(positions)
+        return placed
+
+    def turn(self, velocities: FloatArray) -> FloatArray:
+        """Convert velocities (k, d) of a device to the scene [m/s]."""
+        turned: FloatArray = self.scale * (velocities @ self.axes.T)
+        return turned
+
+    def pull(self, forces: FloatArray) -> FloatArray:
+        """Convert forces (k, d) in the scene to forces of the device [N]."""
+        pulled: FloatArray = self.scale * (forces @ self.axes)
+        return pulled
+
+    def back(self, position: FloatArray) -> FloatArray:
+        """Convert a position (d,) in the scene to the device's axes [m]."""
+        own: FloatArray = (position - self.origin) @ self.axes / self.scale
+        return own
+
+    def impedance(self, own: FloatArray) -> FloatArray:
+        """Convert a mass, damping or stiffness (d, d) of a device to the scene: R M R'/s^2."""
+        turned: FloatArray = self.axes @ own @ self.axes.T / self.scale**2
+        return turned
+
+    def features(self, own: Features) -> Features:
+        """Convert a device's features to the scene: lengths times s, forces over s, impedances over s^2."""
+        s = self.scale
+        return replace(
+            own,
+            workspace=None if own.workspace is None else self._box(*own.workspace),
+            continuous_force=_over(own.continuous_force, s),
+            peak_force=_over(own.peak_force, s),
+            stiffness=_over(own.stiffness, s * s),
+            damping=_over(own.damping, s * s),
+            mass=_over(own.mass, s * s),
+            friction=_over(own.friction, s * s),
+            resolution=_over(own.resolution, 1.0 / s),
+        )
+
+    def _box(self, lower: FloatArray, upper: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return a box in the scene's axes inside the device's box: the device's bounding box, scaled down to fit."""
+        half = 0.5 * (np.asarray(upper, dtype=float) - lower)
+        middle = self.place(0.5 * (np.asarray(upper, dtype=float) + lower))
+        outer = np.abs(self.axes) @ half
+        share = float((half / (np.abs(self.axes).T @ outer)).min())
+        return middle - self.scale * share * outer, middle + self.scale * share * outer
+
+
+def _over(value: float | None, factor: float) -> float | None:
+    return None if value is None else value / factor
+
+
+def frame(
+    dimensions: int, origin: Sequence[float] | None, axes: str | Sequence[Sequence[float]] | None, scale: float
+) -> Frame:
+    """Create a frame.
+
+    Args:
+        dimensions: Number of dimensions d.
+        origin: Origin of the device in the scene (d,) [m]; if None, the scene's origin.
+        axes: Device axis along each axis of the scene, such as "x -z y", or R (d, d); if None, the scene's axes.
+        scale: Metres in the scene per metre of the device.
+
+    Raises:
+        InputError: If the axes are not a rotation. In 2-D and 1-D the axes may also be mirrored, because a device can
+            be viewed from behind.
+    """
+    d = dimensions
+    point = np.zeros(d) if origin is None else np.array(origin, dtype=float)
+    if point.shape != (d,):
+        raise InputError("origin", point.tolist(), f"{d} coordinates [m], one per dimension of the scene")
+    R = np.eye(d) if axes is None else _letters(axes, d) if isinstance(axes, str) else np.array(axes, dtype=float)
+    if R.shape != (d, d):
+        raise InputError("axes", axes, f"a matrix {d} x {d}, one row for each axis of the scene")
+    if np.abs(R @ R.T - np.eye(d)).max() > ROUNDING:
+        raise InputError("axes", axes, "orthogonal rows of length 1", "set sizes with `scale`")
+    if d == 3 and np.linalg.det(R) < 0.0:
+        raise InputError(
+            "axes",
+            axes,
+            "right-handed axes, because a rotation of the device cannot mirror them",
+            "change the sign of one axis",
+        )
+    return Frame(point, R, scale)
+
+
+def _letters(axes: str, d: int) -> FloatArray:
+    """Parse axes such as "x -z y"."""
+    words, letters = axes.split(), LETTERS[:d]
+    if sorted(word.removeprefix("-") for word in words) != list(letters):
+        example = " ".join(letters) if d < 3 else "x -z y"
+        raise InputError(
+            "axes", axes, f"each of {', '.join(letters)} once, with or without a minus, such as {example!r}",
+            "the first is the device's axis along the scene's x",
+        )  # fmt: skip
+    R = np.zeros((d, d))
+    for row, word in enumerate(words):
+        R[row, letters.index(word[-1])] = -1.0 if word.startswith("-") else 1.0
+    return R
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,14 +17,14 @@ from graspfx.compile.kernel_marks import bound_late
 Kernel = Callable[..., Any]
 
 PARTS = (  # kernels of devices and plants; argument: block
-    "graspfx.devices.simulated.point_sample.read",
-    "graspfx.devices.simulated.point_sample.write",
-    "graspfx.devices.simulated.point_sample.stop",
+    "graspfx.devices.simulated.point_device.read",
+    "graspfx.devices.simulated.point_device.write",
+    "graspfx.devices.simulated.point_device.stop",
     "graspfx.devices.simulated.points.advance",
-    "graspfx.devices.simulated.operated_sample.advance",
-    "graspfx.devices.two_link.arm_sample.read",
-    "graspfx.devices.two_link.arm_sample.write",
-    "graspfx.devices.two_link.arm_sample.stop",
+    "graspfx.devices.simulated.operated_points.advance",
+    "graspfx.devices.two_link.arm_device.read",
+    "graspfx.devices.two_link.arm_device.write",
+    "graspfx.devices.two_link.arm_device.stop",
     "graspfx.devices.two_link.arm_dynamics.advance",
 )
 HANDS = (  # kernels of hands; arguments: block, time

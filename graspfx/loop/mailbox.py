@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from graspfx.compile.c_calls import mailbox_text as at
 from graspfx.compile.emission import address
 from graspfx.loop.adapt import c_engine
-from graspfx.loop.device_calls import Calls
+from graspfx.loop.device import Calls
 
 FloatArray = NDArray[np.float64]
 

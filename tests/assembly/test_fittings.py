@@ -15,7 +15,7 @@ from graspfx.assembly.replay_recording import replayed_with
 from graspfx.assembly.resolve import resolve
 from graspfx.errors import DeviceError, SceneError
 from graspfx.loop.device import Features
-from graspfx.loop.device_frame import frame
+from graspfx.loop.device_mount import frame
 from tests.support.hardware import SETTLING, Fake, VirtualClock, driver, fakes
 from tests.support.optional import require
 

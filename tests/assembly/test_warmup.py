@@ -152,14 +152,14 @@ def test_a_folder_that_cannot_be_written(
 
 OWN = """
 from graspfx.devices import simulated
-from graspfx.devices.simulated import point_sample
-from graspfx.devices.simulated.point_sample import PointDeviceState
+from graspfx.devices.simulated import point_device
+from graspfx.devices.simulated.point_device import PointDeviceState
 from graspfx.protocols import kernel
 
 @kernel
 def writing(device: PointDeviceState) -> int:
     device.effort[0] = 0.0
-    return point_sample.write(device)
+    return point_device.write(device)
 
 class Other(simulated.PointDevice):
     writing = staticmethod(writing)
@@ -188,7 +188,7 @@ def test_kernels_that_a_scene_brings_are_compiled_beforehand(
 def test_a_kernel_that_cannot_be_compiled_is_interpreted_with_the_reason(tmp_path: Path) -> None:
     """A plain function that Python runs, with a list, which machine code has not."""
     head, tail = OWN.index("@kernel"), OWN.index("class Other")
-    plain = "def writing(S, o):\n    S[o] = sorted([S[o]])[0]\n    return point_sample.write(S, o)\n\n"
+    plain = "def writing(S, o):\n    S[o] = sorted([S[o]])[0]\n    return point_device.write(S, o)\n\n"
     scene = own(tmp_path, OWN[:head] + plain + OWN[tail:])
     [_, row] = engine_plan(scene)
     assert row.runs and row.why.startswith("interpreted: ") and "own.py" in row.why

@@ -212,6 +212,8 @@ def test_a_library_that_is_none() -> None:
         connect_(library=ctypes.CDLL(None)).open(PERIOD)
     for settings, name in (
         ({"library": ""}, "library"),
+        ({"library": object()}, "library"),
+        ({"velocity_window": 2.5}, "velocity_window"),
         ({"serial": -1}, "serial"),
         ({"force_limit": 0}, "force_limit"),
     ):
@@ -219,4 +221,4 @@ def test_a_library_that_is_none() -> None:
             connect_(**settings)
         assert error.value.name == name
     with pytest.raises(DeviceError, match="not open"):
-        connect_().read()
+        connect_(velocity_window=np.int64(8)).read()

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from graspfx import plugins
 from graspfx.compile.machine import compiled
 from graspfx.devices.simulated import PointDevice, connect
-from graspfx.devices.simulated.point_sample import nearest
+from graspfx.devices.simulated.point_device import nearest
 from graspfx.errors import DeviceError
 from graspfx.loop.device import FusedDevice, fused
 from graspfx.loop.hand import Hand

@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 from graspfx.devices import haply_2diy
-from graspfx.devices.haply_2diy.diy_frames import angles_in, setup_frame, torque_frame
+from graspfx.devices.haply_2diy import FiveBar, angles_in, setup_frame, torque_frame
 from graspfx.devices.haply_2diy.emulator import DiyWire
-from graspfx.devices.haply_2diy.five_bar import FiveBar
 from graspfx.errors import DeviceError, InputError
 from graspfx.protocols import QuenchableDriver, SerialPort
 from graspfx.testing import driver

@@ -21,7 +21,7 @@ from websockets.server import ServerProtocol
 
 from graspfx.devices.haply_inverse import service, websocket
 from graspfx.devices.haply_inverse.emulator import InverseWire
-from graspfx.devices.haply_inverse.inverse_messages import check_config, devices_in, forces_text, position_in
+from graspfx.devices.haply_inverse.service import check_config, devices_in, forces_text, position_in
 from graspfx.devices.haply_inverse.websocket import WebSocket
 from graspfx.errors import DeviceError, InputError
 from graspfx.protocols import QuenchableDriver
@@ -345,6 +345,7 @@ def test_a_second_program_is_refused() -> None:
         ({"url": "ws://a:1/\r\nx"}, "url"),
         ({"device": ""}, "device"),
         ({"basis": "XXY"}, "basis"),
+        ({"basis": ["X", "Y", "Z"]}, "basis"),
         ({"force_limit": 100.0}, "force_limit"),
         ({"damping": -1.0}, "damping"),
         ({"timeout": 0.0}, "timeout"),

@@ -16,8 +16,8 @@ import graspfx as gx
 from graspfx.assembly import run_scene as whole_run
 from graspfx.assembly.run_scene import run
 from graspfx.certificate.plan import plan
-from graspfx.devices import mouse
-from graspfx.devices._inputs.events import AXIS, AXIS_STATE, EVENT, GRAB, KEYS, READ, WRITE, EventPort, is_down, request
+from graspfx.devices import _inputs
+from graspfx.devices._inputs import AXIS, AXIS_STATE, EVENT, GRAB, KEYS, READ, WRITE, EventPort, is_down, request
 from graspfx.devices.mouse.emulator import EventWire
 from graspfx.errors import DeviceError, InputError
 from graspfx.testing import check_device, driver
@@ -34,7 +34,7 @@ def on_clock(kind: Any = "mouse", clock: VirtualClock | None = None) -> EventWir
 def connect(wire: EventWire, **settings: Any) -> Any:
     """Connect a device on the clock of its wire."""
     device = driver(wire.kind).connect(**{"lag": LAG, **wire.settings, **settings})
-    device.port.now = wire.clock.now
+    device.source.now = wire.clock.now
     return device
 
 
@@ -179,7 +179,7 @@ def test_a_second_program_is_refused() -> None:
         ("mouse", {"dpi": 0.0}, "dpi"),
         ("mouse", {"workspace": [[0.0, 0.0], [0.0, 1.0]]}, "each of the first corner below"),
         ("mouse", {"start": [1.0, 0.0]}, "within the workspace"),
-        ("mouse", {"dimensions": 4}, "1, 2 or 3"),
+        ("mouse", {"dimensions": 4}, "from 1 to 3"),
         ("mouse", {"grab": 1}, "true or false"),
         ("gamepad", {"mode": "speed"}, "'position' or 'rate'"),
         ("gamepad", {"sticks": ["x"]}, "a stick for each of 2 axes"),
@@ -195,7 +195,7 @@ def test_settings_are_refused_by_their_names(kind: str, setting: dict[str, Any],
 def test_a_ball_is_pushed_by_a_mouse(monkeypatch: pytest.MonkeyPatch) -> None:
     """A scene runs at the device's pace; the object is pushed, `check` says that no force is displayed."""
     monkeypatch.setattr(whole_run, "WallClock", VirtualClock)
-    monkeypatch.setattr(mouse, "EventPort", partial(EventPort, now=VirtualClock().now))
+    monkeypatch.setattr(_inputs, "EventPort", partial(EventPort, now=VirtualClock().now))
     with on_clock() as wire:
         scene = gx.Scene(
             dimensions=2, period=0.002, duration=0.3, engine="interpreted",

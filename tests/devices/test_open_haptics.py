@@ -128,6 +128,29 @@ def test_errors_of_the_library_are_faults_in_words(wire: OpenHapticsWire, error:
         other.read()
 
 
+def test_zero_force_is_zero_after_a_position_that_is_not_finite(
+    wire: OpenHapticsWire, monkeypatch: pytest.MonkeyPatch
+) -> None:  # fmt: skip
+    """The last force before the scheduler stops was 0 times the position: NaN."""
+    last: list[np.ndarray] = []
+    with connect(wire) as device:
+        device.open(PERIOD)
+        device.read()
+        wire.place(np.full(3, np.nan))
+        with pytest.raises(DeviceError, match="which is not finite"):
+            until(wire, lambda: device.read()[0] is None)
+        hd = device._scheduler._hd
+        call = hd.call
+
+        def note(name: str, *arguments: object) -> Any:
+            if name == "hdUnschedule":
+                last.append(wire.torque)
+            return call(name, *arguments)
+
+        monkeypatch.setattr(hd, "call", note)
+    assert last and not np.any(last)
+
+
 def test_a_program_that_hangs_has_no_force(wire: OpenHapticsWire) -> None:
     """Without news for 20 ms the thread displays none."""
     with connect(wire) as device:

@@ -11,8 +11,7 @@ from scipy.linalg import expm
 from graspfx.compile.kernel import written
 from graspfx.compile.machine import compiled
 from graspfx.devices.simulated import connect, points
-from graspfx.devices.simulated.operated_points import OperatedPlant, room_for
-from graspfx.devices.simulated.operated_sample import OperatedPlantState, advance
+from graspfx.devices.simulated.operated_points import OperatedPlant, OperatedPlantState, advance, room_for
 from graspfx.errors import DeviceError, InputError
 from graspfx.loop.hand import Hand, join
 from graspfx.loop.motion.motion import Sine

@@ -13,11 +13,10 @@ import numpy as np
 import pytest
 
 from graspfx.devices import rig
-from graspfx.devices.rig import rig_frames
-from graspfx.devices.rig.controller import Controller
-from graspfx.devices.rig.emulator import RigWire
-from graspfx.devices.rig.rig_frames import (
+from graspfx.devices.rig import controller
+from graspfx.devices.rig.controller import (
     FAULTS,
+    Controller,
     Kind,
     Mode,
     framed,
@@ -27,6 +26,7 @@ from graspfx.devices.rig.rig_frames import (
     state_in,
     unframed,
 )
+from graspfx.devices.rig.emulator import RigWire
 from graspfx.devices.two_link import connect as two_link
 from graspfx.errors import DeviceError, InputError
 from graspfx.protocols import AskedDevice, LimitedDevice, QuenchableDriver, SpringHand
@@ -71,7 +71,7 @@ def test_frames_come_back_and_damage_is_seen() -> None:
             damaged = bytearray(frame)
             damaged[bit // 8] ^= 1 << bit % 8
             assert b"\0" in damaged or unframed(bytes(damaged)) is None
-    assert rig_frames.binascii.crc_hqx(b"123456789", 0xFFFF) == 0x29B1  # the check value of CRC-16/CCITT-FALSE
+    assert controller.binascii.crc_hqx(b"123456789", 0xFFFF) == 0x29B1  # the check value of CRC-16/CCITT-FALSE
 
 
 @needs_compiler

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import time
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,6 @@ from graspfx.certificate.plan import plan
 from graspfx.devices import touch_screen
 from graspfx.devices.touch_screen import emulator
 from graspfx.devices.touch_screen.emulator import ScreenWire
-from graspfx.devices.touch_screen.touch_fingers import TouchFingers
 from graspfx.errors import DeviceError, InputError
 from graspfx.screen import touch_screen as screens
 from graspfx.screen.screen_board import Touches
@@ -62,7 +60,7 @@ class Page:
 def paged(**settings: Any) -> Any:
     """Connect a device to a page of its own, on a clock that `speeds` advances."""
     screen = driver("touch-screen").connect(**{"lag": 0.001, "speed": 5.0, **settings})
-    screen.screen, screen.now = Page(), VirtualClock().now
+    screen.source, screen.now = Page(), VirtualClock().now
     screen.open(0.001)
     return screen
 
@@ -91,19 +89,19 @@ def test_fingers_follow_touches_and_give_way_when_they_are_lost() -> None:
     with paged() as screen:
         assert (screen.features.fingers, screen.features.switches, screen.switches) == (2, 2, 0)
         places = np.array([[-0.03, 0.01], [0.04, -0.02]])
-        screen.screen.fingers[:, 0], screen.screen.fingers[:, 1:3] = 1.0, places
+        screen.source.fingers[:, 0], screen.source.fingers[:, 1:3] = 1.0, places
         speeds(screen, 100)
         assert screen.read()[0] == pytest.approx(places, abs=1e-9)
         assert screen.switches == 0b11
         assert screen.raw[5:].tolist() == [1.0, -0.03, 0.01, 1.0, 0.04, -0.02]
         forces = np.array([[-1.0, 0.0], [0.0, 2.0]])
         screen.write(forces)
-        assert np.array_equal(screen.screen.shown, [screen.read()[0], forces])
-        screen.screen.fingers[1, 0] = 0.0
+        assert np.array_equal(screen.source.shown, [screen.read()[0], forces])
+        screen.source.fingers[1, 0] = 0.0
         speeds(screen, 100)
         assert screen.switches == 0b01
         assert screen.read()[0] == pytest.approx(np.array([[-0.03, 0.01], [0.04, -0.01]]), abs=3e-4)
-        screen.screen.fingers[0, 0] = 0.0
+        screen.source.fingers[0, 0] = 0.0
         screen.write(np.zeros((2, 2)))
         speeds(screen, 50)
         assert screen.switches == 0
@@ -114,7 +112,7 @@ def test_fingers_follow_touches_and_give_way_when_they_are_lost() -> None:
 
 def test_a_finger_is_no_faster_than_it_may_be() -> None:
     with paged(speed=0.5) as screen:
-        screen.screen.fingers[0, :3] = 1.0, 0.1, 0.1
+        screen.source.fingers[0, :3] = 1.0, 0.1, 0.1
         assert 0.45 < max(speeds(screen, 100)) <= 0.5
 
 
@@ -142,9 +140,9 @@ def test_silence_lifts_fingers_and_a_dead_server_is_a_fault() -> None:
         wire.touch(0, 0.0, 0.0)
         wait_until(lambda: is_down(screen))
         assert screen.raw[2] == 0.0  # no order is lost
-        os.kill(screen.screen._process.pid, signal.SIGSTOP)  # a server that hangs is a screen that is lost
+        os.kill(screen.source._process.pid, signal.SIGSTOP)  # a server that hangs is a screen that is lost
         wait_until(lambda: not is_down(screen))
-        os.kill(screen.screen._process.pid, signal.SIGKILL)
+        os.kill(screen.source._process.pid, signal.SIGKILL)
         with pytest.raises(DeviceError, match="has ended"):
             wait_until(lambda: screen.read() is None)
         screen.close()
@@ -163,7 +161,7 @@ def test_a_port_in_use_is_refused() -> None:
     [
         ({"dimensions": 3}, "a screen has no depth"),
         ({"fingers": 0}, "fingers"),
-        ({"fingers": 3, "start": [[0.0, 0.0]]}, "positions of 3 fingers"),
+        ({"fingers": 3, "start": [[0.0, 0.0]]}, r"shape \(3, 2\)"),
         ({"start": [[0.0, 0.0], [1.0, 0.0]]}, "within the workspace"),
         ({"port": -1}, "port"),
         ({"lan": 1}, "true or false"),
@@ -183,7 +181,7 @@ def test_a_cube_is_squeezed_on_a_screen(monkeypatch: pytest.MonkeyPatch) -> None
     page = Page()
     monkeypatch.setattr(whole_run, "WallClock", VirtualClock)
     monkeypatch.setattr(touch_screen, "TouchScreen", lambda **settings: page)
-    monkeypatch.setattr(touch_screen, "TouchFingers", partial(TouchFingers, now=VirtualClock().now))
+    monkeypatch.setattr(touch_screen.TouchFingers, "now", lambda _: VirtualClock().now())
     device = {"name": "touch-screen", "label": "screen", "start": [[-0.025, 0.0], [0.025, 0.0]]}
     scene = gx.load("paper-waving", {"period": 0.005, "engine": "interpreted"})
     table = scene.to_dict()

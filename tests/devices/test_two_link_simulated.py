@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from graspfx import plugins
-from graspfx.devices.two_link.arm_sample import ArmState
+from graspfx.devices.two_link.arm_device import ArmState
 from graspfx.errors import DeviceError
 from graspfx.loop.hand import Hand
 from graspfx.loop.motion.motion import Sine

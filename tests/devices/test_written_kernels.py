@@ -11,10 +11,10 @@ import pytest
 from graspfx import plugins
 from graspfx.compile.kernel import written
 from graspfx.devices.simulated import PointDevice, connect
-from graspfx.devices.simulated.point_sample import PointDeviceState
+from graspfx.devices.simulated.point_device import PointDeviceState
 from graspfx.devices.simulated.points import PointPlantState
+from graspfx.devices.two_link.arm_device import ArmState
 from graspfx.devices.two_link.arm_dynamics import ArmPlantState
-from graspfx.devices.two_link.arm_sample import ArmState
 from graspfx.loop.hand import Hand
 
 two_link: Any = plugins.load("devices", "two-link")

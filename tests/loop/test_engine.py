@@ -237,24 +237,24 @@ def test_the_engine_of_earlier_scenes_is_read_as_compiled() -> None:
 DRIVER = '''
 """A point device, its plant and a hand, each with a kernel of its own that does {what} ours does."""
 from graspfx.devices import simulated
-from graspfx.devices.simulated import point_sample, points
-from graspfx.devices.simulated.point_sample import PointDeviceState
+from graspfx.devices.simulated import point_device, points
+from graspfx.devices.simulated.point_device import PointDeviceState
 from graspfx.devices.simulated.points import PointPlantState
 from graspfx.protocols import kernel
 
 @kernel
 def reading(device: PointDeviceState) -> int:
-    return point_sample.read(device)
+    return point_device.read(device)
 
 @kernel
 def writing(device: PointDeviceState) -> int:
-    code = point_sample.write(device)
+    code = point_device.write(device)
     device.effort[0] *= {factor}
     return code
 
 @kernel
 def stopping(device: PointDeviceState) -> int:
-    return point_sample.stop(device)
+    return point_device.stop(device)
 
 @kernel
 def moving(plant: PointPlantState) -> int:

@@ -18,8 +18,8 @@ from tests.support.small_scenes import LINE
 DEVICE = '''
 """A point device of another's making: its kernel adds nothing to the forces, or has a fault."""
 from graspfx.devices import simulated
-from graspfx.devices.simulated import point_sample
-from graspfx.devices.simulated.point_sample import PointDeviceState
+from graspfx.devices.simulated import point_device
+from graspfx.devices.simulated.point_device import PointDeviceState
 from graspfx.protocols import kernel
 
 @kernel
@@ -29,7 +29,7 @@ def share(device: PointDeviceState, i: int) -> float:
 @kernel
 def writing(device: PointDeviceState) -> int:
     {fault}
-    return point_sample.write(device)
+    return point_device.write(device)
 
 class Other(simulated.PointDevice):
     writing = staticmethod(writing)

@@ -20,8 +20,7 @@ import numpy as np
 
 import graspfx as gx
 from graspfx.errors import DeviceError
-from graspfx.loop.device import Features
-from graspfx.loop.device_calls import Calls
+from graspfx.loop.device import Calls, Features
 from graspfx.testing.wire import compiler
 
 FAULTS = ("fails", "not finite", "far away", "hangs", "killed")

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from graspfx.compile.emission import address, emitted, loaded
 from graspfx.errors import DeviceError
-from graspfx.loop.device import Features
-from graspfx.loop.device_calls import Calls
+from graspfx.loop.device import Calls, Features
 
 FloatArray = NDArray[np.float64]
 

@@ -24,7 +24,7 @@ CODE = sorted([*(ROOT / "graspfx").rglob("*.py"), *(ROOT / "devices").rglob("*.p
 EMULATORS = "graspfx/testing/", "emulator.py"  # of boards behind pseudo-terminals, with processes that are killed
 SEAMS = {
     "fcntl": {"graspfx/system/file_lock.py", "graspfx/system/terminal.py", "graspfx/serial_port.py",
-              "devices/_inputs/events.py"},
+              "devices/_inputs.py"},
     "termios": {"graspfx/system/terminal.py", "graspfx/serial_port.py"},
     "tty": {"graspfx/system/terminal.py", "graspfx/serial_port.py"},
     "pty": {"graspfx/system/terminal.py"},
@@ -43,8 +43,8 @@ SEAMS = {
     "time.CLOCK_MONOTONIC": {"graspfx/loop/realtime/beat.py"},
     "time.clock_gettime": {"graspfx/loop/realtime/beat.py"},
     "os.O_NOCTTY": {"graspfx/serial_port.py"},
-    "os.O_NONBLOCK": {"graspfx/serial_port.py", "devices/_inputs/events.py"},
-    "os.O_CLOEXEC": {"graspfx/serial_port.py", "devices/_inputs/events.py"},
+    "os.O_NONBLOCK": {"graspfx/serial_port.py", "devices/_inputs.py"},
+    "os.O_CLOEXEC": {"graspfx/serial_port.py", "devices/_inputs.py"},
     "pass_fds": {"graspfx/system/child_process.py"},
     "process_group": {"graspfx/system/child_process.py"},
     "os.name": {"graspfx/system/c_library.py", "graspfx/system/child_process.py"},
@@ -60,7 +60,7 @@ PLATFORM = {  # who asks which system this is, and why
     "graspfx/recording/files.py": "an open file stays",
     "graspfx/machine/plugged.py": "where libraries are",
     "graspfx/machine/system_checks.py": "what `graspfx doctor` looks at",
-    "devices/_libraries.py": "names of makers' libraries",
+    "devices/_device.py": "names of makers' libraries",
 }
 RUN = """
 import contextlib, importlib, io, json, sys, traceback
@@ -98,7 +98,7 @@ refusals = {}
 from graspfx import plugins, protocols
 from graspfx.errors import GraspFXError
 from graspfx.testing.wire import DiyWire
-EventPort = importlib.import_module("graspfx.devices._inputs.events").EventPort
+EventPort = importlib.import_module("graspfx.devices._inputs").EventPort
 for name, attempt in {
     "port": lambda: protocols.SerialPort("COM3").open(),
     "mouse": lambda: EventPort("/dev/input/event0", grab=False).open(),

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from graspfx.devices.simulated import PointDevice, connect
-from graspfx.devices.simulated.point_sample import PointDeviceState
+from graspfx.devices.simulated.point_device import PointDeviceState
 from graspfx.devices.simulated.points import PointPlant
 from graspfx.errors import DeviceError, GraspFXError, InputError
 from graspfx.loop.device import Features

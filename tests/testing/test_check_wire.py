@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from graspfx.devices import haply_2diy
-from graspfx.devices.force_dimension.delta import Delta
+from graspfx.devices.force_dimension import Delta
 from graspfx.devices.force_dimension.emulator import ForceDimensionWire
-from graspfx.devices.haply_2diy.diy_device import Haply2Diy
+from graspfx.devices.haply_2diy import Haply2Diy
 from graspfx.devices.haply_2diy.emulator import DiyWire
 from graspfx.devices.rig.emulator import RigWire
 from graspfx.errors import DeviceError, InputError

@@ -26,7 +26,7 @@ from graspfx.assembly.resolve import Parts
 from graspfx.assembly.wiring import Wire
 from graspfx.errors import DeviceError
 from graspfx.loop.device_exchange import DeviceExchange, DevicePort, Port
-from graspfx.loop.device_frame import Frame
+from graspfx.loop.device_mount import Frame
 from graspfx.loop.realtime.lifecycle import opened, settle
 from graspfx.loop.realtime.pacing import Clock, Pacer, late_text
 from graspfx.loop.realtime.process import Interruption, frozen_memory, signals_end

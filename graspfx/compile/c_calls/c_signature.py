@@ -85,12 +85,13 @@ class Reader:
     Args:
         subject: Argument for which the text was given.
         text: Text of the calls or comparisons.
+        size: Number of entries of the block.
     """
 
-    def __init__(self, subject: str, text: object) -> None:
+    def __init__(self, subject: str, text: object, size: int = 0) -> None:
         if not isinstance(text, str):
             raise InputError(subject, text, f"a text: {GRAMMAR}")
-        self.subject, self.text = subject, text
+        self.subject, self.text, self.size = subject, text, size
         self.tokens = list(self._tokens())
         self.at = 0
 
@@ -152,20 +153,20 @@ class Reader:
         return TYPES[token]
 
 
-def read_calls(subject: str, text: object, size: int | None) -> tuple[CCall, ...]:
+def read_calls(subject: str, text: object, size: int) -> tuple[CCall, ...]:
     """Parse calls.
 
     Args:
         subject: Argument for which the text was given, for error messages.
         text: Text of the calls.
-        size: Number of entries of the block; None for any.
+        size: Number of entries of the block.
 
     Raises:
         InputError: If the text is invalid, a type is unknown, or an entry is out of range.
     """
-    reader, calls = Reader(subject, text), []
+    reader, calls = Reader(subject, text, size), []
     while True:
-        calls.append(_call(reader, size))
+        calls.append(_call(reader))
         if not reader.has(";"):
             break
         if not reader.next:
@@ -176,7 +177,7 @@ def read_calls(subject: str, text: object, size: int | None) -> tuple[CCall, ...
     return tuple(calls)
 
 
-def _call(reader: Reader, size: int | None) -> CCall:
+def _call(reader: Reader) -> CCall:
     result, parts = reader.type(), 1
     if reader.has("["):
         parts = reader.whole()
@@ -189,13 +190,13 @@ def _call(reader: Reader, size: int | None) -> CCall:
     while not reader.has(")"):
         if arguments:
             reader.take(",")
-        arguments.append(_argument(reader, size))
+        arguments.append(_argument(reader))
     return CCall(result, name, tuple(arguments), parts)
 
 
-def _argument(reader: Reader, size: int | None) -> Argument:
+def _argument(reader: Reader) -> Argument:
     if reader.next in ("in", "out"):
-        return _entries(reader, reader.take(), size)
+        return _entries(reader, reader.take())
     type_ = reader.type()
     if type_ == "void":
         raise reader.wrong("an argument cannot be void")
@@ -213,7 +214,7 @@ def _argument(reader: Reader, size: int | None) -> Argument:
     return Argument("setting", type_, name=reader.name())
 
 
-def _entries(reader: Reader, kind: str, size: int | None) -> Argument:
+def _entries(reader: Reader, kind: str) -> Argument:
     first = reader.whole()
     last, count = first + 1, 0
     if kind == "out":
@@ -223,8 +224,8 @@ def _entries(reader: Reader, kind: str, size: int | None) -> Argument:
         count = last - first
         if count < 1:
             raise reader.wrong(f"entries {first}:{last} form an empty range")
-    if size is not None and last > size:
-        raise reader.wrong(f"entry {last - 1} is out of range: the block has {size} entries, counted from 0")
+    if last > reader.size:
+        raise reader.wrong(f"entry {last - 1} is out of range: the block has {reader.size} entries, counted from 0")
     factor = reader.number() if reader.has("*") else 1.0
     return Argument(kind, first=first, count=count, factor=factor)
 

@@ -12,7 +12,7 @@ from graspfx.compile.c_calls.c_signature import FLOATS, Argument, CCall, Compari
 ORDERS = {"<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "!=": "ne"}
 BITS = {"double": 64, "float": 32}
 DRAIN = 64  # largest number of errors popped from a library's stack
-FRESH, REPEAT = 0, 1  # return values; a negative value is a fault
+REPEAT = 1  # return value without a new sample; 0 with one, a negative value for a fault
 
 
 @dataclass(frozen=True)

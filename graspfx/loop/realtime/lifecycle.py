@@ -16,8 +16,7 @@ from graspfx import log
 from graspfx.compile.kernel_checks import foreign_kernels
 from graspfx.errors import DeviceError, InputError
 from graspfx.loop.arena import Arena
-from graspfx.loop.device import LimitedDevice, RawDevice, is_hardware
-from graspfx.loop.device_calls import CallsDevice, DrivingDevice
+from graspfx.loop.device import CallsDevice, DrivingDevice, LimitedDevice, RawDevice, is_hardware
 from graspfx.loop.device_exchange import DeviceExchange, DevicePort, device_name
 from graspfx.loop.realtime.pacing import Clock, Pacer
 from graspfx.loop.realtime.process import Interruption

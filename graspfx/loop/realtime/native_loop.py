@@ -14,7 +14,7 @@ from graspfx.compile.records import size_for
 from graspfx.errors import DeviceError
 from graspfx.loop.arena import Arena
 from graspfx.loop.columns import RowTaker, RunFault
-from graspfx.loop.device_calls import FRESH, REPEAT, Calls, CallsDevice, DrivingDevice
+from graspfx.loop.device import FRESH, REPEAT, Calls, CallsDevice, DrivingDevice
 from graspfx.loop.device_exchange import ZERO, DeviceExchange, DevicePort, call_of
 from graspfx.loop.engine import Compiled
 from graspfx.loop.realtime.beat import BUSY, CALLED, HALT, OVER, QUIT, STOP, WORDS, Beat, Port, program

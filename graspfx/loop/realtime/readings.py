@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from graspfx.compile.kernel import keep_lowerings, kernel, source_function
 from graspfx.compile.records import Floats, Record, Table, floats, size_for, start_of, table
 from graspfx.errors import InputError, abbreviate
-from graspfx.loop.device_calls import FRESH, REPEAT
-from graspfx.loop.device_frame import Frame
+from graspfx.loop.device import FRESH, REPEAT
+from graspfx.loop.device_mount import Frame
 
 FloatArray = NDArray[np.float64]
 

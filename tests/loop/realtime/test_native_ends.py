@@ -18,7 +18,7 @@ from graspfx.assembly.replay_recording import replayed_with
 from graspfx.commands.output import say_faults
 from graspfx.environment import granted
 from graspfx.errors import DeviceError
-from graspfx.loop.device_calls import Calls
+from graspfx.loop.device import Calls
 from graspfx.loop.realtime import native_loop
 from graspfx.loop.realtime.ring import Word
 from tests.support.native_runs import COLUMNS, Session, both, driver, scene

@@ -16,7 +16,7 @@ import pytest
 import graspfx as gx
 from graspfx.assembly import run_scene as whole_run
 from graspfx.errors import DeviceError
-from graspfx.loop.device_calls import Calls
+from graspfx.loop.device import Calls
 from graspfx.loop.realtime.pacing import ClockState, Lateness, Pacer
 from graspfx.loop.realtime.ring import SLOTS
 from tests.support.native_runs import COLUMNS, PERIOD, Session, both, driver, scene

@@ -1,1 +1,0 @@
-"""Input devices without force feedback: Linux input events, and fingers that follow them."""
