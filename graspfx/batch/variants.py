@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass, field
+from functools import cached_property
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
@@ -13,14 +15,13 @@ from numpy.typing import NDArray
 
 from graspfx.assembly.build import build
 from graspfx.assembly.resolve import require_no_host, require_prompt_simulations, resolve
-from graspfx.batch.groups import Built, Group, Program
-from graspfx.batch.part_memory import PartMemory
-from graspfx.batch.varied_entries import Columns, NotAlikeError, plain_keys
+from graspfx.batch.varied_entries import Column, Columns, NotAlikeError, plain_keys
 from graspfx.errors import Fault, InputError, SceneError
 from graspfx.loop.arena import Arena
 from graspfx.loop.python_parts import foreign, guests, looked_ahead
 
 if TYPE_CHECKING:
+    from graspfx.loop.servo import Servo
     from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
@@ -29,6 +30,97 @@ Numbers = tuple[int, ...]  # index of each key's value
 
 CHECKED = 8  # number of combinations to build in addition to those of extreme values
 FULL = 16  # number of variants up to which all are built
+
+
+@dataclass(frozen=True)
+class Program:
+    """Shared program of variants: a servo that was built for one variant, and its arena."""
+
+    servo: Servo
+    arena: Arena
+
+    @cached_property
+    def size(self) -> int:
+        """Number of entries of the arena."""
+        return self.arena.memory.used
+
+    def fill(self, arena: FloatArray) -> None:
+        """Copy a variant's arena into that of the servo."""
+        self.arena.memory.floats[: self.size] = arena
+
+    def check_activity(self, arena: FloatArray) -> None:
+        """Warn, as `gx.run` does, if matrix gains in a variant's arena can generate energy."""
+        if any(part.grasped.matrices for part in self.servo.objects):
+            self.fill(arena)
+            for part in self.servo.objects:
+                part.grasped.check_activity()
+
+
+@dataclass(frozen=True)
+class Built:
+    """A built variant.
+
+    Attributes:
+        arena: Initial memory of the variant.
+        layout: Digest of the arena's layout; variants with equal digests run in one servo.
+    """
+
+    arena: FloatArray
+    layout: str
+
+
+@dataclass
+class PartMemory:
+    """Memory for variants of a scene that are run in several parts, in one thread.
+
+    Attributes:
+        programs: Programs by layout.
+        bases: Built and verified variant for each kind of values of some keys.
+    """
+
+    programs: dict[str, Program] = field(default_factory=dict)
+    bases: dict[Hashable, Built] = field(default_factory=dict)
+
+
+@dataclass
+class Group:
+    """Variants with the same program.
+
+    Attributes:
+        program: Shared program.
+        base: Buffer contents of one variant, (arena,).
+        members: Indices of the variants, (V,).
+        factors: Differences: entries of the arena, a row of values for each choice, and the choice of each member.
+    """
+
+    program: Program
+    base: FloatArray
+    members: Index
+    factors: list[tuple[Index, FloatArray, Index]] = field(default_factory=list)
+
+    @cached_property
+    def varying(self) -> Index:
+        """Entries of the arena that differ between members."""
+        return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *(entries for entries, _, _ in self.factors)]))
+
+    def arenas(self, members: Any) -> FloatArray:
+        """Return the buffers of some members, (v, arena)."""
+        count = len(self.members[members])
+        copies = np.repeat(self.base[None], count, axis=0)
+        for entries, rows, choice in self.factors:
+            copies[:, entries] = rows[choice[members]]
+        return copies
+
+    def add(self, columns: Iterable[Column]) -> None:
+        """Add a factor with the members' values of the buffer entries that differ from the base."""
+        numbers: dict[int, FloatArray] = {}
+        for block, entry, values in columns:
+            place = self.program.arena.place(block) + entry
+            if (values.view(np.int64) != self.base[place : place + 1].view(np.int64)).any():
+                numbers[place] = values
+        entries = sorted(numbers)
+        rows = np.stack([numbers[entry] for entry in entries], axis=1) if entries else np.empty((len(self.members), 0))
+        self.factors.append((np.array(entries, dtype=np.intp), rows, np.arange(len(self.members))))
 
 
 class ForeignPartsError(InputError):

@@ -24,7 +24,7 @@ from graspfx.assembly.resolve import require_prompt_simulations, resolve
 from graspfx.assembly.run_scene import ticks_of
 from graspfx.assembly.session import warn_of_axes
 from graspfx.batch.batch import MEASURED, names_of, require_known
-from graspfx.batch.statistics import STATISTICS, Statistics
+from graspfx.batch.measured_columns import STATISTICS, Statistics
 from graspfx.environment import is_granted
 from graspfx.errors import InputError, SceneError
 from graspfx.loop.columns import Layout

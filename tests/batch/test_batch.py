@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.batch import variant_runs
-from graspfx.batch.grid import grid
+from graspfx.batch import group_runs
+from graspfx.batch.batch import grid
+from graspfx.batch.measured_columns import empty, take
 from graspfx.batch.variants import Variants
 from graspfx.errors import InputError, SceneError, UnknownNameError
 from graspfx.grasp.impedance import ActiveCouplingWarning
@@ -253,6 +254,23 @@ def test_a_fault_is_told_as_things_stood_at_its_tick(line):
     assert "outside its workspace" in require(kept.recordings)[0].faults[0].message
 
 
+@pytest.mark.parametrize("block", [1, 3, 4, 9])
+def test_measures_are_those_of_a_loop_over_the_rows(block):
+    """Sums are added row by row, NaN and infinity included; no comparison selects NaN."""
+    rows = np.random.default_rng(3).normal(size=(9, 4))
+    rows[2, 1], rows[5, 2], rows[:, 3] = np.nan, np.inf, np.nan
+    measures = empty(4)
+    for k in range(0, 9, block):
+        take(rows[k : k + block], measures, k, 9)
+    for x, found in zip(rows.T.tolist(), measures.tolist(), strict=True):
+        sums = [0.0, 0.0]
+        for each in x:
+            sums = [sums[0] + each, sums[1] + each * each]
+        peaks = [of([each for each in part if each == each], default=end)
+                 for part in (x[:4], x[4:]) for of, end in ((min, np.inf), (max, -np.inf))]  # fmt: skip
+        np.testing.assert_array_equal(found, [x[0], x[-1], *sums, *peaks])
+
+
 def test_after_an_error_no_thread_begins_another_job():
     begun = []
 
@@ -263,7 +281,7 @@ def test_after_an_error_no_thread_begins_another_job():
         time.sleep(0.01)
 
     with pytest.raises(InputError):
-        variant_runs._shared(run, [np.array([k]) for k in range(100)], 2)
+        group_runs._shared(run, [np.array([k]) for k in range(100)], 2)
     assert len(begun) < 50
 
 
