@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -258,7 +259,7 @@ class Variants:
             group.members = members[group.members]
             try:
                 group.add(Columns(self.scene, inside).fill(parts, group.program.servo))
-                same = before is not None or self._is_as_built(group, inside)
+                same = before is not None or self._is_as_built(group, self._extreme_ones(group, inside))
             except NotAlikeError:
                 same = False
             if not same:
@@ -268,11 +269,14 @@ class Variants:
             self.memory.bases[kind] = base
         return groups_
 
-    def _is_as_built(self, group: Group, values: Mapping[str, FloatArray]) -> bool:
-        """Compare assembled variants with built ones: the most extreme variant of each key, and a random one."""
+    def _extreme_ones(self, group: Group, values: Mapping[str, FloatArray]) -> list[int]:
+        """List positions in a group: the most extreme variant of each key, and a random one."""
         random = np.random.default_rng(len(group.members))
         some = [int(np.argmax(np.abs(each - each[len(each) // 2]))) for each in values.values()]
-        some.append(int(random.integers(len(group.members))))
+        return [*some, int(random.integers(len(group.members)))]
+
+    def _is_as_built(self, group: Group, some: Iterable[int]) -> bool:
+        """Compare assembled variants at some positions in a group with built ones."""
         for k in dict.fromkeys(some):
             built = self.built(self.numbers[group.members[k]])
             if self._programs[built.layout] is not group.program:
@@ -334,7 +338,7 @@ class Variants:
                     for keys, (rows, _) in zip(factors, choices, strict=True)
                 ]
             except SceneError:
-                if self._is_grid(members):
+                if self._is_grid():
                     raise
                 return self._all(members, "a value of one key is invalid without the values of the others")
             for (_, choice), built in zip(choices, alone, strict=True):
@@ -356,7 +360,7 @@ class Variants:
             if entries:
                 where = np.array(sorted(entries), dtype=np.intp)
                 group.factors.append((where, np.array([each.arena[where] for each in built]), choice))
-        if len(factors) < 2 or self._holds(group, base.layout):
+        if len(factors) < 2 or self._holds(group):
             return [group]
         return self._all(members, "their keys interact")
 
@@ -365,17 +369,11 @@ class Variants:
         rows, choice = np.unique(self.numbers[members][:, keys], axis=0, return_inverse=True)
         return rows, choice.ravel()
 
-    def _is_grid(self, members: Index) -> bool:
-        """Return whether every value occurs together with the middle variant's other values."""
-        have = {tuple(row) for row in self.numbers.tolist()}
-        middle = self.numbers[members[len(members) // 2]]
-        return all(
-            tuple(_with(middle, [i], [n]).tolist()) in have
-            for i in range(len(self.keys))
-            for n in np.unique(self.numbers[:, i]).tolist()
-        )
+    def _is_grid(self) -> bool:
+        """Return whether every value occurs together with all values of the other keys."""
+        return len(np.unique(self.numbers, axis=0)) == math.prod(len(np.unique(each)) for each in self.numbers.T)
 
-    def _holds(self, group: Group, layout: str) -> bool:
+    def _holds(self, group: Group) -> bool:
         """Compare assembled variants with built ones: all combinations of extreme values, and some others."""
         numbers = self.numbers[group.members]
         ends = [np.isin(numbers[:, i], _extremes(self.values[key], numbers[:, i])) for i, key in enumerate(self.keys)]
@@ -383,13 +381,7 @@ class Variants:
         random = np.random.default_rng(len(numbers))
         some = random.choice(len(numbers), size=min(CHECKED, len(numbers)), replace=False)
         lone = [int(np.flatnonzero(end)[0]) for end in ends if end.any()]
-        for variant in dict.fromkeys([*corners[:64].tolist(), *lone, *some.tolist()]):
-            built = self.built(numbers[variant])
-            if built.layout != layout:
-                return False
-            if built.arena.tobytes() != group.arenas(slice(variant, variant + 1))[0].tobytes():
-                return False
-        return True
+        return self._is_as_built(group, [*corners[:64].tolist(), *lone, *some.tolist()])
 
     def _all(self, members: Index, why: str) -> list[Group]:
         self.notes.append(f"{len(members)} variants were built one by one: {why}")

@@ -185,7 +185,7 @@ def test_equal_gains_are_a_group_of_their_own(line):
 def test_what_does_not_add_up_is_built_whole(line, by_values, monkeypatch):
     values = {KEP: np.linspace(20.0, 60.0, 5), BV: np.linspace(0.5, 1.0, 4)}
     expected = gx.run_batch(line, values, 0.1)
-    monkeypatch.setattr(Variants, "_holds", lambda self, group, layout: False)
+    monkeypatch.setattr(Variants, "_holds", lambda self, group: False)
     found = gx.run_batch(line, values, 0.1)
     assert found.notes == ("20 variants were built one by one: their keys interact",)
     assert not expected.notes
@@ -196,10 +196,9 @@ def test_a_wrong_entry_is_found(line, by_values):
     values = {KEP: np.linspace(20.0, 60.0, 5).tolist(), BV: np.linspace(0.5, 1.0, 5).tolist()}
     variants = Variants(line, values, np.indices((5, 5)).reshape(2, -1).T)
     [group] = variants.groups()
-    layout = variants.built(variants.numbers[0]).layout
-    assert variants._holds(group, layout)
+    assert variants._holds(group)
     group.factors[0][1][0] *= 1.0 + 1e-15  # of the least value, which is in two corners
-    assert not variants._holds(group, layout)
+    assert not variants._holds(group)
 
 
 @pytest.mark.parametrize("name", ["paper-spring", "sphere-three-fingers"])
