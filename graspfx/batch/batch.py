@@ -341,9 +341,7 @@ def as_array(values: Sequence[Any]) -> NDArray[Any]:
     """Convert values to an array, of floats if all are numbers, else of objects."""
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
         return np.array(values, dtype=float)
-    objects = np.empty(len(values), dtype=object)
-    objects[:] = list(values)
-    return objects
+    return as_objects(values, (len(values),))
 
 
 def as_objects(values: Sequence[Any], shape: tuple[int, ...]) -> NDArray[Any]:

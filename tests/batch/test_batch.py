@@ -16,7 +16,7 @@ from graspfx.batch import group_runs
 from graspfx.batch.batch import grid
 from graspfx.batch.measured_columns import empty, take
 from graspfx.batch.variants import Variants
-from graspfx.errors import InputError, SceneError, UnknownNameError
+from graspfx.errors import InputError, MissingPackageError, SceneError, UnknownNameError
 from graspfx.grasp.impedance import ActiveCouplingWarning
 from tests.support.optional import require
 
@@ -268,6 +268,18 @@ def test_measures_are_those_of_a_loop_over_the_rows(block):
         peaks = [of([each for each in part if each == each], default=end)
                  for part in (x[:4], x[4:]) for of, end in ((min, np.inf), (max, -np.inf))]  # fmt: skip
         np.testing.assert_array_equal(found, [x[0], x[-1], *sums, *peaks])
+
+
+def test_measures_compile_nothing_beside_the_program_of_all_scenes(line, monkeypatch):
+    """An installation with that program measures without LLVM."""
+    values = {BV: [0.5, 0.8]}
+    expected = gx.run_batch(line, values, 0.1)
+
+    def missing(*given, **more):
+        raise MissingPackageError("llvmlite", "a test", "")
+
+    monkeypatch.setattr("graspfx.compile.native.compiled", missing)
+    require_same(gx.run_batch(line, values, 0.1), expected)
 
 
 def test_after_an_error_no_thread_begins_another_job():
