@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
@@ -11,21 +12,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx import plugins
 from graspfx.analysis.checked_arguments import count
 from graspfx.assembly.provenance import header_of
 from graspfx.assembly.resolve import resolve
 from graspfx.assembly.session import warn_of_axes
-from graspfx.batch.grid import as_array, as_objects, grid
 from graspfx.batch.group_runs import Runs
-from graspfx.batch.measured_columns import columns_of, is_quantity
-from graspfx.batch.statistics import STATISTICS, Statistics
-from graspfx.batch.variants import Variants
+from graspfx.batch.measured_columns import STATISTICS, Statistics, columns_of, is_quantity
 from graspfx.card import Card, Carded, counted, listed
 from graspfx.environment import processors
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.loop.columns import Column, Layout
-from graspfx.progress import waiting
 from graspfx.recording.record import Recording
 
 if TYPE_CHECKING:
@@ -255,14 +251,10 @@ def run_batch(
     threads = count("threads", threads, 1) if threads is not None else processors()
     began = perf_counter()
     shape, lists, numbers = grid(values, zip=zip)
-    with plugins.unchanged():
-        variants = Variants(scene_, lists, numbers)
-        with waiting("building variants", unit="built", count=lambda: variants.builds):
-            groups = variants.groups()
+    runs = Runs(scene_, lists, numbers, duration, threads)
     warn_of_axes(resolve(scene_))
-    runs = Runs(scene_, variants, len(numbers), duration, threads)
     if keep == "measures":
-        measures = runs.measured(groups, measure, statistics)
+        measures = runs.measured(measure, statistics)
         results: dict[str, Any] = {
             "measures": {
                 quantity: Statistics({name: each.reshape(*shape, *each.shape[1:]) for name, each in by_name.items()})
@@ -270,17 +262,17 @@ def run_batch(
             }
         }
     elif keep == "recordings":
-        results = {"recordings": as_objects(runs.recorded(groups, lambda each: each, whole=True), shape)}
+        results = {"recordings": as_objects(runs.recorded(lambda each: each, whole=True), shape)}
     else:
-        results = {"summaries": as_objects(runs.recorded(groups, Recording.summary, whole=False), shape)}
+        results = {"summaries": as_objects(runs.recorded(Recording.summary, whole=False), shape)}
     return Batch(
         values={key: as_array(lists[key])[numbers[:, k]].reshape(shape) for k, key in enumerate(lists)},
         fault_tick=runs.faults.reshape(shape),
-        notes=tuple(variants.notes),
+        notes=tuple(runs.variants.notes),
         build_time=perf_counter() - began - runs.run_time,
         run_time=runs.run_time,
         scene=header_of(resolve(scene_)).scene,
-        layout=groups[0].program.servo.layout,
+        layout=runs.groups[0].program.servo.layout,
         **results,
     )
 
@@ -298,3 +290,62 @@ def require_known(kind: str, names: Sequence[str], choices: Sequence[str]) -> No
     for name in names:
         if name not in choices:
             raise UnknownNameError(kind, name, choices)
+
+
+# Values of the keys, and the combination of each variant --------------------------------------------------------------
+
+
+def grid(
+    values: Mapping[str, Sequence[Any] | NDArray[Any]], *, zip: bool
+) -> tuple[tuple[int, ...], dict[str, list[Any]], IndexArray]:
+    """Return the grid's shape, the values of each key, and the indices of each variant's values."""
+    for key, items in values.items():
+        if isinstance(items, str | bytes) or not isinstance(items, Iterable):
+            raise InputError(f"values[{key!r}]", items, "a list of values")
+    lists = {
+        str(key): items.tolist() if isinstance(items, np.ndarray) else [_plain(value) for value in items]
+        for key, items in values.items()
+    }
+    if not lists or not all(lists.values()):
+        raise InputError("values", dict(values), "at least one key, each with a list of values")
+    if "duration" in lists:
+        raise InputError("values", "duration", "keys of the scene", "pass it as the argument `duration`")
+    lengths = [len(items) for items in lists.values()]
+    if zip and len(set(lengths)) > 1:
+        raise InputError("values", {key: len(items) for key, items in lists.items()}, "lists of equal length with zip")
+    alike = [_first_alike(items) for items in lists.values()]
+    axes = np.tile(np.arange(lengths[0]), (len(lengths), 1)) if zip else np.indices(lengths).reshape(len(lengths), -1)
+    numbers = np.array([same[axis] for same, axis in builtins.zip(alike, axes, strict=True)]).T
+    return (lengths[0],) if zip else tuple(lengths), lists, np.ascontiguousarray(numbers)
+
+
+def _first_alike(items: Sequence[Any]) -> IndexArray:
+    """Return for each value the index of the first value with the same text."""
+    if all(type(value) is float for value in items):
+        _, first, choice = np.unique(np.array(items).view(np.int64), return_index=True, return_inverse=True)
+        return np.asarray(first[choice.ravel()])
+    written = {repr(value): k for k, value in reversed(list(enumerate(items)))}
+    return np.array([written[repr(value)] for value in items])
+
+
+def _plain(value: Any) -> Any:
+    """Convert arrays in a value to lists, because numpy abbreviates the text of arrays."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {key: _plain(each) for key, each in value.items()}
+    return type(value)(map(_plain, value)) if type(value) in (list, tuple) else value
+
+
+def as_array(values: Sequence[Any]) -> NDArray[Any]:
+    """Convert values to an array, of floats if all are numbers, else of objects."""
+    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
+        return np.array(values, dtype=float)
+    return as_objects(values, (len(values),))
+
+
+def as_objects(values: Sequence[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    """Put objects in an array of a shape."""
+    objects = np.empty(len(values), dtype=object)
+    objects[:] = list(values)
+    return objects.reshape(shape)

@@ -1,10 +1,13 @@
-"""Runs of all groups of variants, with their measures or recordings."""
+"""Runs of variants by the program of all scenes, as in `gx.run`, with their measures or recordings."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass, replace
 from functools import partial
+from threading import Lock
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,15 +18,13 @@ from graspfx.assembly.provenance import header_of
 from graspfx.assembly.resolve import resolve
 from graspfx.assembly.run_scene import ticks_of
 from graspfx.assembly.session import require_memory
-from graspfx.batch.groups import Group
-from graspfx.batch.measured_columns import columns_of, divider, split_of
-from graspfx.batch.part_memory import PartMemory
-from graspfx.batch.statistics import statistic
-from graspfx.batch.variant_runs import Ended, Job
-from graspfx.batch.variants import Variants
+from graspfx.batch.measured_columns import columns_of, divider, empty, split_of, statistic, take
+from graspfx.batch.variants import Group, PartMemory, Variants
 from graspfx.coupling import block as at
 from graspfx.errors import InputError
 from graspfx.loop.columns import RunFault, Selection, chosen_layout
+from graspfx.loop.engine import machine_codes, program
+from graspfx.loop.world import ServoState
 from graspfx.progress import waiting
 from graspfx.recording.header import Header, Outcome
 from graspfx.recording.record import Recording
@@ -36,36 +37,59 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 Measures = dict[str, dict[str, FloatArray]]  # values by quantity and statistic, (V, *quantity)
 
+APIECE = 8  # number of variants that a thread takes at a time
+BLOCK = 1024  # number of rows that are written at a time
 MOST_TICKS = 2**53  # larger numbers are not all floats
 
 
 class Runs:
-    """Runs of all groups of variants.
+    """Runs of some variants of a scene.
 
     Args:
-        scene: Scene of the variants.
-        variants: Variants of the scene.
-        count: Number of variants.
+        scene: Scene that consists of kernels only.
+        lists: Values by key.
+        numbers: Index of each key's value in each variant, (V, keys).
         duration: Duration that replaces the scene's [s].
-        threads: Number of threads.
+        threads: Number of threads, which does not affect results.
+        memory: Memory of other variants of the scene that this thread has run.
+
+    Attributes:
+        variants: The variants, with notes on long computing times.
+        groups: Their groups.
+        faults: Tick of each variant's first fault, -1 without a fault, (V,).
+        run_time: Time spent on runs [s].
+
+    Raises:
+        SceneError: If a variant is not a valid scene; the error names the variant's values.
+        InputError: If a part of the scene is not a kernel.
     """
 
-    def __init__(self, scene: Scene, variants: Variants, count: int, duration: float | None, threads: int) -> None:
-        self.scene, self.variants, self.duration, self.threads = scene, variants, duration, threads
-        self.faults = np.full(count, -1)
-        self.run_time = 0.0
+    def __init__(
+        self,
+        scene: Scene,
+        lists: Mapping[str, Sequence[Any]],
+        numbers: IndexArray,
+        duration: float | None,
+        threads: int,
+        memory: PartMemory | None = None,
+    ) -> None:
+        self.scene, self.duration, self.threads = scene, duration, threads
+        self.faults, self.run_time = np.full(len(numbers), -1), 0.0
+        with plugins.unchanged():
+            self.variants = Variants(scene, lists, numbers, memory=memory)
+            with waiting("building variants", unit="built", count=lambda: self.variants.builds):
+                self.groups = self.variants.groups()
 
-    def measured(self, groups: Sequence[Group], measure: Sequence[str], statistics: Sequence[str]) -> Measures:
+    def measured(self, measure: Sequence[str], statistics: Sequence[str]) -> Measures:
+        """Measure the variants; the arguments are those of `run_batch`."""
         measures: Measures = {}
-        for group in groups:
-            layout = group.program.servo.layout
-            columns, behind = columns_of(layout, measure)
+        for group in self.groups:
+            columns, derived = columns_of(group.program.servo.layout, measure)
             where = [k for column in columns.values() for k in range(column.where.start, column.where.stop)]
-            job = self._job(group, where)
-            job.more = partial(divider, group, behind) if behind else None
-            with waiting("running variants", job.variants, "variants", partial(getattr, job, "done")):
-                raw, faults = job.measured(self.threads)
-            self.run_time += job.spent
+            runs, began = self._of(group), perf_counter()
+            with waiting("running variants", len(group.members), "variants", partial(getattr, runs, "done")):
+                raw, faults = runs.measured(where, derived, self.threads)
+            self.run_time += perf_counter() - began
             self.faults[group.members] = faults
             start = 0
             for quantity, column in columns.items():
@@ -75,49 +99,156 @@ class Runs:
                     array = of.setdefault(name, np.full((len(self.faults), *column.shape), np.nan))
                     if array.shape[1:] != column.shape:
                         raise InputError("measure", quantity, "a quantity of the same shape in all variants")
-                    each = statistic(name, raw[:, start : start + size], job.ticks)
+                    each = statistic(name, raw[:, start : start + size], runs.ticks)
                     array[group.members] = each.reshape(len(each), *column.shape)
                 start += size
         return measures
 
-    def recorded(self, groups: Sequence[Group], make: Callable[[Recording], Any], *, whole: bool) -> list[Any]:
+    def recorded(self, make: Callable[[Recording], Any], *, whole: bool) -> list[Any]:
+        """Record the variants; return what `make` makes of each recording, `whole` if that keeps the rows."""
         results: list[Any] = [None] * len(self.faults)
         header = header_of(resolve(self.scene))
-        for group in groups:
+        for group in self.groups:
             layout, record = group.program.servo.layout, self.scene.record
             selection = Selection(layout, chosen_layout(layout, record.columns), record.every)
-            job = self._job(group, [])
-            ticks = job.ticks if record.every > 1 else 0  # number of ticks, which the number of rows does not determine
-            require_memory(job.ticks * (job.variants if whole else 1), 8 * job.width)
-            for member, ended in zip(group.members.tolist(), job.recorded(self.threads), strict=True):
+            runs, began = self._of(group), perf_counter()
+            ticks = (
+                runs.ticks if record.every > 1 else 0
+            )  # number of ticks, which the number of rows does not determine
+            require_memory(runs.ticks * (len(group.members) if whole else 1), 8 * layout.width)
+            for member, ended in zip(group.members.tolist(), runs.recorded(self.threads), strict=True):
                 self.faults[member] = ended.fault
-                outcome = _outcome(group, ended)
-                if job.look is not None:
-                    job.look(ended.arena)
+                outcome = replace(_outcome(group, ended), ticks=ticks)
+                group.program.check_activity(ended.arena)
                 own = replace(self._header(header, group, member), split=split_of(group, ended.arena))
-                rows = selection.cut(ended.rows)
-                results[member] = make(Recording(rows, selection.layout, own, replace(outcome, ticks=ticks)))
-            self.run_time += job.spent
+                results[member] = make(Recording(selection.cut(ended.rows), selection.layout, own, outcome))
+            self.run_time += perf_counter() - began
         return results
 
-    def _job(self, group: Group, columns: Sequence[int]) -> Job:
-        servo = group.program.servo
+    def _of(self, group: Group) -> GroupRuns:
+        period = group.program.servo.period
         duration = self.duration if self.duration is not None else self.scene.duration
-        ticks = ticks_of(duration, servo.period)
+        ticks = ticks_of(duration, period)
         if ticks > MOST_TICKS:
-            most = f"at most {MOST_TICKS:.3g} periods of {servo.period} s: more cannot be counted"
+            most = f"at most {MOST_TICKS:.3g} periods of {period} s: more cannot be counted"
             raise InputError("duration", duration, most, "make the duration shorter or the period longer")
-        width = servo.layout.width
-        return Job(
-            group.program.arena, group.program.size, group, len(group.members), width, columns, ticks,
-            group.program.check_activity if any(part.grasped.matrices for part in servo.objects) else None,
-        )  # fmt: skip
+        return GroupRuns(group, ticks)
 
     def _header(self, header: Header, group: Group, member: int) -> Header:
         overrides = self.variants.overrides(self.variants.numbers[member])
         table, _, _ = overridden(header.scene_table, overrides)
         together = {**header.overrides, **overrides}
         return replace(header, period=group.program.servo.period, scene_table=table, overrides=together)
+
+
+@dataclass(frozen=True)
+class Ended:
+    """End of a recorded variant's run: rows, the tick of its fault or -1, and its buffers, (arena,).
+
+    `arena_copy` contains the buffers after the tick of the fault; the fault's message quotes values from these buffers.
+    """
+
+    rows: FloatArray
+    fault: int
+    arena: FloatArray
+    arena_copy: FloatArray
+
+
+class GroupRuns:
+    """Runs of the variants of a group, one at a time in each thread, which has its own buffers.
+
+    Args:
+        group: Group of variants.
+        ticks: Ticks of a run.
+
+    Attributes:
+        done: Number of variants that have run.
+    """
+
+    def __init__(self, group: Group, ticks: int) -> None:
+        self.group, self.ticks, self.done = group, ticks, 0
+        self._arena, self._width = group.program.arena, group.program.servo.layout.width
+        self._program, self._kernels = program(), machine_codes(self._arena)
+        self._lock = Lock()
+
+    def measured(self, columns: Sequence[int], derived: Sequence[str], threads: int) -> tuple[FloatArray, IndexArray]:
+        """Measure all variants.
+
+        Args:
+            columns: Indices of the measured numbers of a row, followed by the derived variables.
+            derived: Names of these variables.
+            threads: Number of threads.
+
+        Returns:
+            Measures (V, columns, MEASURES), and the tick of each variant's fault, -1 for none.
+        """
+        count, where = len(self.group.members), np.array(columns, dtype=np.intp)
+        measures, faults = empty(count, len(where)), np.full(count, -1)
+
+        def run(members: IndexArray) -> None:
+            arena, steps, rows = self._bound(min(BLOCK, self.ticks))
+            for member, start in zip(members.tolist(), self.group.arenas(members), strict=True):
+                self._fill(arena, start)
+                divide = divider(self.group, derived, arena) if derived else None
+                k = 0
+                while k < self.ticks:
+                    some = rows[: steps(k, min(len(rows), self.ticks - k), 0)]
+                    numbers = some if divide is None else np.concatenate([some, divide(some)], axis=1)
+                    take(numbers[:, where], measures[member], k, self.ticks)
+                    k += len(some)
+                faults[member] = self._fault(arena)
+                with self._lock:
+                    self.group.program.check_activity(arena)
+                    self.done += 1
+
+        members = np.arange(count)
+        _shared(run, [members[k : k + APIECE] for k in range(0, count, APIECE)], threads)
+        return measures, faults
+
+    def recorded(self, threads: int) -> Iterator[Ended]:
+        """Run as many variants at a time as there are threads; yield the results in the order of the variants."""
+        count = len(self.group.members)
+        with ThreadPoolExecutor(threads) as pool:
+            for k in range(0, count, threads):  # at most one group of rows in advance of the consumer
+                yield from pool.map(self._record, range(k, min(k + threads, count)))
+
+    def _record(self, variant: int) -> Ended:
+        """Run a variant and record its rows."""
+        arena, steps, rows = self._bound(self.ticks)
+        self._fill(arena, self.group.arenas(slice(variant, variant + 1))[0])
+        k, copy = 0, arena
+        while k < self.ticks:
+            k += steps(k, min(BLOCK, self.ticks - k), k)
+            if copy is arena and self._fault(arena) >= 0:
+                copy = arena.copy()
+        return Ended(rows, self._fault(arena), arena, copy)
+
+    def _bound(self, count: int) -> tuple[FloatArray, Callable[..., int], FloatArray]:
+        """Bind the program to an arena, and return the rows that it writes."""
+        arena, rows = np.zeros(self.group.program.size), np.zeros((count, self._width))
+        arrays = {"arena": arena, "rows": rows.reshape(-1)}
+        bound = self._program.bind(*(arrays[name] for name in self._program.arrays))
+        return arena, partial(bound.long, self._arena.offset), rows
+
+    def _fill(self, arena: FloatArray, start: FloatArray) -> None:
+        """Copy a variant's initial contents, and the addresses of third-party kernels, into an arena."""
+        arena[:] = start
+        for each, native in self._kernels:
+            arena[list(each.entries)] = float(native.entry)
+
+    def _fault(self, arena: FloatArray) -> int:
+        servo = ServoState(arena, self._arena.place(self._arena.own))
+        return servo.tick if servo.faulted else -1
+
+
+def _shared(run: Callable[[IndexArray], None], jobs: Iterable[IndexArray], threads: int) -> None:
+    """Distribute jobs over threads; after an error or an interruption, no thread starts another job."""
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            for future in as_completed([pool.submit(run, job) for job in jobs]):
+                future.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def _outcome(group: Group, ended: Ended) -> Outcome:
@@ -131,35 +262,3 @@ def _outcome(group: Group, ended: Ended) -> Outcome:
         return Outcome(engine="compiled", **coupling)
     program.fill(ended.arena_copy)  # the values in a fault's message come from its parts' buffers
     return Outcome((RunFault(ended.fault, servo.why(program.arena.own)),), engine="compiled", **coupling)
-
-
-def measured_variants(
-    scene: Scene,
-    lists: Mapping[str, Sequence[Any]],
-    numbers: IndexArray,
-    duration: float | None,
-    measure: Sequence[str],
-    statistics: Sequence[str],
-    threads: int,
-    memory: PartMemory | None = None,
-) -> tuple[Measures, IndexArray, tuple[str, ...]]:
-    """Measure some variants of a scene.
-
-    Args:
-        scene: Scene that consists of kernels only.
-        lists: Values by key.
-        numbers: Index of each key's value in each variant, (V, keys).
-        duration: Duration that replaces the scene's [s].
-        measure, statistics: As for `run_batch`.
-        threads: Number of threads, which does not affect results.
-        memory: Memory of other variants of the scene that this thread has run.
-
-    Returns:
-        Measures, the tick of each variant's first fault or -1, and notes on long computing times.
-    """
-    with plugins.unchanged():
-        variants = Variants(scene, lists, numbers, memory=memory)
-        groups = variants.groups()
-    runs = Runs(scene, variants, len(numbers), duration, threads)
-    measures = runs.measured(groups, measure, statistics)
-    return measures, runs.faults, tuple(variants.notes)

@@ -1,4 +1,4 @@
-"""Columns of a batch's measured quantities: columns of a row, followed by variables computed from a row."""
+"""Measured quantities: columns of a row, variables computed from a row, and statistics instead of rows."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.batch.groups import Group
+from graspfx.batch.variants import Group
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.two_forces import SplitRule
 from graspfx.errors import UnknownNameError
@@ -64,45 +64,91 @@ def split_of(group: Group, arena: FloatArray) -> dict[str, dict[str, Any]]:
     }
 
 
-def _friction(group: Group, arena: FloatArray) -> list[float]:
-    """Read the fingers' coefficients of friction from a variant's buffers; 0 for none."""
+def _friction(group: Group, arena: FloatArray) -> FloatArray:
+    """Read the fingers' coefficients of friction from a variant's buffers; NaN for none."""
     program = group.program
-    found = [0.0] * len(program.servo.layout.fingers)
+    found = np.full(len(program.servo.layout.fingers), np.nan)
     for part in program.servo.objects:
         state = GraspState(arena, program.arena.place(part.grasped.block))
         for finger, mu in zip(part.fingers, state.fingers.array(FingerState.coefficient), strict=True):
-            found[finger] = float(mu)
+            found[finger] = mu or np.nan
     return found
 
 
-def divider(group: Group, names: Sequence[str], arenas: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """Make the function that computes variables from rows of variants with these initial buffers, (v, arena).
-
-    Returns:
-        Function of their rows (r, width, v) that returns the variables, (r, numbers, v).
-    """
+def divider(group: Group, names: Sequence[str], arena: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    """Make the function that computes variables (r, numbers) from rows (r, width) of a variant with this arena."""
     layout = group.program.servo.layout
-    alike: list[tuple[dict[str, dict[str, Any]], list[float], list[int]]] = []  # variants that agree in both, together
-    for k, arena in enumerate(arenas):
-        split, friction = split_of(group, arena), _friction(group, arena)
-        members = next((members for *other, members in alike if other == [split, friction]), None)
-        if members is None:
-            alike.append((split, friction, [k]))
-        else:
-            members.append(k)
+    splits, friction = [(0, split_of(group, arena))], [(0, _friction(group, arena))]
 
     def divide(rows: FloatArray) -> FloatArray:
-        count, width, _ = rows.shape
-        out: FloatArray | None = None
-        for split, friction, members in alike:
-            mu = np.array([each or np.nan for each in friction])
-            own = np.ascontiguousarray(rows[:, :, members].transpose(2, 0, 1)).reshape(-1, width)
-            parts = RowSplit(own, layout, [(0, split)], friction=[(0, mu)]).derived(names)
-            whole = np.concatenate([parts[name].reshape(len(own), -1) for name in names], axis=1)
-            if out is None:
-                out = np.empty((count, whole.shape[1], len(arenas)))
-            out[:, :, members] = whole.reshape(len(members), count, -1).transpose(1, 2, 0)
-        assert out is not None
-        return out
+        parts = RowSplit(rows, layout, splits, friction=friction).derived(names)
+        return np.concatenate([parts[name].reshape(len(rows), -1) for name in names], axis=1)
 
     return divide
+
+
+# Statistics -----------------------------------------------------------------------------------------------------------
+
+FIRST, LAST, SUM, SQUARES, LOW, HIGH, LATE_LOW, LATE_HIGH = range(8)  # measures of a number; LATE_ is the second half
+MEASURES = 8
+STATISTICS = ("first", "last", "mean", "rms", "min", "max", "peak", "growth")
+
+
+class Statistics(dict[str, FloatArray]):
+    """Statistics of a quantity by name; errors for unknown names suggest the closest name."""
+
+    def __missing__(self, name: str) -> FloatArray:
+        raise UnknownNameError("statistic", str(name), self)
+
+
+def empty(*shape: int) -> FloatArray:
+    """Make empty measures, (*shape, MEASURES)."""
+    measures = np.zeros((*shape, MEASURES))
+    measures[..., [LOW, LATE_LOW]] = np.inf
+    measures[..., [HIGH, LATE_HIGH]] = -np.inf
+    return measures
+
+
+def take(rows: FloatArray, measures: FloatArray, k: int, ticks: int) -> None:
+    """Update measures (numbers, MEASURES) with the rows (r, numbers) of the ticks k, k + 1, ... of a run.
+
+    Sums are computed row by row, so that they do not depend on the division into blocks.
+    """
+    if k == 0:
+        measures[:, FIRST] = rows[0]
+    measures[:, LAST] = rows[-1]
+    with np.errstate(over="ignore", invalid="ignore"):
+        for each, terms in ((SUM, rows), (SQUARES, rows * rows)):
+            measures[:, each] = np.add.accumulate(np.concatenate([measures[None, :, each], terms]))[-1]
+    half = max(ticks // 2 - k, 0)
+    for part, low in ((rows[:half], LOW), (rows[half:], LATE_LOW)):
+        measures[:, low] = np.fmin(measures[:, low], np.fmin.reduce(part, initial=np.inf))
+        measures[:, low + 1] = np.fmax(measures[:, low + 1], np.fmax.reduce(part, initial=-np.inf))
+
+
+def statistic(name: str, measures: FloatArray, ticks: int) -> FloatArray:
+    """Compute a statistic from measures (..., MEASURES) of a run of `ticks` ticks; NaN without finite numbers.
+
+    The growth is the peak magnitude of the second half of the ticks over that of the first half, whose number of
+    ticks is rounded down.
+    """
+    if name in ("first", "last"):
+        return measures[..., FIRST if name == "first" else LAST]
+    if name == "mean":
+        return measures[..., SUM] / ticks
+    if name == "rms":
+        return np.asarray(np.sqrt(measures[..., SQUARES] / ticks))
+    low, high = measures[..., [LOW, LATE_LOW]], measures[..., [HIGH, LATE_HIGH]]
+    if name == "min":
+        return _number(low.min(axis=-1))
+    if name == "max":
+        return _number(high.max(axis=-1))
+    peaks = np.maximum(-low, high)
+    if name == "peak":
+        return _number(peaks.max(axis=-1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return _number(peaks[..., 1]) / _number(peaks[..., 0])
+
+
+def _number(values: FloatArray) -> FloatArray:
+    return np.where(np.isfinite(values), values, np.nan)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass, field
+from functools import cached_property
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
@@ -13,14 +16,13 @@ from numpy.typing import NDArray
 
 from graspfx.assembly.build import build
 from graspfx.assembly.resolve import require_no_host, require_prompt_simulations, resolve
-from graspfx.batch.groups import Built, Group, Program
-from graspfx.batch.part_memory import PartMemory
-from graspfx.batch.varied_entries import Columns, NotAlikeError, plain_keys
+from graspfx.batch.varied_entries import Column, Columns, NotAlikeError, plain_keys
 from graspfx.errors import Fault, InputError, SceneError
 from graspfx.loop.arena import Arena
 from graspfx.loop.python_parts import foreign, guests, looked_ahead
 
 if TYPE_CHECKING:
+    from graspfx.loop.servo import Servo
     from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
@@ -29,6 +31,97 @@ Numbers = tuple[int, ...]  # index of each key's value
 
 CHECKED = 8  # number of combinations to build in addition to those of extreme values
 FULL = 16  # number of variants up to which all are built
+
+
+@dataclass(frozen=True)
+class Program:
+    """Shared program of variants: a servo that was built for one variant, and its arena."""
+
+    servo: Servo
+    arena: Arena
+
+    @cached_property
+    def size(self) -> int:
+        """Number of entries of the arena."""
+        return self.arena.memory.used
+
+    def fill(self, arena: FloatArray) -> None:
+        """Copy a variant's arena into that of the servo."""
+        self.arena.memory.floats[: self.size] = arena
+
+    def check_activity(self, arena: FloatArray) -> None:
+        """Warn, as `gx.run` does, if matrix gains in a variant's arena can generate energy."""
+        if any(part.grasped.matrices for part in self.servo.objects):
+            self.fill(arena)
+            for part in self.servo.objects:
+                part.grasped.check_activity()
+
+
+@dataclass(frozen=True)
+class Built:
+    """A built variant.
+
+    Attributes:
+        arena: Initial memory of the variant.
+        layout: Digest of the arena's layout; variants with equal digests run in one servo.
+    """
+
+    arena: FloatArray
+    layout: str
+
+
+@dataclass
+class PartMemory:
+    """Memory for variants of a scene that are run in several parts, in one thread.
+
+    Attributes:
+        programs: Programs by layout.
+        bases: Built and verified variant for each kind of values of some keys.
+    """
+
+    programs: dict[str, Program] = field(default_factory=dict)
+    bases: dict[Hashable, Built] = field(default_factory=dict)
+
+
+@dataclass
+class Group:
+    """Variants with the same program.
+
+    Attributes:
+        program: Shared program.
+        base: Buffer contents of one variant, (arena,).
+        members: Indices of the variants, (V,).
+        factors: Differences: entries of the arena, a row of values for each choice, and the choice of each member.
+    """
+
+    program: Program
+    base: FloatArray
+    members: Index
+    factors: list[tuple[Index, FloatArray, Index]] = field(default_factory=list)
+
+    @cached_property
+    def varying(self) -> Index:
+        """Entries of the arena that differ between members."""
+        return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *(entries for entries, _, _ in self.factors)]))
+
+    def arenas(self, members: Any) -> FloatArray:
+        """Return the buffers of some members, (v, arena)."""
+        count = len(self.members[members])
+        copies = np.repeat(self.base[None], count, axis=0)
+        for entries, rows, choice in self.factors:
+            copies[:, entries] = rows[choice[members]]
+        return copies
+
+    def add(self, columns: Iterable[Column]) -> None:
+        """Add a factor with the members' values of the buffer entries that differ from the base."""
+        numbers: dict[int, FloatArray] = {}
+        for block, entry, values in columns:
+            place = self.program.arena.place(block) + entry
+            if (values.view(np.int64) != self.base[place : place + 1].view(np.int64)).any():
+                numbers[place] = values
+        entries = sorted(numbers)
+        rows = np.stack([numbers[entry] for entry in entries], axis=1) if entries else np.empty((len(self.members), 0))
+        self.factors.append((np.array(entries, dtype=np.intp), rows, np.arange(len(self.members))))
 
 
 class ForeignPartsError(InputError):
@@ -166,7 +259,7 @@ class Variants:
             group.members = members[group.members]
             try:
                 group.add(Columns(self.scene, inside).fill(parts, group.program.servo))
-                same = before is not None or self._is_as_built(group, inside)
+                same = before is not None or self._is_as_built(group, self._extreme_ones(group, inside))
             except NotAlikeError:
                 same = False
             if not same:
@@ -176,11 +269,14 @@ class Variants:
             self.memory.bases[kind] = base
         return groups_
 
-    def _is_as_built(self, group: Group, values: Mapping[str, FloatArray]) -> bool:
-        """Compare assembled variants with built ones: the most extreme variant of each key, and a random one."""
+    def _extreme_ones(self, group: Group, values: Mapping[str, FloatArray]) -> list[int]:
+        """List positions in a group: the most extreme variant of each key, and a random one."""
         random = np.random.default_rng(len(group.members))
         some = [int(np.argmax(np.abs(each - each[len(each) // 2]))) for each in values.values()]
-        some.append(int(random.integers(len(group.members))))
+        return [*some, int(random.integers(len(group.members)))]
+
+    def _is_as_built(self, group: Group, some: Iterable[int]) -> bool:
+        """Compare assembled variants at some positions in a group with built ones."""
         for k in dict.fromkeys(some):
             built = self.built(self.numbers[group.members[k]])
             if self._programs[built.layout] is not group.program:
@@ -242,7 +338,7 @@ class Variants:
                     for keys, (rows, _) in zip(factors, choices, strict=True)
                 ]
             except SceneError:
-                if self._is_grid(members):
+                if self._is_grid():
                     raise
                 return self._all(members, "a value of one key is invalid without the values of the others")
             for (_, choice), built in zip(choices, alone, strict=True):
@@ -264,7 +360,7 @@ class Variants:
             if entries:
                 where = np.array(sorted(entries), dtype=np.intp)
                 group.factors.append((where, np.array([each.arena[where] for each in built]), choice))
-        if len(factors) < 2 or self._holds(group, base.layout):
+        if len(factors) < 2 or self._holds(group):
             return [group]
         return self._all(members, "their keys interact")
 
@@ -273,17 +369,11 @@ class Variants:
         rows, choice = np.unique(self.numbers[members][:, keys], axis=0, return_inverse=True)
         return rows, choice.ravel()
 
-    def _is_grid(self, members: Index) -> bool:
-        """Return whether every value occurs together with the middle variant's other values."""
-        have = {tuple(row) for row in self.numbers.tolist()}
-        middle = self.numbers[members[len(members) // 2]]
-        return all(
-            tuple(_with(middle, [i], [n]).tolist()) in have
-            for i in range(len(self.keys))
-            for n in np.unique(self.numbers[:, i]).tolist()
-        )
+    def _is_grid(self) -> bool:
+        """Return whether every value occurs together with all values of the other keys."""
+        return len(np.unique(self.numbers, axis=0)) == math.prod(len(np.unique(each)) for each in self.numbers.T)
 
-    def _holds(self, group: Group, layout: str) -> bool:
+    def _holds(self, group: Group) -> bool:
         """Compare assembled variants with built ones: all combinations of extreme values, and some others."""
         numbers = self.numbers[group.members]
         ends = [np.isin(numbers[:, i], _extremes(self.values[key], numbers[:, i])) for i, key in enumerate(self.keys)]
@@ -291,13 +381,7 @@ class Variants:
         random = np.random.default_rng(len(numbers))
         some = random.choice(len(numbers), size=min(CHECKED, len(numbers)), replace=False)
         lone = [int(np.flatnonzero(end)[0]) for end in ends if end.any()]
-        for variant in dict.fromkeys([*corners[:64].tolist(), *lone, *some.tolist()]):
-            built = self.built(numbers[variant])
-            if built.layout != layout:
-                return False
-            if built.arena.tobytes() != group.arenas(slice(variant, variant + 1))[0].tobytes():
-                return False
-        return True
+        return self._is_as_built(group, [*corners[:64].tolist(), *lone, *some.tolist()])
 
     def _all(self, members: Index, why: str) -> list[Group]:
         self.notes.append(f"{len(members)} variants were built one by one: {why}")

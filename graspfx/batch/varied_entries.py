@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from graspfx import plugins
+from graspfx.assembly import live
 from graspfx.assembly.bodies import Stock, mass, solid_inertia
 from graspfx.assembly.build import make_plants
 from graspfx.assembly.device_limits import force_limits
 from graspfx.assembly.grasps import squeezes
 from graspfx.assembly.hands import holdings, make_hand
-from graspfx.assembly.live import numbered, value_of
 from graspfx.assembly.resolve import Parts, resolve
 from graspfx.assembly.wiring import Wire, connect, fitted, outside_faults
 from graspfx.compile.kernel import source_function
@@ -205,7 +205,7 @@ def is_of_a_part(scene: Scene, own: str) -> bool:
     if first not in ("finger", "device", "hand"):
         return False
     try:
-        value = value_of(scene, own)
+        value = live.value_of(scene, own)
     except GraspFXError:
         return False
     numbers = value if isinstance(value, tuple) else (value,)
@@ -296,10 +296,7 @@ def _with(table: Any, path: list[str], value: float) -> Any:
     return type(table).model_validate({**fields, name: value})
 
 
-GAINS = {
-    f"coupling.{share}.{quantity}": f"{share}_{quantity}"
-    for share in ("external", "internal") for quantity in ("stiffness", "damping")
-}  # fmt: skip
+GAINS = {key: key.removeprefix("coupling.").replace(".", "_") for key in live.GAINS}  # field of a grasp's block
 BODY = ("mass", "viscosity", "rotational_viscosity")
 BESIDE = re.compile(r"(finger\.[^.]+\.(device|hand|start|radius)|device|hand)\b")  # keys that do not affect plain keys
 NEAR = 1e-6  # relative difference of gains below which variants are built one by one
@@ -536,7 +533,7 @@ def _is_plain(scene: Scene, parts: Parts, own: str) -> bool:
 
 def _own(scene: Scene, key: str) -> str:
     """Return a key with the indices of its tables; the index of a single table is 0."""
-    key = numbered(scene, key)
+    key = live.numbered(scene, key)
     first, *rest = key.split(".")
     if first in ("object", "finger", "device", "hand") and rest and not (rest[0].isdecimal() or rest[0] == "*"):
         return f"{first}.0.{'.'.join(rest)}" if len(getattr(scene, first)) == 1 else key

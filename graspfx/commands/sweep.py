@@ -87,7 +87,7 @@ def execute(options: Namespace) -> int:
 def _arguments(options: Namespace) -> dict[str, Any]:
     """Return the arguments of `sweep`, checked before anything slow is loaded."""
     from graspfx.batch.batch import MEASURED
-    from graspfx.batch.statistics import STATISTICS
+    from graspfx.batch.measured_columns import STATISTICS
     from graspfx.sweeps.chunk import RUN
     from graspfx.sweeps.swept_values import read_over
 
@@ -124,7 +124,7 @@ def _cluster(address: str) -> str:
 
 def _split(name: str) -> tuple[str, str]:
     """Split a name into quantity and statistic; an empty statistic means all of them."""
-    from graspfx.batch.statistics import STATISTICS
+    from graspfx.batch.measured_columns import STATISTICS
     from graspfx.sweeps.chunk import RUN, VERDICT
 
     quantity, _, statistic = name.rpartition(".")

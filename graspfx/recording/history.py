@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from graspfx.card import Card, Carded, counted
 from graspfx.errors import RecordingError, UnknownNameError
 from graspfx.loop.columns import OF_FINGERS, OF_OBJECTS, REST, Layout, RunFault
-from graspfx.recording.friction_margin import coefficients
 from graspfx.recording.header import MARK, OF_THE_RUN, Header, KeyChange, Outcome
-from graspfx.recording.recorded_split import RowSplit, splits_of, work
+from graspfx.recording.recorded_split import RowSplit, coefficients, splits_of, work
 from graspfx.recording.rows import MemoryRows, RowStore, Window
 from graspfx.spatial import Quaternion, Vector, rotate
 

@@ -1,4 +1,4 @@
-"""External and internal parts of recorded forces, moments, displacements and energies.
+"""External and internal parts of recorded forces, moments, displacements and energies, and the friction margin.
 
 All parts follow from the rows and from each grasp's split rule in the recording; ticks do not compute them.
 """
@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from graspfx.coupling.two_forces import Samples, SplitRule, divide, moment_of, torsion_over_patch
 from graspfx.errors import RecordingError
 from graspfx.loop.columns import Layout, RunFault
-from graspfx.recording.friction_margin import grip, rows_of
 from graspfx.recording.header import SPLIT, Header, KeyChange
 from graspfx.recording.rows import MemoryRows, RowStore
 
@@ -41,7 +40,7 @@ class RowSplit:
         splits: Split rules, each with the row from which it holds; empty if no split is needed.
         start: Index of the first row in the recording.
         friction: fingers' coefficients (n,), each from a row of the recording on, as listed by
-            `friction_margin.coefficients`.
+            `coefficients`.
     """
 
     def __init__(
@@ -122,12 +121,22 @@ class RowSplit:
         return {name: np.moveaxis(values, -1, 0) for name, values in variables.items()}
 
     def grip(self, fingers: Sequence[int] | None = None) -> tuple[FloatArray, FloatArray]:
-        """Compute the fingers' friction margin (r,) [N] and the coefficients that they need (n, r)."""
-        mu, own = rows_of(self._friction, self.start, self._count), slice(None) if fingers is None else list(fingers)
-        force = self.column("finger_force")
-        normal = self.column("contact_normal")[:, : force.shape[1]]
-        touching = np.not_equal(self.column("touching"), 0.0)
-        return grip(normal[own], force[own], touching[own], mu[own])
+        """Compute the fingers' friction margin (r,) [N], and the coefficient |f_t| / f_n that each needs (n, r).
+
+        The margin is the smallest mu_i f_n - |f_t| of the touching fingers, NaN if none touches; fingers without a
+        coefficient are left out.
+        """
+        own = slice(None) if fingers is None else list(fingers)
+        at = np.searchsorted([row for row, _ in self._friction], self.start + np.arange(self._count), side="right") - 1
+        mu = np.array([each for _, each in self._friction])[at].T[own]
+        force = self.column("finger_force")[own]
+        normal = self.column("contact_normal")[own, : force.shape[1]]
+        push = (normal * force).sum(axis=1)
+        tangent = np.sqrt(((force - push[:, None] * normal) ** 2).sum(axis=1))
+        counts = np.not_equal(self.column("touching")[own], 0.0) & ~np.isnan(mu)
+        margin = np.where(counts, mu * push - tangent, np.inf).min(axis=0, initial=np.inf)
+        needed = np.divide(tangent, push, out=np.zeros(push.shape), where=counts & (push > 0.0))
+        return np.where(np.isinf(margin), np.nan, margin), needed
 
     def grasps(self) -> Iterator[GraspRows]:
         """List the grasps, each with the rows in which its rule is the same."""
@@ -191,6 +200,38 @@ def splits_of(header: Header, changes: Sequence[KeyChange]) -> list[tuple[int, S
         )
     changed = [(header.rows_before(change.tick), change.value) for change in changes if change.key == SPLIT]
     return [(0, header.split), *changed]
+
+
+def coefficients(header: Header, changes: Sequence[KeyChange], fingers: int) -> list[tuple[int, FloatArray]]:
+    """List the fingers' coefficients of friction (n,) with the row from which they hold; NaN for zero or "stick"."""
+    table = header.scene_table
+    common = _coefficient(table.get("coupling", {}).get("friction", 0.0))
+    tables: Sequence[Mapping[str, Any]] = _listed(table.get("finger", ()))
+    own = [each.get("friction") for each in tables] or [None] * fingers
+    found = [(0, _of_fingers(common, own))]
+    for change in changes:
+        first, *rest = change.key.split(".")
+        if change.key == "coupling.friction":
+            common = _coefficient(change.value)
+        elif first == "finger" and rest[-1:] == ["friction"] and len(rest) == 2:
+            own = [change.value if rest[0] in ("*", str(i)) else mu for i, mu in enumerate(own)]
+        else:
+            continue
+        found.append((header.rows_before(change.tick), _of_fingers(common, own)))
+    return found
+
+
+def _of_fingers(common: float, own: Sequence[Any]) -> FloatArray:
+    values = np.array([common if mu is None else _coefficient(mu) for mu in own])
+    return np.where(values > 0.0, values, np.nan)
+
+
+def _coefficient(value: Any) -> float:
+    return float(value) if isinstance(value, int | float) else np.nan
+
+
+def _listed(tables: Any) -> Sequence[Mapping[str, Any]]:
+    return [tables] if isinstance(tables, Mapping) else list(tables)
 
 
 def work(

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.recording.friction_margin import coefficients
 from graspfx.recording.history import History
-from graspfx.recording.recorded_split import GraspRows, RowSplit, splits_of
+from graspfx.recording.recorded_split import GraspRows, RowSplit, coefficients, splits_of
 from graspfx.recording.vibration import Vibration
 
 FloatArray = NDArray[np.float64]

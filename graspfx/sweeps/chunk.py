@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
+from math import prod
 from threading import local
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -21,12 +22,9 @@ from graspfx.analysis.blas_threads import one_blas_thread
 from graspfx.assembly.provenance import digest_of, version_of
 from graspfx.assembly.resolve import resolve
 from graspfx.assembly.run_scene import run
-from graspfx.batch.group_runs import Measures, Runs, measured_variants
-from graspfx.batch.measured_columns import columns_of
-from graspfx.batch.part_memory import PartMemory
-from graspfx.batch.statistics import FIRST, LATE_LOW, LOW, empty, statistic, take
-from graspfx.batch.variant_runs import taking
-from graspfx.batch.variants import ForeignPartsError, Variants
+from graspfx.batch.group_runs import Measures, Runs
+from graspfx.batch.measured_columns import columns_of, empty, statistic, take
+from graspfx.batch.variants import ForeignPartsError, PartMemory, Variants
 from graspfx.environment import granted, processors
 from graspfx.errors import GraspFXError, InputError, MissingPackageError, SceneError, message
 from graspfx.loop.columns import Column, Layout
@@ -270,22 +268,16 @@ def _result(order: SceneOrder, scene: Scene, chunk: Chunk, threads: int) -> Chun
 def _batch(
     order: SceneOrder, scene: Scene, chunk: Chunk, members: IndexArray, threads: int, result: ChunkResult
 ) -> None:
-    part = chunk.part(members)
-    if RUN in order.shapes:
-        with plugins.unchanged():
-            variants = Variants(scene.replace({"record": ALL}), part.lists, part.numbers, memory=_thread.memory)
-            groups = variants.groups()
-        runs = Runs(variants.scene, variants, len(members), order.duration, threads)
-        each = runs.recorded(groups, lambda recording: _measures(order, recording), whole=False)
+    part, with_run = chunk.part(members), RUN in order.shapes
+    scene = scene.replace({"record": ALL}) if with_run else scene
+    runs = Runs(scene, part.lists, part.numbers, order.duration, threads, _thread.memory)
+    if with_run:
+        each = runs.recorded(lambda recording: _measures(order, recording), whole=False)
         for k, member in enumerate(members.tolist()):
             result.put(np.array([member]), each[k], runs.faults[k : k + 1])
-        result.notes += tuple(variants.notes)
-        return
-    measures, faults, notes = measured_variants(
-        scene, part.lists, part.numbers, order.duration, list(order.shapes), order.statistics, threads, _thread.memory,
-    )  # fmt: skip
-    result.put(members, measures, faults)
-    result.notes += notes
+    else:
+        result.put(members, runs.measured(list(order.shapes), order.statistics), runs.faults)
+    result.notes += tuple(runs.variants.notes)
 
 
 def _sorted(scene: Scene, chunk: Chunk, result: ChunkResult) -> tuple[list[int], list[int]]:
@@ -360,27 +352,9 @@ def measures_of_recording(recording: Recording, measure: Sequence[str], statisti
     out: Measures = {}
     for quantity, column in columns.items():
         values = recording.array(column.name)
-        raw = row_measures(values.reshape(len(values), -1))
+        raw = empty(prod(column.shape))
+        take(values.reshape(len(values), -1), raw, 0, len(values))
         out[quantity] = {
             name: np.asarray(statistic(name, raw, len(values))).reshape(1, *column.shape) for name in statistics
         }
     return out
-
-
-def row_measures(rows: FloatArray) -> FloatArray:
-    """Compute measures (width, MEASURES) of rows (N, width)."""
-    width, half = rows.shape[1], len(rows) // 2
-    sums, columns = empty(width), np.arange(width, dtype=float)
-    for part, low in ((rows[:half], LOW), (rows[half:], LATE_LOW)):
-        values = np.ascontiguousarray(part).reshape(-1)
-        buffers = {"rows": values, "columns": columns, "found": sums.reshape(-1)}
-        if not len(part):
-            continue
-        try:
-            program = taking()
-        except MissingPackageError:  # without LLVM, the same statements run as Python
-            take(values, columns, buffers["found"], len(part), width, width, low)
-        else:
-            program.bind(*(buffers[name] for name in program.arrays)).long(len(part), width, width, low)
-    sums[:, FIRST] = rows[0]
-    return sums

@@ -24,15 +24,16 @@ from graspfx.assembly.resolve import require_prompt_simulations, resolve
 from graspfx.assembly.run_scene import ticks_of
 from graspfx.assembly.session import warn_of_axes
 from graspfx.batch.batch import MEASURED, names_of, require_known
-from graspfx.batch.statistics import STATISTICS, Statistics
+from graspfx.batch.measured_columns import STATISTICS, Statistics
 from graspfx.environment import is_granted
 from graspfx.errors import InputError, SceneError
 from graspfx.loop.columns import Layout
 from graspfx.loop.python_parts import foreign, guests, looked_ahead
 from graspfx.progress import waiting
+from graspfx.recording.header import now
 from graspfx.sweeps.chunk import RUN, Chunk, ChunkResult, SceneOrder, SweepError, column_of, forget
 from graspfx.sweeps.crew import ChunkLoop, Crew, crew_of
-from graspfx.sweeps.sweep_folder import SweepFolder, folder_of, identity_of, now, open_folder, sweep_parts
+from graspfx.sweeps.sweep_folder import SweepFolder, folder_of, identity_of, open_folder, sweep_parts
 from graspfx.sweeps.sweep_result import SweepResult
 from graspfx.sweeps.swept_values import VariantGrid, make_grid, scattered
 
@@ -326,7 +327,7 @@ class Work:
             seconds=(took, total.seconds),
             base=self.scene,
         )
-        if self.store is not None and (self.done or not self.store.is_finished):
+        if self.store is not None:
             with waiting(f"writing {self.store.final.name}"):
                 self.store.finish(result.labels())
         return result

@@ -6,7 +6,6 @@ import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from datetime import UTC, datetime
 from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
@@ -19,7 +18,8 @@ from graspfx.assembly.provenance import brief, by_name, file_changes, scene_chan
 from graspfx.card import counted
 from graspfx.environment import to_path
 from graspfx.errors import InputError, RecordingError
-from graspfx.recording.files import claim, make_folder, sync_folder
+from graspfx.recording.files import LENGTH, claim, make_folder, seal, sync_folder
+from graspfx.recording.header import now
 from graspfx.show.conversions import Labels
 from graspfx.sweeps.chunk import ChunkResult, SweepError
 from graspfx.sweeps.swept_values import VariantGrid
@@ -32,8 +32,6 @@ DRAFT = ".draft"  # suffix of an incomplete file
 FORMAT = 2  # format of the folder; from 2 on, chunks are netCDF
 RESULTS = 1  # version of the meaning of numbers in a sweep's files
 FEW = 6  # largest number of values to list one by one
-SEAL = b"graspfx sha256 "
-LENGTH = len(SEAL) + 65  # bytes of the last line
 LEAST = 4096  # smallest size of a compressed variable
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable."
 
@@ -83,7 +81,7 @@ class SweepFolder:
         variables["failure"] = (("variant",), np.array(result.failures, dtype=object), {})
         attributes = {"identity": self.identity, "chunk": number, "notes": json.dumps(result.notes)}
         body = netcdf(Labels(variables, {}, {**attributes, "seconds": result.seconds}))
-        write_whole(self._place(number), body + _seal(body))
+        write_whole(self._place(number), body + seal(BytesIO(body), len(body)))
 
     def load(self, number: int, blank: ChunkResult) -> ChunkResult | None:
         """Read a chunk into an empty result; None if it is missing or damaged."""
@@ -107,7 +105,7 @@ class SweepFolder:
         import h5py
 
         body = content[:-LENGTH]
-        if content[-LENGTH:] != _seal(body):
+        if content[-LENGTH:] != seal(BytesIO(body), len(body)):
             raise ValueError("its checksum does not match")
         with h5py.File(BytesIO(body), "r") as file:
             if (file.attrs["identity"], file.attrs["chunk"]) != (self.identity, number):
@@ -119,22 +117,6 @@ class SweepFolder:
             blank.failures = file["failure"].asstr()[()].tolist()
             blank.notes, blank.seconds = tuple(json.loads(file.attrs["notes"])), float(file.attrs["seconds"])
 
-    @property
-    def is_finished(self) -> bool:
-        """Whether the file of all results exists, has valid checksums, and belongs to this sweep."""
-        import h5py
-
-        from graspfx.recording.file import require_contained
-
-        try:
-            with h5py.File(self.final, "r") as file:
-                require_contained(file, self.final)
-                for data in file.values():
-                    data[()]
-                return bool(file.attrs.get("identity") == self.identity)
-        except (OSError, RuntimeError, LookupError, ValueError):
-            return False
-
     def finish(self, labels: Labels) -> None:
         """Write the file of all results.
 
@@ -142,10 +124,6 @@ class SweepFolder:
             RecordingError: If the disk cannot be written.
         """
         write_whole(self.final, netcdf(labels))
-
-
-def _seal(body: bytes) -> bytes:
-    return SEAL + sha256(body).hexdigest().encode() + b"\n"
 
 
 def write_whole(place: Path, content: bytes) -> None:
@@ -289,11 +267,6 @@ def folder_of(out: object) -> Path:
     if path.is_file():
         raise InputError("out", str(path), "the path of a folder", "a file of that name exists")
     return path
-
-
-def now() -> str:
-    """Return the time in UTC, in the format of ISO 8601."""
-    return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 _locks: set[Any] = set()  # locks of this process's folders

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.analysis.checked_arguments import count
-from graspfx.batch.grid import as_array, grid
+from graspfx.batch.batch import as_array, grid
 from graspfx.errors import InputError
 from graspfx.scene.budget import excess
 from graspfx.scene.overrides import toml_value

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import operator
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NoReturn
 
 from graspfx.assembly.live import value_of
 from graspfx.certificate.certificate import STANDING
@@ -24,6 +24,7 @@ SIGNS: dict[str, Callable[[float, float], float]] = {
     "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv,
 }  # fmt: skip
 DEEPEST = 50  # largest depth of nested brackets
+LONGEST = 400  # largest number of words; a sum has a depth of half of them
 LEVELS = ("+-", "*/")  # operators by increasing precedence
 
 Tree = float | str | tuple[str, "Tree", "Tree"]
@@ -60,10 +61,15 @@ class Constraint:
         """Names on both sides, without repetitions."""
         return tuple(dict.fromkeys((*self.left.names, *self.right.names)))
 
+    @property
+    def room(self) -> Expression:
+        """Slack as a formula, in the unit of the sides."""
+        more, less = (self.left, self.right) if self.is_least else (self.right, self.left)
+        return Expression(f"({more.text}) - ({less.text})", ("-", more.tree, less.tree))
+
     def slack(self, numbers: Mapping[str, float]) -> float:
         """Return the slack relative to the bound: negative if violated, -inf if a side is not a number."""
-        left, right = self.left.value(numbers), self.right.value(numbers)
-        room = left - right if self.is_least else right - left
+        room, right = self.room.value(numbers), self.right.value(numbers)
         if math.isnan(room):
             return -math.inf
         return room / abs(right) if right and math.isfinite(right) else room
@@ -75,7 +81,8 @@ def read_expression(text: str, name: str = "maximise") -> Expression:
     Raises:
         InputError: If the text is not a formula.
     """
-    return Expression(text.strip(), _whole(_words(text, name), name, text))
+    words = _words(text, name)
+    return Expression(text.strip(), _tree(words, name, text))
 
 
 def read_constraints(text: object, name: str = "subject_to") -> tuple[Constraint, ...]:
@@ -85,74 +92,76 @@ def read_constraints(text: object, name: str = "subject_to") -> tuple[Constraint
         InputError: If the text is not a list of comparisons.
     """
     if not isinstance(text, str):
-        _refuse(name, text, COMPARISON)
-    return tuple(_constraint(part, name) for part in text.split(",") if part.strip())
+        raise InputError(name, text, COMPARISON)
+    return tuple(_constraint(part.strip(), name) for part in text.split(",") if part.strip())
 
 
 def _constraint(text: str, name: str) -> Constraint:
     words = _words(text, name)
     signs = [k for k, word in enumerate(words) if word in ("<=", ">=", "<", ">")]
     if len(signs) != 1:
-        _refuse(name, text.strip(), COMPARISON)
+        raise InputError(name, text, COMPARISON)
     (at,) = signs
-    left, right = (_side(side, name, text) for side in (words[:at], words[at + 1 :]))
+    left, right = (
+        Expression(" ".join(side), _tree(side, name, text)) for side in (words[:at], words[at + 1 :])
+    )  # fmt: skip
     return Constraint(f"{left.text} {words[at][0]}= {right.text}", left, right, words[at][0] == ">")
-
-
-def _side(words: list[str], name: str, text: str) -> Expression:
-    return Expression(" ".join(words), _whole(words, name, text.strip()))
-
-
-def _whole(words: list[str], name: str, text: str) -> Tree:
-    tree, rest = _sum(words, name, text, 0)
-    if rest:
-        _refuse(name, text, f"{FORM}; {rest[0]!r} is unexpected")
-    return tree
 
 
 def _words(text: object, name: str) -> list[str]:
     if not isinstance(text, str) or not text.strip():
-        _refuse(name, text, FORM)
+        raise InputError(name, text, FORM)
     words, at = [], 0
     while text[at:].strip():
         match = TOKEN.match(text, at)
         if match is None:
-            _refuse(name, text.strip(), f"{FORM}; {text[at:].strip()[0]!r} is unexpected")
+            raise InputError(name, text.strip(), f"{FORM}; {text[at:].strip()[0]!r} is unexpected")
         words.append(match.group().strip())
         at = match.end()
+    if len(words) > LONGEST:
+        raise InputError(name, f"{len(words)} words", f"at most {LONGEST} names, numbers, operators and brackets")
     return words
 
 
-def _sum(words: list[str], name: str, text: str, depth: int, level: int = 0) -> tuple[Tree, list[str]]:
-    """Parse terms and the operators of one precedence level between them, from the left."""
-    if level == len(LEVELS):
-        return _factor(words, name, text, depth)
-    tree, words = _sum(words, name, text, depth, level + 1)
-    while words and words[0] in LEVELS[level]:
-        right, rest = _sum(words[1:], name, text, depth, level + 1)
-        tree, words = (words[0], tree, right), rest
-    return tree, words
+def _tree(words: Sequence[str], name: str, text: str) -> Tree:
+    """Parse a formula by the precedence of its operators, from the left."""
+    rest = deque(words)
 
+    def refusal(why: str) -> InputError:
+        return InputError(name, text.strip(), f"{FORM}; {why}")
 
-def _factor(words: list[str], name: str, text: str, depth: int) -> tuple[Tree, list[str]]:
-    if depth > DEEPEST:
-        _refuse(name, text, f"at most {DEEPEST} nested brackets")
-    if not words:
-        _refuse(name, text.strip(), f"{FORM}; the text ends too early")
-    first, *rest = words
-    if first == "-":
-        tree, rest = _factor(rest, name, text, depth + 1)
-        return ("-", 0.0, tree), rest
-    if first == "(":
-        tree, rest = _sum(rest, name, text, depth + 1)
-        if not rest or rest[0] != ")":
-            _refuse(name, text.strip(), f"{FORM}; a bracket is not closed")
-        return tree, rest[1:]
-    if first[0].isdigit() or first[0] == ".":
-        return float(first), rest
-    if not (first[0].isalpha() or first[0] == "_"):
-        _refuse(name, text.strip(), f"{FORM}; {first!r} is unexpected")
-    return first, rest
+    def terms(depth: int, level: int = 0) -> Tree:
+        """Parse terms and the operators of one precedence level between them."""
+        if level == len(LEVELS):
+            return factor(depth)
+        tree = terms(depth, level + 1)
+        while rest and rest[0] in LEVELS[level]:
+            tree = (rest.popleft(), tree, terms(depth, level + 1))
+        return tree
+
+    def factor(depth: int) -> Tree:
+        if depth > DEEPEST:
+            raise InputError(name, text, f"at most {DEEPEST} nested brackets")
+        if not rest:
+            raise refusal("the text ends too early")
+        first = rest.popleft()
+        if first == "-":
+            return ("-", 0.0, factor(depth + 1))
+        if first == "(":
+            tree = terms(depth + 1)
+            if not rest or rest.popleft() != ")":
+                raise refusal("a bracket is not closed")
+            return tree
+        if first[0].isdigit() or first[0] == ".":
+            return float(first)
+        if not (first[0].isalpha() or first[0] == "_"):
+            raise refusal(f"{first!r} is unexpected")
+        return first
+
+    tree = terms(0)
+    if rest:
+        raise refusal(f"{rest[0]!r} is unexpected")
+    return tree
 
 
 def _names(tree: Tree) -> Iterator[str]:
@@ -171,10 +180,6 @@ def _value(tree: Tree, numbers: Mapping[str, float]) -> float:
     sign, left, right = tree
     a, b = _value(left, numbers), _value(right, numbers)
     return math.nan if sign == "/" and b == 0.0 else SIGNS[sign](a, b)
-
-
-def _refuse(name: str, text: object, expected: str) -> NoReturn:
-    raise InputError(name, text, expected)
 
 
 # Meaning of names ----------------------------------------------------------------------------------------------------
@@ -259,18 +264,9 @@ def key_of(scene: Scene, name: str) -> str | None:
     return key
 
 
-def numbers_of(
-    keys: Mapping[str, str | None], one: Judgement, instead: Mapping[str, float] | None = None
-) -> dict[str, float]:
-    """Return the number of each name in a judgement.
-
-    Args:
-        keys: Key of each name, as returned by `key_of`.
-        one: Judgement to read.
-        instead: Numbers that replace those of some names.
-    """
-    result = {name: MEASURES[name].read(one) if key is None else _number(one, key) for name, key in keys.items()}
-    return result | {name: value for name, value in (instead or {}).items() if name in result}
+def numbers_of(keys: Mapping[str, str | None], one: Judgement) -> dict[str, float]:
+    """Return the number of each name in a judgement; `keys` has the key of each name, as returned by `key_of`."""
+    return {name: MEASURES[name].read(one) if key is None else _number(one, key) for name, key in keys.items()}
 
 
 def _number(one: Judgement, key: str) -> float:

@@ -29,6 +29,7 @@ from graspfx.tuning.formulas import GAINS, MEASURES, Constraint, Expression, key
 FloatArray = NDArray[np.float64]
 Hand = dict[str, float]
 Point = tuple[float, ...]
+Ranked = tuple[bool, float, Point]  # whether it satisfies the constraints, the objective or else the slack, the point
 
 WIDE = 100.0  # a gain's default range: its value divided by and multiplied by this
 MOST_KEYS = 12
@@ -197,7 +198,7 @@ def search(problem: Problem) -> Answer:
     operators = problem.operators
     if operators is not None:
         hands = [operators.values((0.5,) * len(operators.ranges))]
-    point, feasible = _best(problem, hands, None)
+    point, feasible = Subproblem(problem, hands).best(None)
     worst: Search | None = None
     rounds = 0
     while operators is not None and rounds < ROUNDS:
@@ -207,7 +208,7 @@ def search(problem: Problem) -> Answer:
             break
         rounds += 1
         hands += _violators(problem, worst, hands, operators)
-        point, feasible = _best(problem, hands, point)
+        point, feasible = Subproblem(problem, hands).best(point)
     return Answer(point, feasible, tuple(hands), worst, rounds)
 
 
@@ -235,171 +236,161 @@ def clipped(slack: float) -> float:
     return -WIDEST if math.isnan(slack) else min(max(slack, -WIDEST), WIDEST)
 
 
-def room(problem: Problem, point: Sequence[float] | FloatArray, hands: Sequence[Hand]) -> float:
-    """Return the smallest slack of a point over some hands."""
-    return min(clipped(problem.least(problem.judged(point, hand))) for hand in hands)
+class Subproblem:
+    """The problem with the constraints of a few hands.
 
+    Args:
+        problem: Problem for all hands.
+        hands: The hands.
+    """
 
-def height(problem: Problem, point: Sequence[float] | FloatArray, hands: Sequence[Hand]) -> float:
-    """Return the smallest objective of a point over some hands; -inf if it is not a number."""
-    values = [problem.objective_of(problem.judged(point, hand)) for hand in hands[: 1 if problem.is_of_keys else None]]
-    return min(-math.inf if math.isnan(each) else each for each in values)
+    def __init__(self, problem: Problem, hands: Sequence[Hand]) -> None:
+        self.problem, self.hands = problem, hands
 
+    def room(self, point: Sequence[float] | FloatArray) -> float:
+        """Return the smallest slack of a point over the hands."""
+        return min(clipped(self.problem.least(self.problem.judged(point, hand))) for hand in self.hands)
 
-def _best(problem: Problem, hands: Sequence[Hand], before: Point | None) -> tuple[Point, bool]:
-    """Find the best point for these hands; also return whether it satisfies the constraints."""
-    if len(problem.over) == 1:
-        return _best_on_line(problem, hands, before)
-    return _best_in_box(problem, hands, before)
+    def height(self, point: Sequence[float] | FloatArray) -> float:
+        """Return the smallest objective of a point over the hands; -inf if it is not a number."""
+        problem, hands = self.problem, self.hands[: 1 if self.problem.is_of_keys else None]
+        values = [problem.objective_of(problem.judged(point, hand)) for hand in hands]
+        return min(-math.inf if math.isnan(each) else each for each in values)
 
+    def ranked(self, point: Point) -> Ranked:
+        """Return whether a point satisfies the constraints, its objective or else its slack, and the point."""
+        slack = self.room(point)
+        return (True, self.height(point), point) if slack >= -MET else (False, slack, point)
 
-def _best_on_line(problem: Problem, hands: Sequence[Hand], before: Point | None) -> tuple[Point, bool]:
-    """Evaluate a grid of one key, then find the boundary of the constraints next to its best point."""
-    from scipy.optimize import brentq, minimize_scalar
+    def best(self, before: Point | None) -> tuple[Point, bool]:
+        """Find the best point; also return whether it satisfies the constraints."""
+        return self._best_on_line() if len(self.problem.over) == 1 else self._best_in_box(before)
 
-    grid = np.linspace(0.0, 1.0, GRID).tolist()
-    with waiting("searching the range", len(grid), "points") as wait:
-        rooms = []
-        for x in grid:
-            rooms.append(room(problem, (x,), hands))
-            wait.done += 1
-    if max(rooms) < -MET:
-        k = int(np.argmax(rooms))
-        low, high = grid[max(k - 1, 0)], grid[min(k + 1, GRID - 1)]
-        near = minimize_scalar(
-            lambda x: -room(problem, (x,), hands), bounds=(low, high), method="bounded", options={"xatol": 1e-5}
-        )
-        best = float(near.x) if -float(near.fun) > rooms[k] else grid[k]
-        if room(problem, (best,), hands) < -MET:
-            return (best,), False
-        grid, rooms = [*grid[: k + 1], best, *grid[k + 1 :]], [*rooms[: k + 1], 0.0, *rooms[k + 1 :]]
-        order = np.argsort(grid)
-        grid, rooms = [grid[i] for i in order], [rooms[i] for i in order]
-    heights = [height(problem, (x,), hands) if r >= -MET else -math.inf for x, r in zip(grid, rooms, strict=True)]
-    k = int(np.argmax(heights))
-    ends = []
-    for j in (k - 1, k + 1):
-        if not 0 <= j < len(grid):
-            ends.append(grid[k])
-        elif rooms[j] >= -MET:
-            ends.append(grid[j])
-        else:
-            low, high = min(grid[k], grid[j]), max(grid[k], grid[j])
-            edge = float(brentq(lambda x: room(problem, (x,), hands), low, high, xtol=FINE, rtol=1e-12))
-            ends.append(_inside(problem, hands, edge, grid[k]))
-    candidates = [grid[k], *ends]
-    if not problem.is_of_keys and ends[1] > ends[0]:
-        top = minimize_scalar(
-            lambda x: -height(problem, (x,), hands), bounds=tuple(ends), method="bounded", options={"xatol": 1e-6}
-        )
-        candidates.append(float(top.x))
-    feasible = [x for x in candidates if room(problem, (x,), hands) >= -MET]
-    return (max(feasible, key=lambda x: height(problem, (x,), hands)),), True
+    def _best_on_line(self) -> tuple[Point, bool]:
+        """Evaluate a grid of one key, then find the boundary of the constraints next to its best point."""
+        from scipy.optimize import brentq, minimize_scalar
 
+        grid = np.linspace(0.0, 1.0, GRID).tolist()
+        with waiting("searching the range", len(grid), "points") as wait:
+            rooms = []
+            for x in grid:
+                rooms.append(self.room((x,)))
+                wait.done += 1
+        if max(rooms) < -MET:
+            k = int(np.argmax(rooms))
+            beside = grid[max(k - 1, 0)], grid[min(k + 1, GRID - 1)]
+            near = minimize_scalar(lambda x: -self.room((x,)), bounds=beside, method="bounded", options={"xatol": 1e-5})
+            best = float(near.x) if -float(near.fun) > rooms[k] else grid[k]
+            if self.room((best,)) < -MET:
+                return (best,), False
+            pairs = sorted([*zip(grid, rooms, strict=True), (best, 0.0)])
+            grid, rooms = [x for x, _ in pairs], [r for _, r in pairs]
+        heights = [self.height((x,)) if r >= -MET else -math.inf for x, r in zip(grid, rooms, strict=True)]
+        k = int(np.argmax(heights))
+        ends = []
+        for j in (k - 1, k + 1):
+            if not 0 <= j < len(grid):
+                ends.append(grid[k])
+            elif rooms[j] >= -MET:
+                ends.append(grid[j])
+            else:
+                low, high = min(grid[k], grid[j]), max(grid[k], grid[j])
+                edge = float(brentq(lambda x: self.room((x,)), low, high, xtol=FINE, rtol=1e-12))
+                ends.append(self._inside(edge, grid[k]))
+        candidates = [grid[k], *ends]
+        if not self.problem.is_of_keys and ends[1] > ends[0]:
+            top = minimize_scalar(
+                lambda x: -self.height((x,)), bounds=tuple(ends), method="bounded", options={"xatol": 1e-6}
+            )
+            candidates.append(float(top.x))
+        feasible = [x for x in candidates if self.room((x,)) >= -MET]
+        return (max(feasible, key=lambda x: self.height((x,))),), True
 
-def _inside(problem: Problem, hands: Sequence[Hand], edge: float, inner: float) -> float:
-    """Step inwards from a root until the constraints are satisfied."""
-    step = FINE
-    while room(problem, (edge,), hands) < -MET and step < abs(edge - inner):
-        edge += math.copysign(step, inner - edge)
-        step *= 4.0
-    return edge
+    def _inside(self, edge: float, inner: float) -> float:
+        """Step inwards from a root until the constraints are satisfied."""
+        step = FINE
+        while self.room((edge,)) < -MET and step < abs(edge - inner):
+            edge += math.copysign(step, inner - edge)
+            step *= 4.0
+        return edge
 
+    def _best_in_box(self, before: Point | None) -> tuple[Point, bool]:
+        """Sample the box, then optimise from the best point by sequential quadratic programming."""
+        over = self.problem.over
+        own = self.problem.point({each.key: _own(self.problem, each.key) for each in over})
+        samples = OperatorSet(over, "").spread(STARTS * len(over)) if before is None else [before]
+        with waiting("searching the box", 1 + len(samples), "points") as wait:
+            ranked = []
+            for place in (own, *samples):
+                ranked.append(self.ranked(place))
+                wait.done += 1
+        ranked.sort(reverse=True)
+        ends = (place for _, _, start in ranked[:2] for place in self._descended(start))
+        best = max([ranked[0], *map(self.ranked, ends)])
+        if best[0]:
+            best = self._pushed_out(best)
+        return best[2], best[0]
 
-def _best_in_box(problem: Problem, hands: Sequence[Hand], before: Point | None) -> tuple[Point, bool]:
-    """Sample the box, then optimise from the best point by sequential quadratic programming."""
-    size = len(problem.over)
-    box = OperatorSet(problem.over, "")
-    own = problem.point({each.key: _own(problem, each.key) for each in problem.over})
-    places = [own, *([before] if before is not None else box.spread(STARTS * size))]
-    with waiting("searching the box", len(places), "points") as wait:
-        ranked = []
-        for place in places:
-            slack = room(problem, place, hands)
-            good = height(problem, place, hands) if slack >= -MET else -math.inf
-            ranked.append((slack >= -MET, good if slack >= -MET else slack, place))
-            wait.done += 1
-    ranked.sort(reverse=True)
-    starts = [place for _, _, place in ranked[:2]]
-    best: tuple[bool, float, Point] = ranked[0]
-    for start in starts:
-        for place in _descended(problem, hands, start):
-            slack = room(problem, place, hands)
-            entry = (slack >= -MET, height(problem, place, hands) if slack >= -MET else slack, place)
-            best = max(best, entry)
-    if best[0]:
-        best = max(best, _pushed_out(problem, hands, best[2]))
-    return best[2], best[0]
+    def _descended(self, start: Point) -> list[Point]:
+        """Maximise t subject to t below the objective in every hand and all slacks above zero (SLSQP, Kraft 1988)."""
+        from scipy.optimize import Bounds, NonlinearConstraint, minimize
+
+        problem, size = self.problem, len(start)
+        judged = (problem.judged(start, hand) for hand in self.hands)
+        modes = list(dict.fromkeys(row.limit.mode for one in judged for row in one.limits))
+        scale = max(abs(self.height(start)), 1e-9)
+
+        def rows(x: FloatArray) -> FloatArray:
+            values: list[float] = []
+            for hand in self.hands:
+                one = problem.judged(x[:size], hand)
+                values += [clipped(each) for each in problem.smooth_slacks(one, modes)]
+                if not problem.is_of_keys:
+                    values.append(clipped(problem.objective_of(one) / scale - x[size]))
+            return np.array(values)
+
+        def cost(x: FloatArray) -> float:
+            return -self.height(x[:size]) / scale if problem.is_of_keys else -float(x[size])
+
+        first = np.array(start if problem.is_of_keys else [*start, self.height(start) / scale])
+        least, most = np.zeros(len(first)), np.ones(len(first))
+        least[size:], most[size:] = -np.inf, np.inf
+        result = minimize(
+            cost, first, method="SLSQP", bounds=Bounds(least, most),
+            constraints=[NonlinearConstraint(rows, 0.0, np.inf)], options={"maxiter": 40, "ftol": 1e-8, "eps": STEP},
+        )  # fmt: skip
+        end = tuple(float(x) for x in np.clip(result.x[:size], 0.0, 1.0))
+        return [end, *([] if self.room(end) >= -MET else self._between(start, end))]
+
+    def _between(self, inner: Point, outer: Point) -> list[Point]:
+        """Find the boundary of the constraints between a point that satisfies them and a point that does not."""
+        from scipy.optimize import brentq
+
+        if self.room(inner) < 0.0:
+            return []
+        a, b = np.array(inner), np.array(outer)
+        edge = float(brentq(lambda s: self.room(a + s * (b - a)), 0.0, 1.0, xtol=FINE, rtol=1e-12))
+        return [tuple(float(x) for x in a + s * (b - a)) for s in (edge, max(edge - 1e-7, 0.0))]
+
+    def _pushed_out(self, best: Ranked) -> Ranked:
+        """Move each key in turn as far as the objective increases and the constraints hold."""
+        for i in [*range(len(best[2]))] * 2:
+            for way in (1.0, -1.0):
+                step = 0.02
+                while step > 1e-8:
+                    trial = list(best[2])
+                    trial[i] = min(max(trial[i] + way * step, 0.0), 1.0)
+                    place = tuple(trial)
+                    if place == best[2] or (self.problem.is_of_keys and self.height(place) <= best[1]):
+                        break
+                    entry = self.ranked(place)
+                    if entry[:2] > best[:2]:
+                        best = entry
+                    else:
+                        step /= 4.0
+        return best
 
 
 def _own(problem: Problem, key: str) -> float:
     value = value_of(problem.scene, key)
     return float(value) if isinstance(value, int | float) else 0.0
-
-
-def _descended(problem: Problem, hands: Sequence[Hand], start: Point) -> list[Point]:
-    """Maximise t subject to t below the objective in every hand and all slacks above zero (SLSQP, Kraft 1988)."""
-    from scipy.optimize import Bounds, NonlinearConstraint, minimize
-
-    size = len(start)
-    modes = list(dict.fromkeys(row.limit.mode for hand in hands for row in problem.judged(start, hand).limits))
-    scale = max(abs(height(problem, start, hands)), 1e-9)
-
-    def rows(x: FloatArray) -> FloatArray:
-        values: list[float] = []
-        for hand in hands:
-            one = problem.judged(x[:size], hand)
-            values += [clipped(each) for each in problem.smooth_slacks(one, modes)]
-            if not problem.is_of_keys:
-                values.append(clipped(problem.objective_of(one) / scale - x[size]))
-        return np.array(values)
-
-    def cost(x: FloatArray) -> float:
-        return -height(problem, x[:size], hands[:1]) / scale if problem.is_of_keys else -float(x[size])
-
-    first = np.array(start if problem.is_of_keys else [*start, height(problem, start, hands) / scale])
-    least, most = np.zeros(len(first)), np.ones(len(first))
-    least[size:], most[size:] = -np.inf, np.inf
-    result = minimize(
-        cost, first, method="SLSQP", bounds=Bounds(least, most),
-        constraints=[NonlinearConstraint(rows, 0.0, np.inf)], options={"maxiter": 40, "ftol": 1e-8, "eps": STEP},
-    )  # fmt: skip
-    end = tuple(float(x) for x in np.clip(result.x[:size], 0.0, 1.0))
-    if room(problem, end, hands) >= -MET:
-        return [end]
-    # a step back towards the start
-    return [end, *_between(problem, hands, start, end)]
-
-
-def _between(problem: Problem, hands: Sequence[Hand], inner: Point, outer: Point) -> list[Point]:
-    """Find the boundary of the constraints between a point that satisfies them and a point that does not."""
-    from scipy.optimize import brentq
-
-    if room(problem, inner, hands) < 0.0:
-        return []
-    a, b = np.array(inner), np.array(outer)
-    edge = float(brentq(lambda s: room(problem, a + s * (b - a), hands), 0.0, 1.0, xtol=FINE, rtol=1e-12))
-    return [tuple(float(x) for x in a + s * (b - a)) for s in (edge, max(edge - 1e-7, 0.0))]
-
-
-def _pushed_out(problem: Problem, hands: Sequence[Hand], point: Point) -> tuple[bool, float, Point]:
-    """Move each key in turn as far as the objective increases and the constraints hold."""
-    best = (True, height(problem, point, hands), point)
-    for i in [*range(len(point))] * 2:
-        for way in (1.0, -1.0):
-            step = 0.02
-            while step > 1e-8:
-                trial = list(best[2])
-                trial[i] = min(max(trial[i] + way * step, 0.0), 1.0)
-                place = tuple(trial)
-                if place == best[2]:
-                    break
-                if problem.is_of_keys and height(problem, place, hands) <= best[1]:
-                    break
-                slack = room(problem, place, hands)
-                value = height(problem, place, hands)
-                if slack >= -MET and value > best[1]:
-                    best = (True, value, place)
-                else:
-                    step /= 4.0
-    return best

@@ -197,7 +197,7 @@ def _reach(problem: Problem, hands: list[Hand]) -> tuple[dict[str, float], int]:
     result: dict[str, float] = {}
     count = 0
     for each in problem.constraints:
-        alone = Problem(problem.scene, read_expression(_room(each)), (), list(problem.over), problem.operators)
+        alone = Problem(problem.scene, each.room, (), list(problem.over), problem.operators)
         with alone.session():
             best = search(alone)
             ones = [alone.judged(best.point, hand) for hand in hands]
@@ -207,8 +207,3 @@ def _reach(problem: Problem, hands: list[Hand]) -> tuple[dict[str, float], int]:
                 result[each.text] = each.left.value(numbers_of(problem.keys, worst))
         count += alone.count
     return result, count
-
-
-def _room(constraint: Constraint) -> str:
-    left, right = constraint.left.text, constraint.right.text
-    return f"({left}) - ({right})" if constraint.is_least else f"({right}) - ({left})"

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.batch import variant_runs
-from graspfx.batch.grid import grid
+from graspfx.batch import group_runs
+from graspfx.batch.batch import grid
+from graspfx.batch.measured_columns import empty, take
 from graspfx.batch.variants import Variants
-from graspfx.errors import InputError, SceneError, UnknownNameError
+from graspfx.errors import InputError, MissingPackageError, SceneError, UnknownNameError
 from graspfx.grasp.impedance import ActiveCouplingWarning
 from tests.support.optional import require
 
@@ -184,7 +185,7 @@ def test_equal_gains_are_a_group_of_their_own(line):
 def test_what_does_not_add_up_is_built_whole(line, by_values, monkeypatch):
     values = {KEP: np.linspace(20.0, 60.0, 5), BV: np.linspace(0.5, 1.0, 4)}
     expected = gx.run_batch(line, values, 0.1)
-    monkeypatch.setattr(Variants, "_holds", lambda self, group, layout: False)
+    monkeypatch.setattr(Variants, "_holds", lambda self, group: False)
     found = gx.run_batch(line, values, 0.1)
     assert found.notes == ("20 variants were built one by one: their keys interact",)
     assert not expected.notes
@@ -195,10 +196,9 @@ def test_a_wrong_entry_is_found(line, by_values):
     values = {KEP: np.linspace(20.0, 60.0, 5).tolist(), BV: np.linspace(0.5, 1.0, 5).tolist()}
     variants = Variants(line, values, np.indices((5, 5)).reshape(2, -1).T)
     [group] = variants.groups()
-    layout = variants.built(variants.numbers[0]).layout
-    assert variants._holds(group, layout)
+    assert variants._holds(group)
     group.factors[0][1][0] *= 1.0 + 1e-15  # of the least value, which is in two corners
-    assert not variants._holds(group, layout)
+    assert not variants._holds(group)
 
 
 @pytest.mark.parametrize("name", ["paper-spring", "sphere-three-fingers"])
@@ -253,6 +253,35 @@ def test_a_fault_is_told_as_things_stood_at_its_tick(line):
     assert "outside its workspace" in require(kept.recordings)[0].faults[0].message
 
 
+@pytest.mark.parametrize("block", [1, 3, 4, 9])
+def test_measures_are_those_of_a_loop_over_the_rows(block):
+    """Sums are added row by row, NaN and infinity included; no comparison selects NaN."""
+    rows = np.random.default_rng(3).normal(size=(9, 4))
+    rows[2, 1], rows[5, 2], rows[:, 3] = np.nan, np.inf, np.nan
+    measures = empty(4)
+    for k in range(0, 9, block):
+        take(rows[k : k + block], measures, k, 9)
+    for x, found in zip(rows.T.tolist(), measures.tolist(), strict=True):
+        sums = [0.0, 0.0]
+        for each in x:
+            sums = [sums[0] + each, sums[1] + each * each]
+        peaks = [of([each for each in part if each == each], default=end)
+                 for part in (x[:4], x[4:]) for of, end in ((min, np.inf), (max, -np.inf))]  # fmt: skip
+        np.testing.assert_array_equal(found, [x[0], x[-1], *sums, *peaks])
+
+
+def test_measures_compile_nothing_beside_the_program_of_all_scenes(line, monkeypatch):
+    """An installation with that program measures without LLVM."""
+    values = {BV: [0.5, 0.8]}
+    expected = gx.run_batch(line, values, 0.1)
+
+    def missing(*given, **more):
+        raise MissingPackageError("llvmlite", "a test", "")
+
+    monkeypatch.setattr("graspfx.compile.native.compiled", missing)
+    require_same(gx.run_batch(line, values, 0.1), expected)
+
+
 def test_after_an_error_no_thread_begins_another_job():
     begun = []
 
@@ -263,7 +292,7 @@ def test_after_an_error_no_thread_begins_another_job():
         time.sleep(0.01)
 
     with pytest.raises(InputError):
-        variant_runs._shared(run, [np.array([k]) for k in range(100)], 2)
+        group_runs._shared(run, [np.array([k]) for k in range(100)], 2)
     assert len(begun) < 50
 
 

@@ -21,11 +21,11 @@ Values = dict[str, FloatArray]
 TITLE = "Batches: a run of many variants"
 LIMITS = """
 Times are per variant, of whole calls: from the scene and the values to the last positions of both fingers and of the
-object. Programs are in the cache. For keys other than gains, friction, masses and viscosities, a scene is built for
-every value. The peers are written for this one system only, an hour's work each; they store no row and detect no
-fault, and numba uses all processors, as run_batch does. "One by one" is `gx.run(scene.replace(...))`, for a few of
-the variants. The error is that of the last positions against single runs, relative to the largest of them; scenes
-with contact have no other peer than single runs.
+object. Programs are in the cache. For keys other than gains, friction, masses, viscosities and numbers of devices and
+hands, a scene is built for every value. The peers are written for this one system only, an hour's work each; they store
+no row and detect no fault, and numba uses all processors, as run_batch does. "One by one" is
+`gx.run(scene.replace(...))`, for a few of the variants. The error is that of the last positions against single runs,
+relative to the largest of them; scenes with contact have no other peer than single runs.
 """
 
 STIFFNESS, VISCOSITY, MASS = "coupling.external.stiffness", "object.viscosity", "object.mass"

@@ -15,10 +15,9 @@ from matplotlib.text import Text
 
 import graspfx as gx
 from graspfx import installed
-from graspfx.batch.variant_runs import taking
-from graspfx.errors import InputError, MissingPackageError, SceneError, UnknownNameError
+from graspfx.errors import InputError, SceneError, UnknownNameError
 from graspfx.sweeps import run_sweep as sweeps
-from graspfx.sweeps.chunk import SweepError, row_measures
+from graspfx.sweeps.chunk import SweepError
 from graspfx.sweeps.crew import Crew
 from graspfx.sweeps.run_sweep import SweepWarning, look_at
 from graspfx.sweeps.sweep_folder import open_folder
@@ -126,18 +125,6 @@ def test_a_run_by_itself_is_measured_as_in_a_batch(scene: gx.Scene, monkeypatch:
     assert same(gx.sweep(scene, few), gx.run_batch(scene, few))
     own = ["internal_force", "displayed_force", "touching"]
     assert same(gx.sweep(scene, {KEP: [20.0]}, measure=own), gx.run_batch(scene, {KEP: [20.0]}, measure=own))
-
-
-def test_rows_are_measured_without_llvm_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    rows = np.random.default_rng(3).normal(size=(7, 3))
-
-    def missing() -> Any:
-        raise MissingPackageError("llvmlite", "a test", "")
-
-    before = row_measures(rows)
-    monkeypatch.setattr("graspfx.sweeps.chunk.taking", missing)
-    assert row_measures(rows).tobytes() == before.tobytes()
-    assert taking is not missing
 
 
 def test_files_stay_and_xarray_reads_them(scene: gx.Scene, batch: gx.Batch, tmp_path: Path) -> None:

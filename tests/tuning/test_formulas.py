@@ -46,6 +46,7 @@ def test_names_are_listed_once() -> None:
         "2..3",
         "a.",
         "(" * 99,
+        "a" + "+a" * 2000,
     ],
 )
 def test_no_expressions(text: str) -> None:
