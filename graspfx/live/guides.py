@@ -1,9 +1,12 @@
-"""Guides of a live run: handles that move a hand or a finger by an operator offset."""
+"""Guides of a live run: handles that move a hand or a finger, goals of bounded speed within reach, and release."""
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -11,12 +14,25 @@ from numpy.typing import NDArray
 
 from graspfx.assembly.hands import holdings
 from graspfx.assembly.live import value_of
+from graspfx.assembly.process.orders import FARTHEST
+from graspfx.screen.touch_screen import approach
 
 if TYPE_CHECKING:
     from graspfx.assembly.real_time_session import LiveSession
+    from graspfx.live.live_run import LiveRun
+    from graspfx.loop.servo import Servo
     from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
+
+SOFTEST = 1.0  # smallest hand stiffness used in estimates [N/m]
+LONGEST = 0.02  # longest time step of a goal [s], so that it does not jump after a rest
+CLEARANCE = 0.003  # distance of a released finger from the object [m]
+GROWTH = 2.0  # factor of the clearance in each further step
+SLACK = 1.5  # factor of the estimated distance, because the object follows the finger
+LAGS = 6.0  # time between steps, in lags of the follower
+OFTEN = 1.0  # time after a step during which every row is checked [s]
+SELDOM = 0.05  # interval between later checks [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,3 +85,183 @@ def guides_of(session: LiveSession, kind: Literal["hands", "fingers"] | None) ->
             continue
         guides += [Guide(names[f], [f], start[f].copy(), number, i, fingers, lag) for i, f in enumerate(fingers)]
     return guides
+
+
+class FingerReach:
+    """Reach of a finger: positions allowed by its device (`RangedDevice`) and by the box of its workspace.
+
+    When a goal that moves at speed v stops, a finger of mass m on a spring k overshoots it by at most v sqrt(m/k). The
+    reach leaves room for this.
+
+    Args:
+        servo: Servo that moves the finger.
+        finger: Number of the finger.
+        speed: Highest speed of its goal [m/s].
+    """
+
+    def __init__(self, servo: Servo, finger: int, speed: float) -> None:
+        station = next(each for each in servo.stations if finger in each.fingers)
+        self._device: Any = station.device
+        self._finger = list(station.fingers).index(finger)
+        features = station.device.features
+        wiring = next((each for each in servo.plants if finger in each.fingers), None)
+        k = SOFTEST
+        if wiring is not None:
+            place = list(wiring.fingers).index(finger)
+            k = max(float(wiring.hand.stiffness[:, place, place].min()), SOFTEST)
+        self.room = speed * math.sqrt((features.mass or 0.0) / k)
+        self._box = None
+        if features.workspace is not None:
+            lower, upper = features.workspace
+            room = np.minimum(self.room, 0.5 * (upper - lower))
+            self._box = lower + room, upper - room
+
+    def nearest(self, place: FloatArray) -> FloatArray:
+        """Return the position within reach that is nearest to `place` (d,) [m]."""
+        if self._box is not None:
+            place = np.clip(place, *self._box)
+        if hasattr(self._device, "nearest"):
+            place = np.asarray(self._device.nearest(self._finger, place, self.room))
+        return place
+
+
+class GoalWalk:
+    """Goal of one finger or hand.
+
+    The goal moves to its target, no faster than `speed`. A target far from the finger therefore moves the goal there
+    gradually, and forces of the hand's damper and of collisions on the way stay realistic. Slower motions are followed
+    without delay.
+
+    Args:
+        speed: Highest speed [m/s].
+
+    Attributes:
+        target: Target of the goal (d,) [m].
+    """
+
+    def __init__(self, speed: float) -> None:
+        self.speed = speed
+        self._goal: FloatArray | None = None
+        self.target = np.zeros(0)
+        self._time = 0.0
+
+    @property
+    def is_led(self) -> bool:
+        """Whether the goal has a target."""
+        return self._goal is not None
+
+    def aim(self, place: FloatArray, start: FloatArray, now: float) -> FloatArray:
+        """Set the target position (d,) [m]; return the present goal (d,).
+
+        Args:
+            place: Target position.
+            start: Position where the goal starts, if it has no target.
+            now: Time [s].
+        """
+        if self._goal is None:
+            self._goal, self._time = start.copy(), now - LONGEST
+        self.target = place
+        return self._advanced(now)
+
+    def step(self, now: float) -> FloatArray | None:
+        """Return the present goal if it has moved; None if it is at its target or has none."""
+        if self._goal is None or np.array_equal(self._goal, self.target):
+            self._time = now
+            return None
+        return self._advanced(now)
+
+    def end(self) -> None:
+        """Remove the target."""
+        self._goal = None
+
+    def _advanced(self, now: float) -> FloatArray:
+        assert self._goal is not None
+        approach(self._goal, self.target, self.speed * min(max(now - self._time, 0.0), LONGEST))
+        self._time = now
+        return self._goal.copy()
+
+
+class Release:
+    """Release by a guide; a thread supervises it until the guide is moved again.
+
+    The first step is immediate. If a finger still touches after six time constants, because the object has followed it,
+    another step follows. Time is counted in ticks, so that pauses have no effect.
+
+    Args:
+        run: Run whose rows are watched.
+        session: Session of the run.
+        guide: Guide that releases the object.
+    """
+
+    def __init__(self, run: LiveRun, session: LiveSession, guide: Guide) -> None:
+        self._run, self._session, self._guide = run, session, guide
+        self._lock, self._is_over, self._clearance = Lock(), False, CLEARANCE
+
+    def begin(self) -> None:
+        """Withdraw the fingers, and start supervision."""
+        if self._withdraw():
+            Thread(target=self._watch, name="graspfx-release", daemon=True).start()
+
+    def end(self) -> None:
+        """Stop withdrawing."""
+        with self._lock:
+            self._is_over = True
+
+    def _withdraw(self) -> bool:
+        """Move touching fingers away from their objects; return whether there are any."""
+        row, goals, guide = self._run.row(), self._session.goals, self._guide
+        with self._lock:
+            if row is None or self._is_over:
+                return False
+            offsets, _ = goals.values(guide.hand)
+            has_touched = False
+            for place in range(len(guide.all_fingers)) if guide.place is None else (guide.place,):
+                step = withdrawal(self._session, row, guide.all_fingers[place], self._clearance)
+                if step is not None:
+                    has_touched = True
+                    goals.send(guide.hand, np.clip(offsets[place] + step, -FARTHEST, FARTHEST), finger=place)
+            if has_touched:
+                self._clearance *= GROWTH  # larger, in case the object follows
+            return has_touched
+
+    def _watch(self) -> None:
+        run, number = self._run, self._run.run_number
+        wait, often = round(LAGS * self._guide.lag / run.period), round(OFTEN / run.period)
+        step = run.ticks
+        while not self._is_over and run.state != "ended" and run.run_number == number:
+            if run.ticks - step < often:
+                run.await_row(run.tick, SELDOM)
+            else:
+                time.sleep(SELDOM)
+            if run.ticks - step > wait and self._withdraw():
+                step = run.ticks
+
+
+def withdrawal(session: LiveSession, row: FloatArray, finger: int, clearance: float) -> FloatArray | None:
+    """Compute the displacement (d,) of a finger's target that frees the finger [m]; None for a free finger.
+
+    The displacement is parallel to the object's force on the finger. Its length is 1.5 times the sum of the deflection
+    |f|/k of the hand's spring and the penetration depth |p - c|, plus a clearance.
+
+    Args:
+        session: Running session.
+        row: Present row.
+        finger: Number of the finger.
+        clearance: Clearance [m].
+    """
+    columns = session.servo.layout.columns
+
+    def of_finger(name: str) -> FloatArray:
+        column = columns[name]
+        return np.asarray(row[column.where].reshape(column.shape)[finger])
+
+    force = of_finger("finger_force")
+    size = float(np.linalg.norm(force))
+    if not (size > 0.0 and np.isfinite(size)):
+        return None
+    wiring = next(each for each in session.servo.plants if finger in each.fingers)
+    place = wiring.fingers.tolist().index(finger)
+    stiffness = max(float(wiring.hand.stiffness[:, place, place].mean()), SOFTEST)
+    depth = float(np.linalg.norm(of_finger("finger_position") - of_finger("contact_position")))
+    way = size / stiffness + (depth if np.isfinite(depth) else 0.0)
+    return -force / size * (SLACK * way + clearance)

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from graspfx.assembly.live import GAINS
+from graspfx.live.certifier import MarginRow, Verdict
 from graspfx.live.margins import Margins
-from graspfx.live.stability_verdict import MarginRow, Verdict
 from graspfx.scene.keys import general
 
 SHARE = 0.9  # largest gain with hardware, as a share of its limit
@@ -110,11 +110,6 @@ class Outcome:
     values: Mapping[str, Any]
     text: str = ""
 
-    @property
-    def is_refused(self) -> bool:
-        """Whether the order was refused."""
-        return not self.values
-
 
 class HardwareClamp:
     """Filter between sliders and a run with hardware: only certified values pass.
@@ -190,7 +185,7 @@ class HardwareClamp:
                 try:
                     self._run.set(values).result()
                 except Exception:
-                    self._margins.ask(self._present, alone=True)  # the result for refused values is void
+                    self._margins.ask(self._present)  # the result for refused values is void
                     raise
                 self._present |= values
                 self._verdict = verdict
@@ -204,12 +199,12 @@ class HardwareClamp:
 
     def _certificate(self, values: Mapping[str, Any]) -> Verdict | None:
         """Request the full result for values, and wait for it."""
-        number = self._margins.ask(values, alone=True)
+        number = self._margins.ask(values)
         verdict = self._margins.await_verdict(number, PATIENCE)
         return verdict if verdict is not None and verdict.number == number else None
 
     def _refusal(self, request: Mapping[str, Any], why: str) -> Outcome:
-        self._margins.ask(self._present, alone=True)
+        self._margins.ask(self._present)
         return Outcome(request, {}, f"refused: {_listed(request)}: {why}")
 
 

@@ -9,13 +9,11 @@ from collections.abc import Mapping
 from http import HTTPStatus
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from graspfx.screen.claim_server import Claims, ClaimServer, Client, Terms
+from graspfx.screen.claim_server import ClaimServer, Client, Terms, require_websockets, response
 from graspfx.screen.gate import Admission, StreamGate
-from graspfx.screen.socket_thread import require_websockets, response
 from graspfx.screen.touch_orders import Kind
 
 if TYPE_CHECKING:
-    from websockets.asyncio.server import ServerConnection
     from websockets.http11 import Response
 
 LONGEST = 512  # longest order in bytes
@@ -92,7 +90,6 @@ def _refuse(word: str) -> float:
 
 SOCKET = "/stream"
 RATE, BURST = 500.0, 200.0  # limits for a client's orders [1/s], at once
-UNSENT = 1 << 16  # send buffer of a client in bytes; newer states replace states that wait for space
 KINDS = {"alive": Kind.ALIVE, "goal": Kind.PRESS, "release": Kind.LIFT}  # a goal claims a guide
 
 
@@ -134,7 +131,7 @@ class StreamServer(ClaimServer):
 
     def __init__(self, line: socket.socket, gate: StreamGate, led: Led) -> None:
         require_websockets("a stream")
-        super().__init__(line, "stream", gate, Terms(SOCKET, LONGEST, RATE, BURST), 0)
+        super().__init__(line, "stream", gate, Terms(SOCKET, LONGEST, RATE, BURST))
         self._led, self._bounds, self._state = led, Bounds(), ""
 
     def describe(self, hello: str, bounds: Bounds) -> None:
@@ -156,12 +153,6 @@ class StreamServer(ClaimServer):
     def _page(self, path: str, headers: Mapping[str, str], admission: Admission) -> Response:
         return response(HTTPStatus.NOT_FOUND, f"the stream is at {SOCKET}\n".encode())
 
-    async def _attend(self, connection: ServerConnection) -> None:
-        line = connection.transport.get_extra_info("socket")
-        if line is not None:
-            line.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, UNSENT)
-        await super()._attend(connection)
-
     def _take(self, client: Client, data: bytes | str) -> str:
         order = read_stream_order(data, *self._bounds)
         if isinstance(order, str):
@@ -180,7 +171,8 @@ class StreamServer(ClaimServer):
         self._set_hello(hello)
 
     def _set_bounds(self, bounds: Bounds) -> None:
-        self._bounds, self._claims = bounds, Claims(bounds.guides)
+        self._bounds = bounds
+        self.owners.clear()
 
     def _set_state(self, state: str) -> None:
         self._state = state
@@ -189,6 +181,7 @@ class StreamServer(ClaimServer):
     def _message(self, client: Client) -> str:
         if not self._state:
             return ""
-        own = list(self._claims.fingers_of(client.number))
-        you = f'"last":{client.last},"leads":{own},"dropped":{client.dropped},"why":"{client.reason}"'
+        you = (
+            f'"last":{client.last},"leads":{self._items_of(client)},"dropped":{client.dropped},"why":"{client.reason}"'
+        )
         return f'{self._state[:-1]},"you":{{{you}}}}}'

@@ -13,9 +13,8 @@ from pathlib import Path
 import pytest
 
 import graspfx as gx
-from graspfx.live.margins import Margins
-from graspfx.live.margins_child import NICENESS
-from graspfx.live.stability_verdict import Verdict
+from graspfx.live.certifier import Verdict
+from graspfx.live.margins import NICENESS, Margins
 from tests.support.hardware import driver
 from tests.support.waiting import wait_until
 

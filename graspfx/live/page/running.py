@@ -22,10 +22,9 @@ from graspfx.compile.records import start_of
 from graspfx.coupling.contacts import EXCESSIVE
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.errors import InputError
-from graspfx.live.certifier import Certifier
+from graspfx.live.certifier import Certifier, Verdict
 from graspfx.live.guides import hand_name
 from graspfx.live.sliders import Slider, live_keys, sliders, values_of, widened
-from graspfx.live.stability_verdict import Verdict
 from graspfx.loop import step_program
 from graspfx.loop.arena import Arena
 from graspfx.loop.columns import Layout
