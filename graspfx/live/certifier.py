@@ -53,10 +53,8 @@ class Verdict:
         spectral_radius: Largest spectral radius of the loops; NaN after an error.
         rows: Limits of all objects.
         error: Reason why there is no certificate; empty with a certificate.
-        seconds: Time from the request to the result [s].
         number: Number of the request.
         stage: 0 from the last linearisation, 1 from a new one without pushing fingers, 2 full.
-        at: Configuration of the linearisation: "squeezed", or "start" if no equilibrium was reached.
     """
 
     values: Mapping[str, Any] = field(default_factory=dict)
@@ -65,10 +63,8 @@ class Verdict:
     spectral_radius: float = math.nan
     rows: tuple[MarginRow, ...] = ()
     error: str = ""
-    seconds: float = math.nan
     number: int = 0
     stage: int = 0
-    at: str = ""
 
     @property
     def text(self) -> str:
@@ -93,7 +89,6 @@ class _Base:
     loops: tuple[Linearised, ...]
     wholes: tuple[WholeLoop, ...]
     rows: tuple[MarginRow, ...]
-    at: str
 
 
 class Certifier:
@@ -124,7 +119,7 @@ class Certifier:
         except GraspFXError:
             return None
         rows = tuple(_scaled(row, changes[0]) for row in base.rows if changes[0] is not None)
-        return Verdict(dict(values), True, _all_stable(radius, rows), radius, rows, at=base.at)
+        return Verdict(dict(values), True, _all_stable(radius, rows), radius, rows)
 
     def stages(self, values: Mapping[str, Any]) -> Iterator[Verdict]:
         """Linearise the scene with these values and judge it, first without the limits of single pushing fingers."""
@@ -144,11 +139,10 @@ class Certifier:
         loops = tuple(linearise(scene, "squeezed", scene.object[i].name) for i in touched)
         radius = max(spectral_radius(loop.linear) for loop in loops)
         rows = [row for loop in loops for row in _rows(loop, [*mode_limits(scene, loop), *standing_limits(loop)])]
-        at = "start" if "start" in {place for loop in loops for place in loop.at} else "squeezed"
         before = self._pushing_before(scene, values)
         wholes = tuple(WholeLoop(loop.linear, loop.gains) for loop in loops)
-        base = self._base = _Base(scene, loops, wholes, (*rows, *before), at)
-        answer = Verdict(dict(values), True, _all_stable(radius, rows), radius, base.rows, stage=1, at=at)
+        base = self._base = _Base(scene, loops, wholes, (*rows, *before))
+        answer = Verdict(dict(values), True, _all_stable(radius, rows), radius, base.rows, stage=1)
         yield answer
         for loop in loops:
             pushing = pushing_limits(scene, loop)

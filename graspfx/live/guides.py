@@ -1,12 +1,10 @@
-"""Guides of a live run: handles that move a hand or a finger, goals of bounded speed within reach, and release."""
+"""Guides of a live run: handles that move a hand or a finger, and goals of bounded speed within reach."""
 
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -14,12 +12,10 @@ from numpy.typing import NDArray
 
 from graspfx.assembly.hands import holdings
 from graspfx.assembly.live import value_of
-from graspfx.assembly.process.orders import FARTHEST
 from graspfx.screen.touch_screen import approach
 
 if TYPE_CHECKING:
     from graspfx.assembly.real_time_session import LiveSession
-    from graspfx.live.live_run import LiveRun
     from graspfx.loop.servo import Servo
     from graspfx.scene.model import Scene
 
@@ -27,12 +23,7 @@ FloatArray = NDArray[np.float64]
 
 SOFTEST = 1.0  # smallest hand stiffness used in estimates [N/m]
 LONGEST = 0.02  # longest time step of a goal [s], so that it does not jump after a rest
-CLEARANCE = 0.003  # distance of a released finger from the object [m]
-GROWTH = 2.0  # factor of the clearance in each further step
 SLACK = 1.5  # factor of the estimated distance, because the object follows the finger
-LAGS = 6.0  # time between steps, in lags of the follower
-OFTEN = 1.0  # time after a step during which every row is checked [s]
-SELDOM = 0.05  # interval between later checks [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,62 +170,6 @@ class GoalWalk:
         approach(self._goal, self.target, self.speed * min(max(now - self._time, 0.0), LONGEST))
         self._time = now
         return self._goal.copy()
-
-
-class Release:
-    """Release by a guide; a thread supervises it until the guide is moved again.
-
-    The first step is immediate. If a finger still touches after six time constants, because the object has followed it,
-    another step follows. Time is counted in ticks, so that pauses have no effect.
-
-    Args:
-        run: Run whose rows are watched.
-        session: Session of the run.
-        guide: Guide that releases the object.
-    """
-
-    def __init__(self, run: LiveRun, session: LiveSession, guide: Guide) -> None:
-        self._run, self._session, self._guide = run, session, guide
-        self._lock, self._is_over, self._clearance = Lock(), False, CLEARANCE
-
-    def begin(self) -> None:
-        """Withdraw the fingers, and start supervision."""
-        if self._withdraw():
-            Thread(target=self._watch, name="graspfx-release", daemon=True).start()
-
-    def end(self) -> None:
-        """Stop withdrawing."""
-        with self._lock:
-            self._is_over = True
-
-    def _withdraw(self) -> bool:
-        """Move touching fingers away from their objects; return whether there are any."""
-        row, goals, guide = self._run.row(), self._session.goals, self._guide
-        with self._lock:
-            if row is None or self._is_over:
-                return False
-            offsets, _ = goals.values(guide.hand)
-            has_touched = False
-            for place in range(len(guide.all_fingers)) if guide.place is None else (guide.place,):
-                step = withdrawal(self._session, row, guide.all_fingers[place], self._clearance)
-                if step is not None:
-                    has_touched = True
-                    goals.send(guide.hand, np.clip(offsets[place] + step, -FARTHEST, FARTHEST), finger=place)
-            if has_touched:
-                self._clearance *= GROWTH  # larger, in case the object follows
-            return has_touched
-
-    def _watch(self) -> None:
-        run, number = self._run, self._run.run_number
-        wait, often = round(LAGS * self._guide.lag / run.period), round(OFTEN / run.period)
-        step = run.ticks
-        while not self._is_over and run.state != "ended" and run.run_number == number:
-            if run.ticks - step < often:
-                run.await_row(run.tick, SELDOM)
-            else:
-                time.sleep(SELDOM)
-            if run.ticks - step > wait and self._withdraw():
-                step = run.ticks
 
 
 def withdrawal(session: LiveSession, row: FloatArray, finger: int, clearance: float) -> FloatArray | None:

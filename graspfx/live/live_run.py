@@ -8,15 +8,16 @@ from concurrent.futures import Future
 from contextlib import suppress
 from os import PathLike
 from pathlib import Path
-from threading import Condition, Thread
+from threading import Condition, Lock, Thread
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.assembly.process.orders import FARTHEST
 from graspfx.assembly.real_time_session import LiveSession
 from graspfx.errors import InputError, message
-from graspfx.live.guides import Guide, Release, guided_scene, guides_of
+from graspfx.live.guides import Guide, guided_scene, guides_of, withdrawal
 from graspfx.loop.columns import Layout, RunFault
 from graspfx.loop.realtime.ring import SLOTS, Phase, Word
 from graspfx.recording.files import NAME, recording_path, require_vacancy_of
@@ -33,6 +34,11 @@ State = Literal["running", "paused", "ended"]
 MARGIN = 64  # number of oldest rows that may be overwritten during a copy
 SHORTEST, LONGEST = 0.0005, 0.002  # range of the polling interval for rows [s]
 LOOK = 0.1  # interval between checks of the run [s]
+CLEARANCE = 0.003  # distance of a released finger from the object [m]
+GROWTH = 2.0  # factor of the clearance in each further step
+LAGS = 6.0  # time between steps, in lags of the follower
+OFTEN = 1.0  # time after a step during which every row is checked [s]
+SELDOM = 0.05  # interval between later checks [s]
 
 
 class LiveRun(Resource):
@@ -111,11 +117,6 @@ class LiveRun(Resource):
     def period(self) -> float:
         """T [s]."""
         return self._session.servo.period
-
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """Keys that `set` may change."""
-        return self._session.live
 
     @property
     def has_hardware(self) -> bool:
@@ -377,6 +378,62 @@ class LiveRun(Resource):
     def _look(self) -> None:
         if hasattr(self, "_session") and not self._has_ended and not self._session.look():
             self._has_ended = True
+
+
+class Release:
+    """Release by a guide; a thread supervises it until the guide is moved again.
+
+    The first step is immediate. If a finger still touches after six time constants, because the object has followed it,
+    another step follows. Time is counted in ticks, so that pauses have no effect.
+
+    Args:
+        run: Run whose rows are watched.
+        session: Session of the run.
+        guide: Guide that releases the object.
+    """
+
+    def __init__(self, run: LiveRun, session: LiveSession, guide: Guide) -> None:
+        self._run, self._session, self._guide = run, session, guide
+        self._lock, self._is_over, self._clearance = Lock(), False, CLEARANCE
+
+    def begin(self) -> None:
+        """Withdraw the fingers, and start supervision."""
+        if self._withdraw():
+            Thread(target=self._watch, name="graspfx-release", daemon=True).start()
+
+    def end(self) -> None:
+        """Stop withdrawing."""
+        with self._lock:
+            self._is_over = True
+
+    def _withdraw(self) -> bool:
+        """Move touching fingers away from their objects; return whether there are any."""
+        row, goals, guide = self._run.row(), self._session.goals, self._guide
+        with self._lock:
+            if row is None or self._is_over:
+                return False
+            offsets, _ = goals.values(guide.hand)
+            has_touched = False
+            for place in range(len(guide.all_fingers)) if guide.place is None else (guide.place,):
+                step = withdrawal(self._session, row, guide.all_fingers[place], self._clearance)
+                if step is not None:
+                    has_touched = True
+                    goals.send(guide.hand, np.clip(offsets[place] + step, -FARTHEST, FARTHEST), finger=place)
+            if has_touched:
+                self._clearance *= GROWTH  # larger, in case the object follows
+            return has_touched
+
+    def _watch(self) -> None:
+        run, number = self._run, self._run.run_number
+        wait, often = round(LAGS * self._guide.lag / run.period), round(OFTEN / run.period)
+        step = run.ticks
+        while not self._is_over and run.state != "ended" and run.run_number == number:
+            if run.ticks - step < often:
+                run.await_row(run.tick, SELDOM)
+            else:
+                time.sleep(SELDOM)
+            if run.ticks - step > wait and self._withdraw():
+                step = run.ticks
 
 
 class _Request(NamedTuple):

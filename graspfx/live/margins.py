@@ -6,7 +6,6 @@ import os
 import pickle
 import sys
 import threading
-import time
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -46,17 +45,11 @@ class Margins(Resource):
         self._changed = threading.Condition()
         self._values: dict[str, Any] = {}
         self._number, self._sent = 1, 0
-        self._begins = {1: time.perf_counter()}
         self._latest: Verdict | None = None
         self._closed, self._failure = False, ""
         self._process: Popen[bytes] | None = None
         self._thread = threading.Thread(target=self._serve, name="graspfx margins", daemon=True)
         self._thread.start()
-
-    @property
-    def pid(self) -> int | None:
-        """Process id; None before the process has started."""
-        return None if self._process is None else self._process.pid
 
     def ask(self, values: Mapping[str, Any]) -> int:
         """Request a result for values by live key; other keys have the scene's values. Return the request's number."""
@@ -66,7 +59,6 @@ class Margins(Resource):
             if self._failure:
                 self._latest = self._failed()
                 return self._number
-            self._begins[self._number] = time.perf_counter()
             self._changed.notify_all()
             return self._number
 
@@ -151,8 +143,6 @@ class Margins(Resource):
             latest = self._latest
             if latest is not None and (verdict.number, verdict.stage) <= (latest.number, latest.stage):
                 return
-            verdict = replace(verdict, seconds=time.perf_counter() - self._begins[verdict.number])
-            self._begins = {number: at for number, at in self._begins.items() if number >= verdict.number}
             self._latest = verdict
             self._changed.notify_all()
         if self._tell is not None:

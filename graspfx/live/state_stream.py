@@ -169,7 +169,7 @@ class StateStream:
         if not 1.0 <= rate <= FASTEST:
             raise InputError("rate", rate, f"1 to {FASTEST:g} states a second")
         self.rate, self._goals = rate, goals
-        self.server = StreamServer(line, gate, self)
+        self.server = StreamServer(line, gate, self.lead, self.release)
         self._run: LiveRun | None = None
         self._scenery: Scenery | None = None
         self._walks: list[GoalWalk] = []  # of each guide's offset and squeeze together (d + 1,) [m]

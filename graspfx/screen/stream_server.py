@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import math
 import socket
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from http import HTTPStatus
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from graspfx.screen.claim_server import ClaimServer, Client, Terms, require_websockets, response
 from graspfx.screen.gate import Admission, StreamGate
@@ -93,16 +93,6 @@ RATE, BURST = 500.0, 200.0  # limits for a client's orders [1/s], at once
 KINDS = {"alive": Kind.ALIVE, "goal": Kind.PRESS, "release": Kind.LIFT}  # a goal claims a guide
 
 
-class Led(Protocol):
-    """Hands that clients move. The methods are called in the server's thread and must not block."""
-
-    def lead(self, order: StreamOrder) -> None:
-        """Execute a goal."""
-
-    def release(self, guide: int) -> None:
-        """Release a guide on request of its client, or because the client is lost. The guide keeps its position."""
-
-
 class Bounds(NamedTuple):
     """Limits for goals of clients.
 
@@ -123,16 +113,21 @@ class StreamServer(ClaimServer):
     Args:
         line: Listening socket; the server closes it at the end.
         gate: Access control.
-        led: Hands that clients move.
+        lead: Function that executes a goal. It and `release` are called in the server's thread and must not block.
+        release: Function that releases a guide on request of its client, or because the client is lost; the guide keeps
+            its position.
 
     Raises:
         MissingPackageError: If websockets is not installed.
     """
 
-    def __init__(self, line: socket.socket, gate: StreamGate, led: Led) -> None:
+    def __init__(
+        self, line: socket.socket, gate: StreamGate, lead: Callable[[StreamOrder], object],
+        release: Callable[[int], object],
+    ) -> None:  # fmt: skip
         require_websockets("a stream")
         super().__init__(line, "stream", gate, Terms(SOCKET, LONGEST, RATE, BURST))
-        self._led, self._bounds, self._state = led, Bounds(), ""
+        self._lead, self._release, self._bounds, self._state = lead, release, Bounds(), ""
 
     def describe(self, hello: str, bounds: Bounds) -> None:
         """Send a new hello message, a JSON object, to all clients; they lose their claims."""
@@ -159,11 +154,11 @@ class StreamServer(ClaimServer):
             return order
         fate = self._judge(client, order.number, KINDS[order.kind], order.guide)
         if fate == "taken" and order.kind == "goal":
-            self._led.lead(order)
+            self._lead(order)
         return fate
 
     def _let_go(self, thing: int, reason: str) -> None:
-        self._led.release(thing)
+        self._release(thing)
 
     def _begin(self, hello: str, bounds: Bounds) -> None:
         self._state = ""

@@ -69,7 +69,8 @@ def streaming(**choices: Any) -> Iterator[Stream]:
     hands = Hands()
     with listen("127.0.0.1", 0, 0) as line:
         port = line.getsockname()[1]
-        with StreamServer(line, StreamGate(NAMES, 0, TOKEN, **choices, clock=VirtualClock().now), hands) as server:
+        gate = StreamGate(NAMES, 0, TOKEN, **choices, clock=VirtualClock().now)
+        with StreamServer(line, gate, hands.lead, hands.release) as server:
             server.describe('{"type":"hello"}', BOUNDS)
             yield Stream(server, hands, f"127.0.0.1:{port}")
 

@@ -102,12 +102,13 @@ class LivePage(Resource):
         self._first = self._certified = run.scene  # scene at first, and when a certificate was requested last
         self._has_verdict = False  # whether there is a result that has not been sent
         self._clamp: HardwareClamp | None = None
-        if run.has_hardware:
-            self._margins = Margins(run.scene, self._take)
-            self._clamp = HardwareClamp(run, self._margins)
         self.sliders = SliderOrders(sliders, self._set, self._say)
         self._story["run"] = self._described(sliders)
-        self.server = PageServer(self, port).__enter__()
+        self.server = PageServer(self, port)
+        if run.has_hardware:  # before the server accepts orders
+            self._margins = Margins(self._first, self._take)
+            self._clamp = HardwareClamp(run.set, self._margins)
+        self.server.__enter__()
 
     def close(self) -> None:
         """Close all pages and end their computations; the run continues."""
@@ -450,7 +451,7 @@ class SliderOrders:
     def _settle(self, key: str, number: int, value: float, order: Mapping[str, Any], future: Future[Any]) -> None:
         """Process the result of an order; a newer pending order takes precedence."""
         error = future.exception()
-        outcome = None if error is not None else future.result() or Outcome(order, order)
+        outcome = None if error is not None else future.result() or Outcome(order)
         with self._lock:
             if outcome is not None:
                 told = {each.key: value_in(each, outcome.values) for each in self.sliders}
