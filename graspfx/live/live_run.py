@@ -397,9 +397,9 @@ class Release:
         self._lock, self._is_over, self._clearance = Lock(), False, CLEARANCE
 
     def begin(self) -> None:
-        """Withdraw the fingers, and start supervision."""
-        if self._withdraw():
-            Thread(target=self._watch, name="graspfx-release", daemon=True).start()
+        """Withdraw the fingers, and start supervision; a finger may still be on its way to the object."""
+        self._withdraw()
+        Thread(target=self._watch, name="graspfx-release", daemon=True).start()
 
     def end(self) -> None:
         """Stop withdrawing."""
