@@ -20,7 +20,7 @@ from graspfx.assembly.resolve import Parts, resolve
 from graspfx.assembly.wiring import Wire, outside_faults, placing_faults
 from graspfx.compile.memory import ROOM, Memory, within, without
 from graspfx.errors import DeviceError
-from graspfx.feedback.host_part import make_host
+from graspfx.feedback.bridge import make_host
 from graspfx.loop.columns import Layout, chosen_layout
 from graspfx.loop.device import OperatedDevice, RawDevice, SimulatedDevice
 from graspfx.loop.energy.observer import Observer
@@ -212,7 +212,7 @@ def build(
         host = None
         if scene.host is not None and safety is not None:
             host = make_host(scene.host, safety.limits.force, scene.dimensions, scene.period)
-            safety.silence = host.silence
+            safety.silence = scene.host.silence
             stack.callback(host.record.close)
         layout, every = make_layout(parts, real_time=real_time), 1
         if varying:

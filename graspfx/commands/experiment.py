@@ -92,7 +92,7 @@ def _run(
             watchers.append(page)
             tellers.append(page.tell)
         if options.stream:
-            from graspfx.live.stream.state_stream import stream_of
+            from graspfx.live.state_stream import stream_of
 
             stream, address = stream_of(stack)
             _say(address)

@@ -63,9 +63,9 @@ def add_stream(parser: ArgumentParser) -> None:
 def execute(options: Namespace) -> int:
     from graspfx.assembly.resolve import resolve
     from graspfx.live.live_run import LiveRun
-    from graspfx.live.stream.state_stream import stream_of
+    from graspfx.live.state_stream import stream_of
     from graspfx.scene.load import load
-    from graspfx.screen.socket_thread import require_websockets
+    from graspfx.screen.claim_server import require_websockets
 
     if options.seconds is not None and not options.seconds > 0.0:
         raise InputError("--seconds", options.seconds, "a time above zero")

@@ -40,10 +40,9 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    from graspfx.live.touch.touch_run import TouchRun
-    from graspfx.screen.own_page import HOST
-    from graspfx.screen.socket_thread import require_websockets
-    from graspfx.screen.touch_address import code, gate_for, listen, network_address
+    from graspfx.live.touch_run import TouchRun
+    from graspfx.screen.claim_server import require_websockets
+    from graspfx.screen.gate import HOST, code, gate_for, listen, network_address
 
     if options.seconds is not None and not options.seconds > 0.0:
         raise InputError("--seconds", options.seconds, "a time above zero")
@@ -57,7 +56,7 @@ def execute(options: Namespace) -> int:
         gate = gate_for(line, lan=options.lan)
         with waiting(f"starting {options.scene}"):
             scene, notes = _scene(options)
-            touch = TouchRun(scene, line, gate, out=options.out, overwrite=options.overwrite)
+            touch = TouchRun(scene, line, gate, out=options.out)
         note(notes)
         with interruptible() as stop, touch:
             _invite(line, gate)
@@ -80,7 +79,7 @@ def _scene(options: Namespace) -> tuple[Scene, list[str]]:
 
 def _invite(line: socket, gate: Gate) -> None:
     """Print the address of the page; in a network, also print a QR code, and add a token for one screen."""
-    from graspfx.screen.touch_address import code, url
+    from graspfx.screen.gate import code, url
 
     if not gate.locked:
         print(url(line), flush=True)

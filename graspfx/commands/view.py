@@ -56,7 +56,7 @@ def add_page(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    from graspfx.screen.socket_thread import require_websockets
+    from graspfx.screen.claim_server import require_websockets
 
     if options.seconds is not None and not options.seconds > 0.0:
         raise InputError("--seconds", options.seconds, "a time above zero")

@@ -119,7 +119,7 @@ class Feedback(Carded):
         p = np.asarray(points, dtype=float)
         f = np.asarray(forces, dtype=float)
         if p.ndim != 2 or p.shape != f.shape or p.shape[1] not in (1, 2, 3):
-            raise InputError("points, forces", (p.shape, f.shape), "two arrays of one shape (m, d), d = 1, 2 or 3")
+            raise InputError("points, forces", (p.shape, f.shape), "two arrays of the same shape (m, d), d = 1, 2 or 3")
         m, d = p.shape
         numbers = None
         if finger is not None:
@@ -179,20 +179,20 @@ class Feedback(Carded):
 
     def _prepare(self, d: int, contacts: int, most: int) -> None:
         """Allocate memory for contacts and fingers."""
-        state = self._state
-        if state is not None and contacts <= self._capacity and most <= self._n:
+        n = 1
+        if self._state is not None:
             if d != self._dimensions:
                 raise InputError("points", f"(m, {d})", f"(m, {self._dimensions}), as in the previous samples")
-            return
-        n = max(most, 1, self._n if state is not None else 0) if self._fixed is None else self._fixed
+            if contacts <= self._capacity and most <= self._n:
+                return
+            n = self._n
+        n = max(most, n) if self._fixed is None else self._fixed
         if most > n:
             raise InputError("finger", most - 1, f"contacts of fingers 0 to {n - 1}, because of Feedback(fingers={n})")
-        if state is not None and d != self._dimensions:
-            raise InputError("points", f"(m, {d})", f"(m, {self._dimensions}), as in the previous samples")
         for name, gain in self._gains.items():
             if gain.ndim and gain.shape != (d, d):
                 raise InputError(name, gain, f"a number or a matrix ({d}, {d}), because points have {d} coordinates")
-        self._make(d, n, max(ROOM, contacts, 2 * contacts if contacts > ROOM else 0))
+        self._make(d, n, 2 * contacts if contacts > ROOM else ROOM)
 
     def _make(self, d: int, n: int, capacity: int) -> None:
         """Create a state, and copy the previous forces on the operator to it."""
@@ -207,9 +207,8 @@ class Feedback(Carded):
         self._n, self._dimensions, self._capacity = n, d, capacity
         for name, gain in self._gains.items():
             matrix = np.zeros((3, 3))
-            matrix[:d, :d] = gain if gain.ndim else float(gain) * np.eye(d)
-            if name == "moment_gain":
-                matrix = float(gain) * np.eye(3)
+            size = 3 if name == "moment_gain" else d
+            matrix[:size, :size] = gain if gain.ndim else float(gain) * np.eye(size)
             state.array(getattr(ContactSplitState, name))[:] = matrix.ravel()
         for name, values in self._views().items():
             if before is not None:

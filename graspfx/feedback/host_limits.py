@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,59 +109,51 @@ def gain_limits(
     E = advance(np.array([[k_h / m]]), np.array([[(b + b_h) / m]]), np.array([[1.0 / m]]), T)
     worst, at, angle = math.inf, low, 0.0
     for D in range(low, high + 1):
-        limit, turn = _first_loss(LiftedLoop(E, host_ticks, D, predict == "linear", r), m / T**2)
+        limit, turn = _first_loss(partial(_lifted, E, host_ticks, D, predict == "linear", r), m / T**2)
         if limit < worst:
             worst, at, angle = limit, D, turn
     gains = {name: worst / k if k > 0.0 else math.inf for name, k in stiffness.items()}
     return GainLimits(gains["push"], gains["squeeze"], worst, at, angle / (2.0 * math.pi * host_ticks * T))
 
 
-@dataclass(frozen=True, eq=False)
-class LiftedLoop:
-    """The loop over R ticks, s = (x, x', x_(i-1), ..., x_(i-q)), with x_i the sample at the first of these ticks.
+def _lifted(E: FloatArray, R: int, D: int, linear: bool, r: float, stiffness: float) -> FloatArray:
+    """Compute the map of s = (x, x', x_(i-1), ..., x_(i-q)) over R ticks, with x_i the sample at the first of them.
 
-    Attributes:
+    Args:
         E: Map of (x, x', f) to (x, x') over a tick, (2, 3).
         R: Ticks from one sample to the next.
         D: Delay [ticks].
         linear: Whether forces follow the slope of the last two samples.
         r: Fraction of the force that follows the position immediately.
+        stiffness: Felt stiffness g k [N/m].
     """
-
-    E: FloatArray
-    R: int
-    D: int
-    linear: bool
-    r: float
-
-    def matrix(self, stiffness: float) -> FloatArray:
-        """Compute the map of s over R ticks for a felt stiffness g k [N/m]."""
-        back = -(-self.D // self.R) + int(self.linear)  # number of stored samples
-        size = 2 + back
-        samples = np.eye(size)[[0, *range(2, size)]]  # x_i, x_(i-1), ...
-        motion = np.eye(size)[:2]
-        for j in range(self.R):
-            age, past = (j - self.D) % self.R, -((j - self.D) // self.R)
-            y = samples[past]
-            if self.linear:
-                y = y + (y - samples[past + 1]) * (age / self.R)
-            f = -stiffness * ((1.0 - self.r) * y + self.r * motion[0])
-            motion = self.E @ np.vstack([motion, f])
-        return np.asarray(np.vstack([motion, samples[:back]]))
-
-    def radius(self, stiffness: float) -> tuple[float, float]:
-        """Compute the largest |z| of the map's eigenvalues, and the angle of that eigenvalue [rad]."""
-        values = np.linalg.eigvals(self.matrix(stiffness))
-        z = values[np.argmax(np.abs(values))]
-        return float(abs(z)), float(abs(np.angle(z)))
+    back = -(-D // R) + int(linear)  # number of stored samples
+    size = 2 + back
+    samples = np.eye(size)[[0, *range(2, size)]]  # x_i, x_(i-1), ...
+    motion = np.eye(size)[:2]
+    for j in range(R):
+        age, past = (j - D) % R, -((j - D) // R)
+        y = samples[past]
+        if linear:
+            y = y + (y - samples[past + 1]) * (age / R)
+        f = -stiffness * ((1.0 - r) * y + r * motion[0])
+        motion = E @ np.vstack([motion, f])
+    return np.asarray(np.vstack([motion, samples[:back]]))
 
 
-def _first_loss(loop: LiftedLoop, unit: float) -> tuple[float, float]:
-    """Find the smallest stiffness at which the loop loses stability [N/m], and the eigenvalue's angle there [rad]."""
+def _radius(matrix: FloatArray) -> tuple[float, float]:
+    """Compute the largest |z| of a map's eigenvalues, and the angle of that eigenvalue [rad]."""
+    values = np.linalg.eigvals(matrix)
+    z = values[np.argmax(np.abs(values))]
+    return float(abs(z)), float(abs(np.angle(z)))
+
+
+def _first_loss(loop: Callable[[float], FloatArray], unit: float) -> tuple[float, float]:
+    """Find the smallest stiffness at which a loop loses stability [N/m], and the eigenvalue's angle there [rad]."""
     low = 0.0
     for power in np.linspace(*DECADES, int((DECADES[1] - DECADES[0]) * PER_DECADE) + 1).tolist():
         high = unit * 10.0**power
-        if loop.radius(high)[0] > 1.0 + STEADY:
+        if _radius(loop(high))[0] > 1.0 + STEADY:
             break
         low = high
     else:
@@ -168,8 +162,8 @@ def _first_loss(loop: LiftedLoop, unit: float) -> tuple[float, float]:
         return 0.0, 0.0
     for _ in range(STEPS):
         middle = 0.5 * (low + high)
-        if loop.radius(middle)[0] > 1.0:
+        if _radius(loop(middle))[0] > 1.0:
             high = middle
         else:
             low = middle
-    return low, loop.radius(high)[1]
+    return low, _radius(loop(high))[1]

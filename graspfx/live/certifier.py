@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 from graspfx.certificate.certificate import Limit, is_stable
 from graspfx.certificate.first_loss import Family, WholeLoop
@@ -13,8 +13,72 @@ from graspfx.certificate.judgement import Change, altered, change_of
 from graspfx.certificate.linearise import Linearised, linearise
 from graspfx.certificate.mode_limits import mode_limits, pushing_limits, spectral_radius, standing_limits
 from graspfx.errors import GraspFXError
-from graspfx.live.stability_verdict import MarginRow, Verdict
 from graspfx.scene.model import Scene
+
+
+class MarginRow(NamedTuple):
+    """Stability margin of one gain of an object's grasp.
+
+    Attributes:
+        mode: "internal", "external", "external translation", "external rotation", "standing on ..." or "pushing with
+            ..."; for pushing fingers, the weakest set.
+        name: Name of the object.
+        gain: Gain in the scene [N/m]; NaN for matrices.
+        limit: Stability limit with the other gains fixed [N/m]; infinite if there is none.
+        margin: Limit divided by gain.
+        frequency: Frequency at which stability is lost [Hz]; NaN without a limit.
+    """
+
+    mode: str
+    name: str
+    gain: float
+    limit: float
+    margin: float
+    frequency: float
+
+    @property
+    def is_mode(self) -> bool:
+        """Whether the row belongs to the whole grasp, which must be stable, and not to single pushing fingers."""
+        return not self.mode.startswith("pushing with ")
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Stability of a scene.
+
+    Attributes:
+        values: Changed values by live key; other keys have the scene's values.
+        is_provisional: Whether a full result will follow.
+        is_stable: Whether the loops of all objects are stable; None if unknown (see `error`).
+        spectral_radius: Largest spectral radius of the loops; NaN after an error.
+        rows: Limits of all objects.
+        error: Reason why there is no certificate; empty with a certificate.
+        number: Number of the request.
+        stage: 0 from the last linearisation, 1 from a new one without pushing fingers, 2 full.
+    """
+
+    values: Mapping[str, Any] = field(default_factory=dict)
+    is_provisional: bool = True
+    is_stable: bool | None = None
+    spectral_radius: float = math.nan
+    rows: tuple[MarginRow, ...] = ()
+    error: str = ""
+    number: int = 0
+    stage: int = 0
+
+    @property
+    def text(self) -> str:
+        """One-line summary: stable or not, provisional or not, smallest margin of the whole grasp."""
+        if self.is_stable is None:
+            return f"not judged: {self.error}" if self.error else "not judged yet"
+        text = "stable" if self.is_stable else "NOT STABLE"
+        if self.is_provisional:
+            text += " (provisional)"
+        modes = [row for row in self.rows if row.is_mode and math.isfinite(row.margin)]
+        if modes:
+            least = min(modes, key=lambda row: row.margin)
+            text += f": {least.mode} margin {least.margin:.2f}"
+        return text
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +89,6 @@ class _Base:
     loops: tuple[Linearised, ...]
     wholes: tuple[WholeLoop, ...]
     rows: tuple[MarginRow, ...]
-    at: str
 
 
 class Certifier:
@@ -56,7 +119,7 @@ class Certifier:
         except GraspFXError:
             return None
         rows = tuple(_scaled(row, changes[0]) for row in base.rows if changes[0] is not None)
-        return Verdict(dict(values), True, _all_stable(radius, rows), radius, rows, at=base.at)
+        return Verdict(dict(values), True, _all_stable(radius, rows), radius, rows)
 
     def stages(self, values: Mapping[str, Any]) -> Iterator[Verdict]:
         """Linearise the scene with these values and judge it, first without the limits of single pushing fingers."""
@@ -76,11 +139,10 @@ class Certifier:
         loops = tuple(linearise(scene, "squeezed", scene.object[i].name) for i in touched)
         radius = max(spectral_radius(loop.linear) for loop in loops)
         rows = [row for loop in loops for row in _rows(loop, [*mode_limits(scene, loop), *standing_limits(loop)])]
-        at = "start" if "start" in {place for loop in loops for place in loop.at} else "squeezed"
         before = self._pushing_before(scene, values)
         wholes = tuple(WholeLoop(loop.linear, loop.gains) for loop in loops)
-        base = self._base = _Base(scene, loops, wholes, (*rows, *before), at)
-        answer = Verdict(dict(values), True, _all_stable(radius, rows), radius, base.rows, stage=1, at=at)
+        base = self._base = _Base(scene, loops, wholes, (*rows, *before))
+        answer = Verdict(dict(values), True, _all_stable(radius, rows), radius, base.rows, stage=1)
         yield answer
         for loop in loops:
             pushing = pushing_limits(scene, loop)

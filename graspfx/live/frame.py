@@ -5,10 +5,9 @@ Scenes on a line are on the x axis; scenes in the plane are in the x-y plane.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,49 +28,8 @@ T = TypeVar("T")
 STATES = tuple(CONTACTS)  # states of a contact; a touching contact without friction is in the state "touch"
 
 
-class Pose(NamedTuple):
-    """Pose of the frame in which an object's shape is described: position [m] and quaternion w, x, y, z.
-
-    For a mesh this is the frame of its file, for any other shape the frame of the object.
-    """
-
-    position: FloatArray
-    wxyz: FloatArray
-
-
-@dataclass(frozen=True)
-class Frame:
-    """Drawable content of one row, in 3-D. Quantities that were not recorded are None or NaN.
-
-    Attributes:
-        time: Time [s].
-        tick: Tick of the row.
-        objects: Pose of each object with a recorded position.
-        fingertips: Positions of the fingertips (n, 3) [m].
-        contact_position: Contact points c of touching fingers, else NaN (n, 3) [m].
-        touching: Whether each finger touches (n,).
-        states: State of each finger, one of `STATES`: "free"; "limit" if its force is saturated; "slide" or "stick"
-            with friction; otherwise "touch".
-        force: Forces of the fingers on the object (n, 3) [N]; zero for free fingers.
-        internal, external: Internal and external parts of the forces (n, 3) [N].
-        limited: Whether each force is saturated (n,).
-    """
-
-    time: float
-    tick: int
-    objects: Mapping[str, Pose]
-    fingertips: FloatArray
-    contact_position: FloatArray
-    touching: BoolArray
-    states: tuple[str, ...]
-    force: FloatArray | None
-    internal: FloatArray | None
-    external: FloatArray | None
-    limited: BoolArray | None
-
-
-class Frames(Sequence[Frame]):
-    """Sequence of frames. Each array is computed on first use, for all rows together.
+class Frames:
+    """Drawable content of rows, in 3-D. Each array is computed on first use, for all rows together.
 
     Args:
         history: Recording or part of a recording; for long recordings, use `Recording.part` or `Recording.parts`.
@@ -85,27 +43,6 @@ class Frames(Sequence[Frame]):
     def __len__(self) -> int:
         return len(self.history)
 
-    def __getitem__(self, k: int) -> Frame:  # type: ignore[override]
-        """Return the frame of a row."""
-        if not -len(self) <= k < len(self):
-            raise IndexError(k)
-        k %= len(self)
-        every, start = self.history.header.every, self.history.start
-        internal, external = self.parts or (None, None)
-        return Frame(
-            time=float(self.time[k]),
-            tick=every * (start + k),
-            objects={name: Pose(place[k], turn[k]) for name, (place, turn) in self.poses.items()},
-            fingertips=self.fingertips[k],
-            contact_position=self.contacts[k],
-            touching=self.touching[k],
-            states=tuple(STATES[state] for state in self.states[k]),
-            force=None if self.force is None else self.force[k],
-            internal=None if internal is None else internal[k],
-            external=None if external is None else external[k],
-            limited=None if self.limited is None else self.limited[k],
-        )
-
     @property
     def time(self) -> FloatArray:
         """Times of the rows (N,) [s]."""
@@ -113,7 +50,11 @@ class Frames(Sequence[Frame]):
 
     @cached_property
     def poses(self) -> dict[str, tuple[FloatArray, FloatArray]]:
-        """Positions (N, 3) [m] and quaternions w, x, y, z (N, 4) of each object with a recorded position."""
+        """Positions (N, 3) [m] and quaternions w, x, y, z (N, 4) of each object with a recorded position.
+
+        They are those of the frame in which the object's shape is described: for a mesh the frame of its file, for any
+        other shape the frame of the object.
+        """
         poses = {}
         for name in self.layout.objects:
             pose = self._or_none(lambda name=name: self.history.described_pose(name))  # type: ignore[misc]
@@ -161,7 +102,10 @@ class Frames(Sequence[Frame]):
 
     @cached_property
     def states(self) -> IntArray:
-        """States of the contacts (N, n), as indices of `STATES`."""
+        """States of the contacts (N, n), as indices of `STATES`.
+
+        They are "free"; "limit" if the force is saturated; "slide" or "stick" with friction; otherwise "touch".
+        """
         states = self.touching.astype(np.int8)
         status = self._column("status")
         if status is not None:  # 0 free, 1 stick, 2 slide
@@ -229,23 +173,6 @@ class Frames(Sequence[Frame]):
 
     def _nowhere(self) -> FloatArray:
         return np.full((len(self), len(self.layout.fingers), 3), np.nan)
-
-
-def frame_of(
-    row: FloatArray, layout: Layout, header: Header, *, changes: Sequence[KeyChange] = (), tick: int = 0,
-    apart: float = 0.0,
-) -> Frame:  # fmt: skip
-    """Make the frame of one row.
-
-    Args:
-        row: Row (width,) from a recording or the ring buffer.
-        layout: Columns of the row.
-        header: Header of the run.
-        changes: Changes of keys in the run so far, including changes of the split.
-        tick: Tick of the row.
-        apart: Lateral distance between fingers on a line [m], `Scenery.apart`.
-    """
-    return Frames(history_of(row[None], layout, header, changes=changes, tick=tick), apart)[0]
 
 
 def history_of(

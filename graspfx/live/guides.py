@@ -1,7 +1,8 @@
-"""Guides of a live run: handles that move a hand or a finger by an operator offset."""
+"""Guides of a live run: handles that move a hand or a finger, and goals of bounded speed within reach."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
@@ -11,12 +12,18 @@ from numpy.typing import NDArray
 
 from graspfx.assembly.hands import holdings
 from graspfx.assembly.live import value_of
+from graspfx.screen.touch_screen import approach
 
 if TYPE_CHECKING:
     from graspfx.assembly.real_time_session import LiveSession
+    from graspfx.loop.servo import Servo
     from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
+
+SOFTEST = 1.0  # smallest hand stiffness used in estimates [N/m]
+LONGEST = 0.02  # longest time step of a goal [s], so that it does not jump after a rest
+SLACK = 1.5  # factor of the estimated distance, because the object follows the finger
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,3 +76,127 @@ def guides_of(session: LiveSession, kind: Literal["hands", "fingers"] | None) ->
             continue
         guides += [Guide(names[f], [f], start[f].copy(), number, i, fingers, lag) for i, f in enumerate(fingers)]
     return guides
+
+
+class FingerReach:
+    """Reach of a finger: positions allowed by its device (`RangedDevice`) and by the box of its workspace.
+
+    When a goal that moves at speed v stops, a finger of mass m on a spring k overshoots it by at most v sqrt(m/k). The
+    reach leaves room for this.
+
+    Args:
+        servo: Servo that moves the finger.
+        finger: Number of the finger.
+        speed: Highest speed of its goal [m/s].
+    """
+
+    def __init__(self, servo: Servo, finger: int, speed: float) -> None:
+        station = next(each for each in servo.stations if finger in each.fingers)
+        self._device: Any = station.device
+        self._finger = list(station.fingers).index(finger)
+        features = station.device.features
+        wiring = next((each for each in servo.plants if finger in each.fingers), None)
+        k = SOFTEST
+        if wiring is not None:
+            place = list(wiring.fingers).index(finger)
+            k = max(float(wiring.hand.stiffness[:, place, place].min()), SOFTEST)
+        self.room = speed * math.sqrt((features.mass or 0.0) / k)
+        self._box = None
+        if features.workspace is not None:
+            lower, upper = features.workspace
+            room = np.minimum(self.room, 0.5 * (upper - lower))
+            self._box = lower + room, upper - room
+
+    def nearest(self, place: FloatArray) -> FloatArray:
+        """Return the position within reach that is nearest to `place` (d,) [m]."""
+        if self._box is not None:
+            place = np.clip(place, *self._box)
+        if hasattr(self._device, "nearest"):
+            place = np.asarray(self._device.nearest(self._finger, place, self.room))
+        return place
+
+
+class GoalWalk:
+    """Goal of one finger or hand.
+
+    The goal moves to its target, no faster than `speed`. A target far from the finger therefore moves the goal there
+    gradually, and forces of the hand's damper and of collisions on the way stay realistic. Slower motions are followed
+    without delay.
+
+    Args:
+        speed: Highest speed [m/s].
+
+    Attributes:
+        target: Target of the goal (d,) [m].
+    """
+
+    def __init__(self, speed: float) -> None:
+        self.speed = speed
+        self._goal: FloatArray | None = None
+        self.target = np.zeros(0)
+        self._time = 0.0
+
+    @property
+    def is_led(self) -> bool:
+        """Whether the goal has a target."""
+        return self._goal is not None
+
+    def aim(self, place: FloatArray, start: FloatArray, now: float) -> FloatArray:
+        """Set the target position (d,) [m]; return the present goal (d,).
+
+        Args:
+            place: Target position.
+            start: Position where the goal starts, if it has no target.
+            now: Time [s].
+        """
+        if self._goal is None:
+            self._goal, self._time = start.copy(), now - LONGEST
+        self.target = place
+        return self._advanced(now)
+
+    def step(self, now: float) -> FloatArray | None:
+        """Return the present goal if it has moved; None if it is at its target or has none."""
+        if self._goal is None or np.array_equal(self._goal, self.target):
+            self._time = now
+            return None
+        return self._advanced(now)
+
+    def end(self) -> None:
+        """Remove the target."""
+        self._goal = None
+
+    def _advanced(self, now: float) -> FloatArray:
+        assert self._goal is not None
+        approach(self._goal, self.target, self.speed * min(max(now - self._time, 0.0), LONGEST))
+        self._time = now
+        return self._goal.copy()
+
+
+def withdrawal(session: LiveSession, row: FloatArray, finger: int, clearance: float) -> FloatArray | None:
+    """Compute the displacement (d,) of a finger's target that frees the finger [m]; None for a free finger.
+
+    The displacement is parallel to the object's force on the finger. Its length is 1.5 times the sum of the deflection
+    |f|/k of the hand's spring and the penetration depth |p - c|, plus a clearance.
+
+    Args:
+        session: Running session.
+        row: Present row.
+        finger: Number of the finger.
+        clearance: Clearance [m].
+    """
+    columns = session.servo.layout.columns
+
+    def of_finger(name: str) -> FloatArray:
+        column = columns[name]
+        return np.asarray(row[column.where].reshape(column.shape)[finger])
+
+    force = of_finger("finger_force")
+    size = float(np.linalg.norm(force))
+    if not (size > 0.0 and np.isfinite(size)):
+        return None
+    wiring = next(each for each in session.servo.plants if finger in each.fingers)
+    place = wiring.fingers.tolist().index(finger)
+    stiffness = max(float(wiring.hand.stiffness[:, place, place].mean()), SOFTEST)
+    depth = float(np.linalg.norm(of_finger("finger_position") - of_finger("contact_position")))
+    way = size / stiffness + (depth if np.isfinite(depth) else 0.0)
+    return -force / size * (SLACK * way + clearance)

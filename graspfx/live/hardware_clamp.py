@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from graspfx.assembly.live import GAINS
+from graspfx.live.certifier import MarginRow, Verdict
 from graspfx.live.margins import Margins
-from graspfx.live.stability_verdict import MarginRow, Verdict
 from graspfx.scene.keys import general
 
 SHARE = 0.9  # largest gain with hardware, as a share of its limit
@@ -88,32 +88,17 @@ PATIENCE = 20.0  # timeout for a full certificate [s]
 ROUNDS = 4  # attempts to find values that are certified
 
 
-class Steered(Protocol):
-    """Run whose values can be set."""
-
-    def set(self, values: Mapping[str, Any]) -> Future[Any]:
-        """Set values by live key; the future completes when the loop uses them, or with an exception."""
-        ...
-
-
 @dataclass(frozen=True)
 class Outcome:
     """Result of an order to hardware.
 
     Attributes:
-        request: Requested values by live key.
         values: Values that were set; empty if the order was refused.
         text: Explanation if other values were set or the order was refused; empty if the request was set.
     """
 
-    request: Mapping[str, Any]
     values: Mapping[str, Any]
     text: str = ""
-
-    @property
-    def is_refused(self) -> bool:
-        """Whether the order was refused."""
-        return not self.values
 
 
 class HardwareClamp:
@@ -125,12 +110,13 @@ class HardwareClamp:
     all merged orders complete together.
 
     Args:
-        run: Run whose values change.
+        apply: Function of the run that sets values by live key; its future completes when the loop uses them, or with
+            an exception.
         margins: Certificates of the run's scene, used by this object only.
     """
 
-    def __init__(self, run: Steered, margins: Margins) -> None:
-        self._run, self._margins = run, margins
+    def __init__(self, apply: Callable[[Mapping[str, Any]], Future[Any]], margins: Margins) -> None:
+        self._apply, self._margins = apply, margins
         self._present: dict[str, Any] = {}  # values that differ from the scene's
         self._verdict: Verdict | None = None
         self._changed = threading.Condition()
@@ -188,13 +174,13 @@ class HardwareClamp:
             why = shortfall(verdict, present)
             if not why:
                 try:
-                    self._run.set(values).result()
+                    self._apply(values).result()
                 except Exception:
-                    self._margins.ask(self._present, alone=True)  # the result for refused values is void
+                    self._margins.ask(self._present)  # the result for refused values is void
                     raise
                 self._present |= values
                 self._verdict = verdict
-                return Outcome(request, values, "" if values == request else _clamp_text(request, values, first))
+                return Outcome(values, "" if values == request else _clamp_text(request, values, first))
             first = first or why
             less = lower(values, verdict, present)
             if less is None:
@@ -204,17 +190,17 @@ class HardwareClamp:
 
     def _certificate(self, values: Mapping[str, Any]) -> Verdict | None:
         """Request the full result for values, and wait for it."""
-        number = self._margins.ask(values, alone=True)
+        number = self._margins.ask(values)
         verdict = self._margins.await_verdict(number, PATIENCE)
         return verdict if verdict is not None and verdict.number == number else None
 
     def _refusal(self, request: Mapping[str, Any], why: str) -> Outcome:
-        self._margins.ask(self._present, alone=True)
-        return Outcome(request, {}, f"refused: {_listed(request)}: {why}")
+        self._margins.ask(self._present)
+        return Outcome({}, f"refused: {_listed(request)}: {why}")
 
 
 def _late(request: Mapping[str, Any]) -> Outcome:
-    return Outcome(request, {}, f"refused: {_listed(request)}: the run has ended")
+    return Outcome({}, f"refused: {_listed(request)}: the run has ended")
 
 
 def _why(verdict: Verdict | None) -> str:

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
+from contextlib import suppress
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from threading import Condition, Lock, Thread
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.assembly.process.orders import FARTHEST
 from graspfx.assembly.real_time_session import LiveSession
 from graspfx.errors import InputError, message
-from graspfx.live.conductor import Conductor
-from graspfx.live.guides import Guide, guided_scene, guides_of
-from graspfx.live.letting_go import Release
+from graspfx.live.guides import Guide, guided_scene, guides_of, withdrawal
 from graspfx.loop.columns import Layout, RunFault
 from graspfx.loop.realtime.ring import SLOTS, Phase, Word
 from graspfx.recording.files import NAME, recording_path, require_vacancy_of
@@ -32,6 +33,12 @@ State = Literal["running", "paused", "ended"]
 
 MARGIN = 64  # number of oldest rows that may be overwritten during a copy
 SHORTEST, LONGEST = 0.0005, 0.002  # range of the polling interval for rows [s]
+LOOK = 0.1  # interval between checks of the run [s]
+CLEARANCE = 0.003  # distance of a released finger from the object [m]
+GROWTH = 2.0  # factor of the clearance in each further step
+LAGS = 6.0  # time between steps, in lags of the follower
+OFTEN = 1.0  # time after a step during which every row is checked [s]
+SELDOM = 0.05  # interval between later checks [s]
 
 
 class LiveRun(Resource):
@@ -110,11 +117,6 @@ class LiveRun(Resource):
     def period(self) -> float:
         """T [s]."""
         return self._session.servo.period
-
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """Keys that `set` may change."""
-        return self._session.live
 
     @property
     def has_hardware(self) -> bool:
@@ -252,7 +254,7 @@ class LiveRun(Resource):
         """
         guide = self._guide_of(number)
         self._end_release(number)
-        release = self._releases[number] = Release(self, self._session, guide, guide.lag)
+        release = self._releases[number] = Release(self, self._session, guide)
         release.begin()
 
     def _end_release(self, number: int) -> None:
@@ -376,3 +378,163 @@ class LiveRun(Resource):
     def _look(self) -> None:
         if hasattr(self, "_session") and not self._has_ended and not self._session.look():
             self._has_ended = True
+
+
+class Release:
+    """Release by a guide; a thread supervises it until the guide is moved again.
+
+    The first step is immediate. If a finger still touches after six time constants, because the object has followed it,
+    another step follows. Time is counted in ticks, so that pauses have no effect.
+
+    Args:
+        run: Run whose rows are watched.
+        session: Session of the run.
+        guide: Guide that releases the object.
+    """
+
+    def __init__(self, run: LiveRun, session: LiveSession, guide: Guide) -> None:
+        self._run, self._session, self._guide = run, session, guide
+        self._lock, self._is_over, self._clearance = Lock(), False, CLEARANCE
+
+    def begin(self) -> None:
+        """Withdraw the fingers, and start supervision; a finger may still be on its way to the object."""
+        self._withdraw()
+        Thread(target=self._watch, name="graspfx-release", daemon=True).start()
+
+    def end(self) -> None:
+        """Stop withdrawing."""
+        with self._lock:
+            self._is_over = True
+
+    def _withdraw(self) -> bool:
+        """Move touching fingers away from their objects; return whether there are any."""
+        row, goals, guide = self._run.row(), self._session.goals, self._guide
+        with self._lock:
+            if row is None or self._is_over:
+                return False
+            offsets, _ = goals.values(guide.hand)
+            has_touched = False
+            for place in range(len(guide.all_fingers)) if guide.place is None else (guide.place,):
+                step = withdrawal(self._session, row, guide.all_fingers[place], self._clearance)
+                if step is not None:
+                    has_touched = True
+                    goals.send(guide.hand, np.clip(offsets[place] + step, -FARTHEST, FARTHEST), finger=place)
+            if has_touched:
+                self._clearance *= GROWTH  # larger, in case the object follows
+            return has_touched
+
+    def _watch(self) -> None:
+        run, number = self._run, self._run.run_number
+        wait, often = round(LAGS * self._guide.lag / run.period), round(OFTEN / run.period)
+        step = run.ticks
+        while not self._is_over and run.state != "ended" and run.run_number == number:
+            if run.ticks - step < often:
+                run.await_row(run.tick, SELDOM)
+            else:
+                time.sleep(SELDOM)
+            if run.ticks - step > wait and self._withdraw():
+                step = run.ticks
+
+
+class _Request(NamedTuple):
+    """Command: an action, which sets values if there are any."""
+
+    future: Future[None]
+    action: Callable[[], object]
+    values: Mapping[str, Any] | None = None
+
+
+class Conductor:
+    """Thread that sets values and runs actions in the order of arrival.
+
+    Consecutive pending values are set together, with the newest value of each key. If this fails, the values are set
+    one by one.
+
+    Args:
+        apply: Function that sets values.
+        look: Function called periodically.
+    """
+
+    def __init__(self, apply: Callable[[Mapping[str, Any]], object], look: Callable[[], object]) -> None:
+        self._apply, self._look = apply, look
+        self._requests: list[_Request] = []
+        self._change = Condition()
+        self._is_over = False
+        self._thread = Thread(target=self._run, name="graspfx-live", daemon=True)
+        self._thread.start()
+
+    def set(self, values: Mapping[str, Any]) -> Future[None]:
+        """Queue values to set, by key."""
+        own = dict(values)
+        return self._ask(_Request(Future(), lambda: self._apply(own), own))
+
+    def do(self, action: Callable[[], object]) -> Future[None]:
+        """Queue an action."""
+        return self._ask(_Request(Future(), action))
+
+    def end(self, action: Callable[[], object]) -> None:
+        """Run a last action, then end the thread; pending requests fail."""
+        with self._change:
+            if self._is_over:
+                return
+            self._is_over = True
+            waiting, self._requests = self._requests, []
+            last = _Request(Future(), action)
+            self._requests.append(last)
+            self._change.notify()
+        for each in waiting:
+            if each.future.set_running_or_notify_cancel():
+                each.future.set_exception(_over())
+        last.future.result()
+        self._thread.join()
+
+    def _ask(self, request: _Request) -> Future[None]:
+        with self._change:
+            if self._is_over:
+                request.future.set_exception(_over())
+            else:
+                self._requests.append(request)
+                self._change.notify()
+        return request.future
+
+    def _run(self) -> None:
+        while True:
+            with self._change:
+                if not self._requests:
+                    self._change.wait(LOOK)
+                batch = self._next()
+                is_last = self._is_over and not self._requests
+            self._execute(batch)
+            if is_last:
+                return
+            with suppress(Exception):  # for example a warning turned into an error, which was reported
+                self._look()
+
+    def _next(self) -> list[_Request]:
+        """Take the next action, or all values before the next action."""
+        batch: list[_Request] = []
+        while self._requests and not (batch and None in (batch[0].values, self._requests[0].values)):
+            request = self._requests.pop(0)
+            if request.future.set_running_or_notify_cancel():
+                batch.append(request)
+        return batch
+
+    def _execute(self, batch: list[_Request]) -> None:
+        """Set several values together; if this fails, or for a single request, execute one by one."""
+        are_set = False
+        if len(batch) > 1:
+            with suppress(BaseException):  # it belongs to the future of one of them
+                self._apply({key: value for each in batch for key, value in (each.values or {}).items()})
+                are_set = True
+        for each in batch:
+            try:
+                if not are_set:
+                    each.action()
+            except BaseException as error:  # noqa: BLE001 - it belongs to the future
+                each.future.set_exception(error)
+            else:
+                each.future.set_result(None)
+
+
+def _over() -> InputError:
+    return InputError("run", "closed", "an open run", "it was closed; start a new run")

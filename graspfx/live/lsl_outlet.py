@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import uuid
 from collections.abc import Sequence
 from contextlib import suppress
@@ -55,7 +56,7 @@ class MarkerStream:
         self.source = f"graspfx-markers-{uuid.uuid4()}"
         info = lsl.StreamInfo(name, MARKERS, 1, lsl.IRREGULAR_RATE, lsl.cf_string, self.source)
         self._outlet: Any = lsl.StreamOutlet(info)
-        self._offset = lsl.local_clock() - _clock()
+        self._offset = lsl.local_clock() - time.monotonic()
 
     def send(self, text: str, clock: float) -> None:
         """Send a text with its time on the clock of `time.monotonic` [s]."""
@@ -155,9 +156,3 @@ def _parts(layout: Layout, shape: tuple[int, ...]) -> list[str]:
     if len(shape) == 1:
         return list(layout.fingers) if shape[0] == len(layout.fingers) else list(axes[: shape[0]])
     return [f"{finger}.{axis}" for finger in layout.fingers[: shape[0]] for axis in axes[: shape[1]]]
-
-
-def _clock() -> float:
-    import time
-
-    return time.monotonic()

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import pickle
+import sys
 import threading
-import time
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from multiprocessing.connection import Connection
@@ -13,12 +15,16 @@ from typing import Any
 
 from graspfx.assembly.process import boot
 from graspfx.assembly.process.orders import Errand
+from graspfx.environment import granted
 from graspfx.errors import GraspFXError
-from graspfx.live.stability_verdict import Verdict
+from graspfx.live.certifier import Certifier, Verdict
 from graspfx.resource import Resource
 from graspfx.scene.model import Scene
+from graspfx.system.process_end import KILL, die_with_parent
+from graspfx.system.scheduling import be_nice
 
-CHILD = "graspfx.live.margins_child"
+NICENESS = 10  # gives other programs priority, above all the servo
+SWITCH = 2e-4  # switch interval of the process's threads [s], so that provisional results are not delayed by full ones
 NO_PROCESS = "the process that computes certificates has ended"
 
 
@@ -39,32 +45,20 @@ class Margins(Resource):
         self._changed = threading.Condition()
         self._values: dict[str, Any] = {}
         self._number, self._sent = 1, 0
-        self._begins = {1: time.perf_counter()}
         self._latest: Verdict | None = None
         self._closed, self._failure = False, ""
         self._process: Popen[bytes] | None = None
         self._thread = threading.Thread(target=self._serve, name="graspfx margins", daemon=True)
         self._thread.start()
 
-    @property
-    def pid(self) -> int | None:
-        """Process id; None before the process has started."""
-        return None if self._process is None else self._process.pid
-
-    def ask(self, values: Mapping[str, Any], *, alone: bool = False) -> int:
-        """Request a result for these values, with earlier values for other keys; return the request's number.
-
-        Args:
-            values: Values by live key.
-            alone: Whether other keys have the scene's values instead of earlier values.
-        """
+    def ask(self, values: Mapping[str, Any]) -> int:
+        """Request a result for values by live key; other keys have the scene's values. Return the request's number."""
         with self._changed:
-            self._values = dict(values) if alone else self._values | dict(values)
+            self._values = dict(values)
             self._number += 1
             if self._failure:
                 self._latest = self._failed()
                 return self._number
-            self._begins[self._number] = time.perf_counter()
             self._changed.notify_all()
             return self._number
 
@@ -72,17 +66,16 @@ class Margins(Resource):
         """Return the newest result; None before the first."""
         return self._latest
 
-    def await_verdict(self, number: int, seconds: float, full: bool = True) -> Verdict | None:
-        """Wait for the result of a request, or of a later request; None after a timeout.
+    def await_verdict(self, number: int, seconds: float) -> Verdict | None:
+        """Wait for the full result of a request, or of a later request; None after a timeout.
 
         Args:
             number: Number from `ask`; 1 for the unchanged scene.
             seconds: Timeout [s].
-            full: Whether to wait for a full result.
         """
         with self._changed:
-            self._changed.wait_for(lambda: self._has(number, full) or self._closed, seconds)
-            return self._latest if self._has(number, full) else None
+            self._changed.wait_for(lambda: self._has(number) or self._closed, seconds)
+            return self._latest if self._has(number) else None
 
     def close(self) -> None:
         """End the process."""
@@ -93,17 +86,17 @@ class Margins(Resource):
                 self._process.kill()  # the process has nothing to clean up
         self._thread.join()
 
-    def _has(self, number: int, full: bool) -> bool:
+    def _has(self, number: int) -> bool:
         verdict = self._latest
         if verdict is None or self._failure:
             return verdict is not None
-        return verdict.number >= number and not (full and verdict.is_provisional)
+        return verdict.number >= number and not verdict.is_provisional
 
     def _serve(self) -> None:
         """Start the process, send requests to it, and end it; the system ends the process with this thread."""
         try:
             errand = Errand(self._scene, ticks=0, width=0).text()
-            process, line = boot.spawn(CHILD)
+            process, line = boot.spawn(__name__)
         except (GraspFXError, OSError) as error:
             self._fail(str(error))
             return
@@ -150,8 +143,6 @@ class Margins(Resource):
             latest = self._latest
             if latest is not None and (verdict.number, verdict.stage) <= (latest.number, latest.stage):
                 return
-            verdict = replace(verdict, seconds=time.perf_counter() - self._begins[verdict.number])
-            self._begins = {number: at for number, at in self._begins.items() if number >= verdict.number}
             self._latest = verdict
             self._changed.notify_all()
         if self._tell is not None:
@@ -168,3 +159,67 @@ class Margins(Resource):
 
     def _failed(self) -> Verdict:
         return Verdict(self._values, False, error=self._failure, number=self._number, stage=2)
+
+
+# In the process -----------------------------------------------------------------------------------------------------
+
+
+def main(line_: int) -> None:
+    """Answer requests until the parent ends.
+
+    Args:
+        line_: Descriptor of the connection.
+    """
+    die_with_parent(KILL)
+    be_nice(NICENESS)
+    sys.setswitchinterval(SWITCH)
+    warnings.simplefilter("ignore")  # the run reports them already
+    line = Connection(line_)
+    try:
+        errand: Errand = line.recv()
+        with granted(errand.trust):
+            _Answers(Certifier(errand.scene), line).serve()
+    except (EOFError, OSError):
+        pass
+    finally:
+        os._exit(0)  # even while a full result is computed
+
+
+class _Answers:
+    """Answers requests from a connection; a newer request replaces older requests."""
+
+    def __init__(self, certifier: Certifier, line: Connection) -> None:
+        self._certifier, self._line = certifier, line
+        self._changed = threading.Condition()
+        self._number, self._done, self._values = 0, 0, dict[str, Any]()
+        self._sending = threading.Lock()
+
+    def serve(self) -> None:
+        """Read requests and answer each from the last linearisation."""
+        threading.Thread(target=self._certify, daemon=True).start()
+        while True:
+            number, values = self._line.recv()
+            while self._line.poll():
+                number, values = self._line.recv()
+            verdict = self._certifier.provisional(values)
+            if verdict is not None:
+                self._send(number, verdict)
+            with self._changed:
+                self._number, self._values = number, values
+                self._changed.notify_all()
+
+    def _certify(self) -> None:
+        """Compute full results."""
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._number > self._done)
+                number, values = self._number, self._values
+                self._done = number
+            for verdict in self._certifier.stages(values):
+                if self._number != number:
+                    break  # the linearisation is kept for provisional results
+                self._send(number, verdict)
+
+    def _send(self, number: int, verdict: Verdict) -> None:
+        with self._sending:
+            self._line.send(replace(verdict, number=number))

@@ -1,4 +1,4 @@
-"""Static content of a 3-D view: triangles of all shapes, fingertips, and the camera."""
+"""Static content of a 3-D view: triangles of all shapes, and fingertips."""
 
 from __future__ import annotations
 
@@ -26,23 +26,18 @@ from graspfx.show.picture.instant import (
     obstacles,
     slid,
 )
-from graspfx.show.picture.painter import Camera, best_view
 from graspfx.show.picture.surfaces import Surface, surface
 from graspfx.show.style import FINGERS
 
 if TYPE_CHECKING:
     from graspfx.loop.columns import Layout
     from graspfx.recording.header import Header
-    from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Table = Mapping[str, Any]
 
 SLAB = 0.16  # thickness of planar objects, as a share of the extent
-FIELD = 40.0  # vertical field of view [degrees]
-AWAY = 1.75  # distance of the camera, in extents
-OBLIQUE = (0.28, 0.32, 1.0)  # direction to the camera for planar scenes
 
 
 @dataclass(frozen=True)
@@ -55,7 +50,6 @@ class Solid:
         faces: Triangles (f, 3), counter-clockwise seen from outside.
         colour: Colour as "#rrggbb".
         object: Name of the object with which the triangles move; None for an obstacle.
-        fixed: Whether the body cannot move.
         endless: Whether the triangles are a part of an infinite plane or half-space, visible from both sides.
     """
 
@@ -64,17 +58,7 @@ class Solid:
     faces: IntArray
     colour: str
     object: str | None
-    fixed: bool
     endless: bool
-
-
-class Viewpoint(NamedTuple):
-    """Camera: position, target and up vector (3,), and vertical field of view [degrees]."""
-
-    position: FloatArray
-    target: FloatArray
-    up: FloatArray
-    field: float
 
 
 @dataclass(frozen=True)
@@ -91,7 +75,6 @@ class Scenery:
         middle: Initial centre of the scene (3,) [m].
         up: Up vector (3,): z in space, y in the plane or on a line.
         apart: Lateral distance between fingers on a line [m], for `Frames`.
-        camera: Initial camera.
         notes: Shapes that could not be drawn, with reasons.
     """
 
@@ -104,45 +87,19 @@ class Scenery:
     middle: FloatArray
     up: FloatArray
     apart: float
-    camera: Viewpoint
     notes: tuple[str, ...]
 
 
-def scenery(scene: Scene) -> Scenery:
-    """Make the scenery of a scene: objects, obstacles and fingertips."""
-    table, folder = scene.to_dict(), scene.source.folder
-    names = [each.name for each in scene.object]
-    attached = scene.coupling.contact == "attached"
-    return _scenery(table, scene.dimensions, names, scene.finger_names, attached, folder)
-
-
-def recorded_scenery(header: Header, layout: Layout, folder: Path | None = None) -> Scenery:
-    """Make the scenery of a recorded scene.
+def scenery(header: Header, layout: Layout, folder: Path | None = None) -> Scenery:
+    """Make the scenery of a run or a recording: objects, obstacles and fingertips.
 
     Args:
         header, layout: Header and layout of the recording.
         folder: Folder of relative mesh paths; None for the scene's folder.
     """
-    folder = folder or Path(header.scene_folder)
-    return _scenery(header.scene_table, layout.dimensions, layout.objects, layout.fingers, not layout.gaps, folder)
-
-
-class _Outline(NamedTuple):
-    """Shape with its initial pose, from which a `Solid` is built."""
-
-    name: str
-    shape: Table
-    position: FloatArray
-    orientation: Any
-    is_object: bool
-    fixed: bool
-
-
-def _scenery(
-    table: Table, dimensions: int, objects: Sequence[str], fingers: Sequence[str], attached: bool, folder: Path | None
-) -> Scenery:
-    d, notes = max(dimensions, 2), list[str]()
-    outlines = [*_objects(table, objects, d), *_obstacles(table, d, notes)]
+    folder, table = folder or Path(header.scene_folder), header.scene_table
+    d, n, notes = max(layout.dimensions, 2), len(layout.fingers), list[str]()
+    outlines = [*_objects(table, layout.objects, d), *_obstacles(table, d, notes)]
     bounded = [bool(each.shape) and each.shape.get("kind") not in ENDLESS for each in outlines]
     surfaces = [
         _surface(each, d, LEAST, folder, notes) if one else None for each, one in zip(outlines, bounded, strict=True)
@@ -171,33 +128,24 @@ def _scenery(
         for each, built, colour in zip(outlines, surfaces, colours, strict=True)
         if built
     ]
-    radii, contacts = fingertip_radii(table, len(fingers)), lifted(starts, 3)
+    radii = fingertip_radii(table, n)
     return Scenery(
-        solids=tuple(solids), fingers=tuple(fingers),
-        colours=tuple(FINGERS[i % len(FINGERS)] for i in range(len(fingers))),
+        solids=tuple(solids), fingers=tuple(layout.fingers), colours=tuple(FINGERS[i % len(FINGERS)] for i in range(n)),
         radii=np.where(radii > 0.0, radii, TIP * extent), is_ball=radii > 0.0, extent=extent, middle=middle,
-        up=np.eye(3)[2 if dimensions == 3 else 1],
-        apart=APART * extent if dimensions == 1 and attached else 0.0,
-        camera=viewpoint(dimensions, middle, extent, contacts, contacts - middle), notes=tuple(notes),
+        up=np.eye(3)[2 if layout.dimensions == 3 else 1],
+        apart=APART * extent if layout.dimensions == 1 and not layout.gaps else 0.0, notes=tuple(notes),
     )  # fmt: skip
 
 
-def viewpoint(dimensions: int, middle: FloatArray, extent: float, contacts: FloatArray, out: FloatArray) -> Viewpoint:
-    """Choose a camera: in space, where contacts are seen best; for planar scenes, obliquely from the front.
+class _Outline(NamedTuple):
+    """Shape with its initial pose, from which a `Solid` is built."""
 
-    Args:
-        dimensions: Number of dimensions d of the scene.
-        middle: Target of the camera (3,) [m].
-        extent: Size of the scene [m].
-        contacts: Contact points (k, 3) [m].
-        out: Directions away from the object at the contacts (k, 3).
-    """
-    if dimensions == 3:
-        towards = Camera(*best_view(contacts, out, extent)).axes[2]
-    else:
-        towards = np.array(OBLIQUE) / np.linalg.norm(OBLIQUE)
-    up = np.eye(3)[2 if dimensions == 3 else 1]
-    return Viewpoint(middle + AWAY * extent * towards, middle, up, FIELD)
+    name: str
+    shape: Table
+    position: FloatArray
+    orientation: Any
+    is_object: bool
+    fixed: bool
 
 
 def _objects(table: Table, names: Sequence[str], d: int) -> Iterator[_Outline]:
@@ -238,9 +186,7 @@ def _solid(each: _Outline, built: Surface, colour: str, d: int, extent: float, m
         built = built.placed(each.position, each.orientation)
         built = slid(built, middle) if endless else built
     built = slab(built, SLAB * extent) if d == 2 else built
-    return Solid(
-        each.name, built.vertices, built.faces, colour, each.name if each.is_object else None, each.fixed, endless
-    )
+    return Solid(each.name, built.vertices, built.faces, colour, each.name if each.is_object else None, endless)
 
 
 def slab(outline: Surface, thickness: float) -> Surface:

@@ -1,11 +1,11 @@
-"""Sliders of a scene: values that can change during a run, with ranges, and reasons why other values cannot change."""
+"""Sliders of a scene: values that can change during a run, with ranges."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from graspfx.assembly.build import build
 from graspfx.assembly.live import GAINS, INERTIA, OBJECT_GAINS, value_of
 from graspfx.assembly.steering import Steering
 from graspfx.errors import GraspFXError
-from graspfx.live.stability_verdict import Verdict
+from graspfx.live.certifier import Verdict
 from graspfx.loop.servo import Servo, Steerable
 from graspfx.scene.keys import general
 from graspfx.scene.model import Scene
@@ -72,11 +72,6 @@ class Slider:
             "step": self.step, "value": self.value,
         }  # fmt: skip
 
-    @property
-    def text(self) -> str:
-        """Label with unit."""
-        return f"{self.label} [{self.unit}]" if self.unit else self.label
-
 
 def sliders(scene: Scene) -> list[Slider]:
     """List the sliders of a scene: gains, friction, and the viscosity and mass of objects, if they can change.
@@ -84,24 +79,21 @@ def sliders(scene: Scene) -> list[Slider]:
     Ranges are linear and end at 4 times the value or more; `widened` extends them beyond stability limits. A stiffness
     of the object has one factor for translation and one for rotation.
     """
-    result = []
-    for candidate, reason in _judged(scene):
-        if not reason:
-            least, most = candidate.range(scene)
-            result.append(
-                Slider(candidate.key, candidate.label, candidate.unit, least, most, _step(least, most), candidate.value)
-            )
-    return [*_factors(scene), *result]
+    with build(scene, engine="interpreted") as servo:
+        found = list(_factors(servo, scene))
+        for key, (label, unit) in _candidates(scene).items():
+            value = value_of(scene, key)
+            if _is_number(value) and _can_change(servo, scene, key, value):
+                least, most = _range(scene, key, value)
+                found.append(Slider(key, label, unit, least, most, _step(least, most), float(value)))
+    return found
 
 
-def _factors(scene: Scene) -> Iterator[Slider]:
+def _factors(servo: Servo, scene: Scene) -> Iterator[Slider]:
     """List the factors on the object's stiffness, of translation and of rotation, if it can change."""
     part = scene.coupling.external
-    if not isinstance(part, ObjectImpedance):
+    if not isinstance(part, ObjectImpedance) or not _can_change(servo, scene, OBJECT_STIFFNESS, 1.0):
         return
-    with build(scene, engine="interpreted") as servo:
-        if _obstacle(servo, scene, OBJECT_STIFFNESS, 1.0):
-            return
     K, d = np.array(part.stiffness), scene.dimensions
     least, most = FACTORS
     for name, freedoms in ("translation", range(d)), ("rotation", range(d, len(K))):
@@ -170,45 +162,20 @@ def _limits(slider: Slider, verdict: Verdict) -> list[float]:
     return [row.limit for row in verdict.rows if row.mode == plain.split(".")[1]]
 
 
-def fixed_keys(scene: Scene) -> dict[str, str]:
-    """List the keys without a slider, with the reason why they cannot change during a run."""
-    return {candidate.key: reason for candidate, reason in _judged(scene) if reason}
-
-
-@dataclass(frozen=True)
-class _Candidate:
-    key: str
-    label: str
-    unit: str
-    value: float
-
-    def range(self, scene: Scene) -> tuple[float, float]:
-        """Choose the range."""
-        plain, value = general(self.key), self.value
-        if plain.endswith(".friction"):
-            return min(0.05, value), _nice_above(max(ROUGHEST, 2.0 * value))
-        if plain in INERTIA:
-            return _nice_below(value / ABOVE), _nice_above(ABOVE * value)
-        if plain.endswith("viscosity"):
-            return 0.0, _nice_above(ABOVE * value) if value > 0.0 else 1.0
-        if plain.endswith(".damping"):
-            stiffness = value_of(scene, plain.replace("damping", "stiffness"))
-            spring = float(stiffness) if _is_number(stiffness) else 0.0
-            return 0.0, _nice_above(max(ABOVE * value, RELAXATION * spring) or 1.0)
-        return _nice_below(value / 10.0), _nice_above(ABOVE * value or 1.0)
-
-
-def _judged(scene: Scene) -> Iterator[tuple[_Candidate, str]]:
-    """List the candidates, each with the reason why it cannot change; empty if it can."""
-    with build(scene, engine="interpreted") as servo:
-        for key, (label, unit) in _candidates(scene).items():
-            value = value_of(scene, key)
-            if value is None or (general(key) in ("coupling.friction", "finger.*.friction") and value == "stick"):
-                continue
-            if not _is_number(value):
-                yield _Candidate(key, label, unit, math.nan), "it is not a single number, as a slider needs"
-                continue
-            yield _Candidate(key, label, unit, float(value)), _obstacle(servo, scene, key, float(value))
+def _range(scene: Scene, key: str, value: float) -> tuple[float, float]:
+    """Choose the range of a value."""
+    plain = general(key)
+    if plain.endswith(".friction"):
+        return min(0.05, value), _nice_above(max(ROUGHEST, 2.0 * value))
+    if plain in INERTIA:
+        return _nice_below(value / ABOVE), _nice_above(ABOVE * value)
+    if plain.endswith("viscosity"):
+        return 0.0, _nice_above(ABOVE * value) if value > 0.0 else 1.0
+    if plain.endswith(".damping"):
+        stiffness = value_of(scene, plain.replace("damping", "stiffness"))
+        spring = stiffness if _is_number(stiffness) else 0.0
+        return 0.0, _nice_above(max(ABOVE * value, RELAXATION * spring) or 1.0)
+    return _nice_below(value / 10.0), _nice_above(ABOVE * value or 1.0)
 
 
 def _candidates(scene: Scene) -> Mapping[str, tuple[str, str]]:
@@ -232,24 +199,24 @@ def _candidates(scene: Scene) -> Mapping[str, tuple[str, str]]:
     return texts
 
 
-def _obstacle(servo: Servo, scene: Scene, key: str, value: float) -> str:
+def _can_change(servo: Servo, scene: Scene, key: str, value: float) -> bool:
     plain = general(key)
     if plain in ("coupling.friction", "finger.*.friction") and value <= 0.0:
-        return "friction cannot be switched on during a run: a contact with friction has additional state"
+        return False  # a contact with friction has additional state
     if plain in INERTIA and any(isinstance(mover.body, Steerable) for mover in servo.movers):
-        return "the mass of an object on planes is in another process"
+        return False  # the mass of an object on planes is in another process
     try:
         Steering(servo, scene, [key])
-    except GraspFXError as error:
-        return str(getattr(error, "do", "") or error)
-    return ""
+    except GraspFXError:
+        return False
+    return True
 
 
 def _step(least: float, most: float) -> float:
     return _nice_below((most - least) / STEPS)
 
 
-def _is_number(value: object) -> bool:
+def _is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 

@@ -14,7 +14,7 @@ from graspfx import log
 from graspfx.compile.memory import Memory
 from graspfx.compile.records import start_of
 from graspfx.errors import GraspFXError, InputError
-from graspfx.feedback.host_part import HostPart
+from graspfx.feedback.bridge import HostPart
 from graspfx.loop.arena import Arena
 from graspfx.loop.columns import Layout, RowTaker, RunFault
 from graspfx.loop.device import is_hardware

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.coupling.grasped import GraspedObject
-from graspfx.feedback.host_part import HostPart
+from graspfx.feedback.bridge import HostPart
 from graspfx.loop.columns import Layout
 from graspfx.loop.device import Device, SimulatedDevice
 from graspfx.loop.device_mount import PLAIN, Fitting

@@ -1,73 +1,68 @@
-"""Server whose clients claim items to control them: a client keeps its items until release, exit or silence."""
+"""Server of pages and streams, whose clients claim items: a client keeps them until release, exit or silence."""
 
 from __future__ import annotations
 
 import asyncio
+import logging
 import socket
+import threading
 from collections import Counter
-from collections.abc import Awaitable, Iterator, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
 from http import HTTPStatus
 from itertools import count
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
-from graspfx.screen.gate import Admission, Bucket, Gate
-from graspfx.screen.own_page import single
-from graspfx.screen.socket_thread import PATIENCE, SILENT, SocketThread, response
+from graspfx.errors import DeviceError, MissingPackageError
+from graspfx.screen.gate import Admission, Bucket, Gate, single
 from graspfx.screen.touch_orders import Kind
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection
     from websockets.http11 import Request, Response
 
-
-class Claims:
-    """Owners of fingers; clients are identified by numbers.
-
-    Args:
-        fingers: Number of fingers.
-    """
-
-    def __init__(self, fingers: int) -> None:
-        self._owners: list[int | None] = [None] * fingers
-
-    @property
-    def owners(self) -> Sequence[int | None]:
-        """Client of each finger; None if the finger is free."""
-        return tuple(self._owners)
-
-    def claim(self, finger: int, client: int) -> bool:
-        """Claim a finger for a client; return whether the finger now belongs to the client."""
-        if self._owners[finger] is None:
-            self._owners[finger] = client
-        return self._owners[finger] == client
-
-    def is_of(self, finger: int, client: int) -> bool:
-        """Tell whether a finger belongs to a client."""
-        return self._owners[finger] == client
-
-    def release(self, finger: int, client: int) -> bool:
-        """Release a finger; return whether the finger belonged to the client."""
-        if self._owners[finger] != client:
-            return False
-        self._owners[finger] = None
-        return True
-
-    def fingers_of(self, client: int) -> Iterator[int]:
-        """List the fingers of a client."""
-        return (finger for finger, owner in enumerate(self.owners) if owner == client)
-
-    def bits(self, client: int) -> tuple[int, int]:
-        """Return the fingers of a client, and the fingers of all clients, as bit masks."""
-        own = sum(1 << i for i, owner in enumerate(self._owners) if owner == client)
-        return own, sum(1 << i for i, owner in enumerate(self._owners) if owner is not None)
-
-
+PATIENCE = 5.0  # timeout of handshakes, of closing, and of pings [s]
 SILENCE = 0.5  # silence of a client after which its items are released [s]
 LOOK = 0.05  # interval between checks for silence [s]
 TURN = 32  # orders of one client before other clients get a turn
 MOST_CLIENTS = 16
 QUEUE = 64  # longest queue of incoming messages
+SILENT = logging.Logger("websockets", logging.CRITICAL + 1)
+HEADERS = {
+    "Cache-Control": "no-store",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "Connection": "close",
+}
+
+
+def response(status: HTTPStatus, body: bytes, more: Mapping[str, str] | None = None) -> Response:
+    """Make an HTTP response; the body is plain text unless `more` has another Content-Type."""
+    from websockets.datastructures import Headers
+    from websockets.http11 import Response
+
+    headers = Headers(HEADERS | {"Content-Length": str(len(body)), "Content-Type": "text/plain; charset=utf-8"})
+    for name, value in (more or {}).items():
+        if name in headers:
+            del headers[name]
+        headers[name] = value
+    return Response(status.value, status.phrase, headers, body)
+
+
+def require_websockets(wanted_by: str = "a touch screen", extra: str = "touch") -> None:
+    """Require the package websockets.
+
+    Args:
+        wanted_by: Feature that needs the package.
+        extra: Extra of GraspFX that installs the package.
+
+    Raises:
+        MissingPackageError: If websockets is not installed.
+    """
+    try:
+        import websockets.asyncio.server  # noqa: F401 (whether it is there)
+    except ImportError as error:
+        raise MissingPackageError.of_extra("websockets", wanted_by, extra) from error
 
 
 class Terms(NamedTuple):
@@ -78,12 +73,14 @@ class Terms(NamedTuple):
         longest: Length of the longest message in bytes; a longer one ends the connection.
         rate: Highest rate of a client's orders [Hz].
         burst: Largest number of orders at once.
+        unsent: Send buffer of a client in bytes; newer messages replace those that wait for space.
     """
 
     path: str
     longest: int
     rate: float
     burst: float
+    unsent: int = 1 << 16
 
 
 class Client:
@@ -95,46 +92,80 @@ class Client:
         silence: Time since its last valid order [s].
         dropped: Number of orders that were dropped.
         reason: Reason why the last dropped order was dropped.
-        turn: Number of messages received.
         budget: Rate limiter of its orders.
         news: Event that is set while there is something new to send.
         has_hello: Whether the newest hello message was sent to the client.
+        sent: Version of the newest frame sent to the client.
     """
 
     def __init__(self, number: int, budget: Bucket) -> None:
-        self.number, self.last, self.silence, self.dropped, self.turn, self.reason = number, 0, 0.0, 0, 0, ""
+        self.number, self.last, self.silence, self.dropped, self.reason = number, 0, 0.0, 0, ""
         self.budget = budget
         self.news = asyncio.Event()
         self.news.set()
-        self.has_hello = False
+        self.has_hello, self.sent = False, 0
 
 
-class ClaimServer(SocketThread):
-    """Server in its own thread; a context manager. A slow client misses messages, but does not delay other clients.
+class ClaimServer:
+    """Server in its own thread with its own event loop; a context manager.
 
-    A client's items are released on request, when the connection ends, and after half a second of silence.
+    A slow client misses messages, but does not delay other clients. A client's items are released on request, when the
+    connection ends, and after half a second of silence.
 
     Args:
         line: Listening socket; the server closes it at the end.
         name: Name of the thread.
         gate: Access control; silence and rates are measured on its clock.
         terms: Limits for clients.
-        things: Number of items that can be claimed.
         hello: First message to every client; empty for none.
 
     Attributes:
         counts: Number of orders by outcome ("taken", or the reason for dropping), of refused requests ("refused 403"),
             and of errors while items of a lost or silent client were released ("fault").
+        owners: Number of the client of each claimed item.
+
+    Raises:
+        DeviceError: If the socket cannot be served when the block is entered.
     """
 
-    def __init__(self, line: socket.socket, name: str, gate: Gate, terms: Terms, things: int, hello: str = "") -> None:
-        super().__init__(line, name)
-        self.gate = gate
+    def __init__(self, line: socket.socket, name: str, gate: Gate, terms: Terms, hello: str = "") -> None:
+        self.line, self.gate = line, gate
         self.counts: Counter[str] = Counter()
+        self.owners: dict[int, int] = {}
         self._terms, self._hello = terms, hello
-        self._claims = Claims(things)
         self._clients: dict[int, Client] = {}
         self._numbers = count(1)
+        self._loop = asyncio.new_event_loop()
+        self._stopping = asyncio.Event()
+        self._ready, self._error = threading.Event(), list[BaseException]()
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        self._ready.wait()
+        if self._error:
+            self._thread.join()
+            raise DeviceError(f"the page cannot be served: {self._error[0]}") from self._error[0]
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self._post(self._stopping.set)
+        self._thread.join()
+
+    def _post(self, call: Callable[..., object], *arguments: Any) -> None:
+        """Call a function in the server's thread; do nothing if the thread has ended."""
+        with suppress(RuntimeError):  # the loop is closed
+            self._loop.call_soon_threadsafe(call, *arguments)
+
+    def _run(self) -> None:
+        try:
+            self._loop.run_until_complete(self._main())
+        except BaseException as error:  # noqa: BLE001 - raised by whoever waits
+            self._error.append(error)
+        finally:
+            self._ready.set()
+            self.line.close()
+            self._loop.close()
 
     @property
     def clients(self) -> int:
@@ -171,7 +202,8 @@ class ClaimServer(SocketThread):
         )  # fmt: skip
         async with server:
             watch = asyncio.create_task(self._watch())
-            await self._serve_until_stopped()
+            self._ready.set()
+            await self._stopping.wait()
             watch.cancel()
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | Awaitable[Response] | None:
@@ -195,14 +227,17 @@ class ClaimServer(SocketThread):
         """Serve a client until it leaves."""
         from websockets.exceptions import ConnectionClosed
 
-        number = next(self._numbers)
+        line = connection.transport.get_extra_info("socket")
+        if line is not None:
+            line.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, self._terms.unsent)
+        number, turn = next(self._numbers), 0
         client = self._clients[number] = Client(number, Bucket(self._terms.rate, self._terms.burst))
         sender = asyncio.create_task(self._send_news(connection, client))
         try:
             async for data in connection:
                 self._hear(client, data)
-                client.turn += 1
-                if client.turn % TURN == 0:
+                turn += 1
+                if turn % TURN == 0:
                     await asyncio.sleep(0)  # serves other clients while one client floods the server
         except ConnectionClosed:
             pass
@@ -231,17 +266,23 @@ class ClaimServer(SocketThread):
         if kind == Kind.ALIVE:
             return "taken"
         if kind == Kind.LIFT:
-            if not self._claims.release(thing, client.number):
+            if self.owners.get(thing) != client.number:
                 return "claim"
+            del self.owners[thing]
             self._let_go(thing, "")
             return "taken"
-        own = self._claims.claim if kind == Kind.PRESS else self._claims.is_of
-        return "taken" if own(thing, client.number) else "claim"
+        if kind == Kind.PRESS:
+            self.owners.setdefault(thing, client.number)
+        return "taken" if self.owners.get(thing) == client.number else "claim"
+
+    def _items_of(self, client: Client) -> list[int]:
+        """List the items of a client."""
+        return sorted(thing for thing, owner in self.owners.items() if owner == client.number)
 
     def _release_all(self, client: Client, reason: str) -> None:
         """Release all items of a client; an error for one item does not affect the others."""
-        for thing in list(self._claims.fingers_of(client.number)):
-            self._claims.release(thing, client.number)
+        for thing in self._items_of(client):
+            del self.owners[thing]
             try:
                 self._let_go(thing, reason)
             except Exception:  # noqa: BLE001 - a run that is ending may raise anything

@@ -1,31 +1,148 @@
-"""Access control of pages and streams: Host and Origin checks, tokens and cookies.
+"""Access to pages and streams: listening ports and addresses, Host and Origin checks, tokens and cookies.
 
-On this machine a request needs the page's own Host and Origin: another site has a different Origin, and DNS rebinding
-leads to a different Host. In a network a token is required too. The token is part of the printed address, is valid for
-one request within ten minutes, and is exchanged for a cookie. The page's socket and all later requests need the cookie.
+A browser sends the site that it addresses (Host) and the site whose page makes the request (Origin). On this machine a
+request needs the page's own Host and Origin: another site has a different Origin, and DNS rebinding leads to a
+different Host. A tunnel (`ssh -L`) may change the port. In a network a token is required too. The token is part of the
+printed address, is valid for one request within ten minutes, and is exchanged for a cookie. The page's socket and all
+later requests need the cookie.
 """
 
 from __future__ import annotations
 
+import errno
 import hmac
+import io
 import re
 import secrets
+import socket
 import time
 from collections.abc import Callable, Collection, Mapping
 from http import HTTPStatus
 from http.cookies import CookieError, SimpleCookie
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from urllib.parse import parse_qs, urlsplit
 
-from graspfx.errors import InputError
-from graspfx.screen.own_page import refusal
+from graspfx.errors import InputError, MissingPackageError
 
+HOST = "127.0.0.1"
+NAMES = frozenset({HOST, "localhost"})
+FIRST = 8765  # first port to try
+MOST = 100  # number of ports to try
+ELSEWHERE = "192.0.2.1", 9  # unused address (RFC 5737); the route to it reveals this machine's address
+ADDRESS = re.compile(r"([A-Za-z0-9.-]+)(?::([0-9]{1,5}))?")  # only such text may enter the page's security policy
+IDENTITY = ("Host", "Origin", "Cookie")  # headers that identify the sender
 LIFE = 600.0  # validity of a token [s]
 COOKIE = "graspfx-touch"
 TOKEN = "token"
 TRIES, PER = 5, 60.0  # number of wrong tokens allowed per peer, and the time until wrong tokens are forgotten [s]
 MOST_PEERS = 1000  # largest number of peers whose wrong tokens are counted
 MOST_SESSIONS = 32
+
+
+def listen(host: str, port: int | None = None, first: int = FIRST, name: str = "port") -> socket.socket:
+    """Bind a port of an address, and listen.
+
+    Args:
+        host: Address of this machine.
+        port: Port to bind, 0 for any free one; None for the first free one from `first`.
+        first: First port to try.
+        name: Name of the setting, for errors.
+
+    Raises:
+        InputError: If the port is in use or not permitted.
+    """
+    if port is not None and not 0 <= port < 1 << 16:
+        raise InputError(name, port, "a port from 0 (any free one) to 65535")
+    for number in range(first, first + MOST) if port is None else (port,):
+        line = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        line.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            line.bind((host, number))
+            line.listen(16)
+        except OSError as error:
+            line.close()
+            if port is None and error.errno in (errno.EADDRINUSE, errno.EACCES):
+                continue
+            reason = "it is in use" if error.errno == errno.EADDRINUSE else str(error.strerror)
+            raise InputError(name, number, "a free port", reason) from error
+        return line
+    raise InputError(name, f"{first} to {first + MOST - 1}", "a free port", "all are in use or not permitted")
+
+
+def network_address() -> str:
+    """Return the address of this machine's interface with the default route; no packet is sent.
+
+    Raises:
+        InputError: If the machine is not in a network.
+    """
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(ELSEWHERE)
+            address = str(probe.getsockname()[0])
+        except OSError as error:
+            raise InputError("lan", True, "a machine in a network", str(error.strerror)) from error
+    return address
+
+
+def names_of(line: socket.socket, *, lan: bool) -> tuple[Collection[str], int]:
+    """Return the host names and the port of a listening socket; on loopback the port is 0, any, because of tunnels."""
+    host, port = line.getsockname()[:2]
+    return ({host}, port) if lan else (NAMES, 0)
+
+
+def url(line: socket.socket, token: str = "") -> str:
+    """Return the address of the page."""
+    host, port = line.getsockname()[:2]
+    return f"http://{host}:{port}/{f'?{TOKEN}={token}' if token else ''}"
+
+
+def code(text: str) -> str:
+    """Return a text as a QR code of terminal characters.
+
+    Raises:
+        MissingPackageError: If segno is not installed.
+    """
+    try:
+        import segno
+    except ImportError as error:
+        raise MissingPackageError.of_extra("segno", "a QR code for a tablet", "touch") from error
+    page = io.StringIO()
+    segno.make(text, error="l", micro=False).terminal(page, compact=True)
+    return page.getvalue()
+
+
+def single(headers: Any) -> Mapping[str, str] | None:
+    """Read the headers that identify the sender; None if a header occurs twice.
+
+    Args:
+        headers: Headers of a request, with a case-insensitive `get_all`.
+    """
+    values: dict[str, str] = {}
+    for name in IDENTITY:
+        every = headers.get_all(name)
+        if len(every) > 1:
+            return None
+        if every:
+            values[name] = every[0]
+    return values
+
+
+def refusal(headers: Mapping[str, str], *, is_socket: bool, names: Collection[str] = NAMES, port: int = 0) -> str:
+    """Return the reason why a request is not from the page's own address; empty if it is.
+
+    Args:
+        headers: Headers of the request, from `single`.
+        is_socket: Whether the request opens a WebSocket, for which every browser sends the Origin.
+        names: Allowed host names, in lower case.
+        port: Port of the address; 0 for any, such as behind a tunnel.
+    """
+    host, origin = headers.get("Host", ""), headers.get("Origin")
+    match = ADDRESS.fullmatch(host)
+    if match is None or match[1].lower() not in names or port not in (0, int(match[2] or 80)):
+        return "this page is served under its own address only, such as 127.0.0.1 or localhost"
+    if (origin is None and is_socket) or (origin is not None and origin != f"http://{host}"):
+        return "orders are accepted from this server's own page only"
+    return ""
 
 
 class Bucket:
@@ -48,10 +165,6 @@ class Bucket:
             return False
         self._level -= 1.0
         return True
-
-    def is_empty(self, now: float) -> bool:
-        """Tell whether the limit is reached at time `now` [s]."""
-        return min(self.burst, self._level + self.rate * max(0.0, now - self._time)) < 1.0
 
 
 class Admission(NamedTuple):
@@ -113,15 +226,10 @@ class Gate:
         Tokens are compared before they are counted. Wrong requests from an address, for example from another page in
         the same browser, therefore do not lock out a person with the right token.
         """
-        now, wrong = self.clock(), self._wrong.get(peer)
-        if wrong is not None and wrong.is_empty(now):
-            return BARRED
-        if wrong is None:
-            wrong = self._wrong[peer] = Bucket(TRIES / PER, TRIES)
-            while len(self._wrong) > MOST_PEERS:
-                del self._wrong[next(iter(self._wrong))]
-        wrong.take(now)
-        return Admission(HTTPStatus.FORBIDDEN, reason)
+        wrong = self._wrong.setdefault(peer, Bucket(TRIES / PER, TRIES))
+        while len(self._wrong) > MOST_PEERS:
+            del self._wrong[next(iter(self._wrong))]
+        return Admission(HTTPStatus.FORBIDDEN, reason) if wrong.take(self.clock()) else BARRED
 
     def _has_session(self, header: str) -> bool:
         try:
@@ -208,3 +316,8 @@ class StreamGate(Gate):
         if is_same(token_in(target), self.token):
             return Admission(HTTPStatus.OK)
         return self._refused(peer, "the address must end in ?token= followed by the token in the terminal")
+
+
+def gate_for(line: socket.socket, *, lan: bool) -> Gate:
+    """Make the access control of a page for a listening socket; in a network a token is required."""
+    return Gate(*names_of(line, lan=lan), locked=lan)

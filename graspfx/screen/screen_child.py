@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from graspfx.errors import GraspFXError
-from graspfx.screen.screen_board import Board
-from graspfx.screen.touch_address import code, gate_for, listen, network_address, url
+from graspfx.screen.gate import HOST, code, gate_for, listen, network_address, url
 from graspfx.screen.touch_orders import Box
+from graspfx.screen.touch_screen import Board
 from graspfx.screen.touch_server import TouchServer
 from graspfx.system.scheduling import be_nice
 
@@ -51,7 +51,7 @@ class _Screen:
     def __init__(self, board: int, table: dict[str, Any]) -> None:
         fingers, lan = int(table["fingers"]), bool(table["lan"])
         self.board, self._fingers, self._lock = Board(board, fingers), fingers, threading.Lock()
-        line = listen(network_address() if lan else "127.0.0.1", table["port"])
+        line = listen(network_address() if lan else HOST, table["port"])
         gate = gate_for(line, lan=lan)
         if lan:
             address = url(line, gate.renew())

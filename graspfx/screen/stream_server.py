@@ -5,17 +5,15 @@ from __future__ import annotations
 import json
 import math
 import socket
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from http import HTTPStatus
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from graspfx.screen.claim_server import Claims, ClaimServer, Client, Terms
+from graspfx.screen.claim_server import ClaimServer, Client, Terms, require_websockets, response
 from graspfx.screen.gate import Admission, StreamGate
-from graspfx.screen.socket_thread import require_websockets, response
 from graspfx.screen.touch_orders import Kind
 
 if TYPE_CHECKING:
-    from websockets.asyncio.server import ServerConnection
     from websockets.http11 import Response
 
 LONGEST = 512  # longest order in bytes
@@ -92,18 +90,7 @@ def _refuse(word: str) -> float:
 
 SOCKET = "/stream"
 RATE, BURST = 500.0, 200.0  # limits for a client's orders [1/s], at once
-UNSENT = 1 << 16  # send buffer of a client in bytes; newer states replace states that wait for space
 KINDS = {"alive": Kind.ALIVE, "goal": Kind.PRESS, "release": Kind.LIFT}  # a goal claims a guide
-
-
-class Led(Protocol):
-    """Hands that clients move. The methods are called in the server's thread and must not block."""
-
-    def lead(self, order: StreamOrder) -> None:
-        """Execute a goal."""
-
-    def release(self, guide: int) -> None:
-        """Release a guide on request of its client, or because the client is lost. The guide keeps its position."""
 
 
 class Bounds(NamedTuple):
@@ -126,16 +113,21 @@ class StreamServer(ClaimServer):
     Args:
         line: Listening socket; the server closes it at the end.
         gate: Access control.
-        led: Hands that clients move.
+        lead: Function that executes a goal. It and `release` are called in the server's thread and must not block.
+        release: Function that releases a guide on request of its client, or because the client is lost; the guide keeps
+            its position.
 
     Raises:
         MissingPackageError: If websockets is not installed.
     """
 
-    def __init__(self, line: socket.socket, gate: StreamGate, led: Led) -> None:
+    def __init__(
+        self, line: socket.socket, gate: StreamGate, lead: Callable[[StreamOrder], object],
+        release: Callable[[int], object],
+    ) -> None:  # fmt: skip
         require_websockets("a stream")
-        super().__init__(line, "stream", gate, Terms(SOCKET, LONGEST, RATE, BURST), 0)
-        self._led, self._bounds, self._state = led, Bounds(), ""
+        super().__init__(line, "stream", gate, Terms(SOCKET, LONGEST, RATE, BURST))
+        self._lead, self._release, self._bounds, self._state = lead, release, Bounds(), ""
 
     def describe(self, hello: str, bounds: Bounds) -> None:
         """Send a new hello message, a JSON object, to all clients; they lose their claims."""
@@ -156,23 +148,17 @@ class StreamServer(ClaimServer):
     def _page(self, path: str, headers: Mapping[str, str], admission: Admission) -> Response:
         return response(HTTPStatus.NOT_FOUND, f"the stream is at {SOCKET}\n".encode())
 
-    async def _attend(self, connection: ServerConnection) -> None:
-        line = connection.transport.get_extra_info("socket")
-        if line is not None:
-            line.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, UNSENT)
-        await super()._attend(connection)
-
     def _take(self, client: Client, data: bytes | str) -> str:
         order = read_stream_order(data, *self._bounds)
         if isinstance(order, str):
             return order
         fate = self._judge(client, order.number, KINDS[order.kind], order.guide)
         if fate == "taken" and order.kind == "goal":
-            self._led.lead(order)
+            self._lead(order)
         return fate
 
     def _let_go(self, thing: int, reason: str) -> None:
-        self._led.release(thing)
+        self._release(thing)
 
     def _begin(self, hello: str, bounds: Bounds) -> None:
         self._state = ""
@@ -180,7 +166,8 @@ class StreamServer(ClaimServer):
         self._set_hello(hello)
 
     def _set_bounds(self, bounds: Bounds) -> None:
-        self._bounds, self._claims = bounds, Claims(bounds.guides)
+        self._bounds = bounds
+        self.owners.clear()
 
     def _set_state(self, state: str) -> None:
         self._state = state
@@ -189,6 +176,7 @@ class StreamServer(ClaimServer):
     def _message(self, client: Client) -> str:
         if not self._state:
             return ""
-        own = list(self._claims.fingers_of(client.number))
-        you = f'"last":{client.last},"leads":{own},"dropped":{client.dropped},"why":"{client.reason}"'
+        you = (
+            f'"last":{client.last},"leads":{self._items_of(client)},"dropped":{client.dropped},"why":"{client.reason}"'
+        )
         return f'{self._state[:-1]},"you":{{{you}}}}}'

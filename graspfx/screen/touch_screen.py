@@ -3,23 +3,29 @@
 from __future__ import annotations
 
 import json
+import mmap
 import os
 import select
 import subprocess
 import time
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import DeviceError
-from graspfx.screen.screen_board import Board, Touches, create
-from graspfx.screen.touch_orders import Box
-from graspfx.system import child_process
+from graspfx.screen.touch_orders import MOST_FINGERS, Box
+from graspfx.system import child_process, shared_memory
 
 FloatArray = NDArray[np.float64]
 
+HEAD = 8  # numbers before the fingers: counter, time, orders taken, dropped and lost, last order's number, screens
+OF_FINGER = 4  # numbers per finger: whether it touches, x, y, number of its touches
+HALF = HEAD + OF_FINGER * MOST_FINGERS
+BOARD = 8 * 2 * HALF  # size of the shared memory [bytes]
+TRIES = 8  # attempts to read consistent numbers
 CHILD = "graspfx.screen.screen_child"
 PATIENCE = 10.0  # timeout for the start of the page [s]
 FAREWELL = 1.0  # timeout for the end of the server's process [s]
@@ -27,6 +33,96 @@ DEAF = 0.5  # silence of the server after which no finger is touching [s]
 LOOK = 0.02  # interval between checks that the server's process is alive [s]
 COLOURS = ("#1b9e77", "#882255", "#00a5b5", "#7a5230", "#332288")
 INK = "#1a1a1a"
+
+
+def approach(point: FloatArray, goal: FloatArray, most: float) -> None:
+    """Move a point (d,) towards a goal (d,) by at most `most` [m], in place."""
+    way = goal - point
+    far = float(np.linalg.norm(way))
+    if far <= most:
+        point[...] = goal
+    else:
+        point += way * (most / far)
+
+
+class Touches(NamedTuple):
+    """Fingers on the screen.
+
+    Attributes:
+        time: Time of the server's last write, on the clock of `time.monotonic` [s].
+        counts: Orders taken, dropped and lost, number of the last order, number of screens (5,).
+        fingers: For each finger, whether it touches, x and y [m], and its number of touches (k, 4).
+    """
+
+    time: float
+    counts: FloatArray
+    fingers: FloatArray
+
+
+class Board:
+    """Memory shared by a touch-screen device and the process that serves its page; neither side ever waits.
+
+    Each half is written by one side and read by the other. A counter in each half is odd while the half's numbers
+    change.
+
+    Args:
+        file: Descriptor of shared memory of `BOARD` bytes.
+        fingers: Number of the device's fingers.
+    """
+
+    def __init__(self, file: int, fingers: int) -> None:
+        self._memory = mmap.mmap(file, BOARD)
+        numbers: FloatArray = np.frombuffer(self._memory, np.float64)
+        self._orders, self._state = numbers[:HALF], numbers[HALF:]
+        self._fingers = fingers
+
+    # The server's side --------------------------------------------------------------------------------------------
+
+    @contextmanager
+    def writing(self) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Yield the head and the fingers (k, 4), to be changed within the block; no reader sees a partial change."""
+        with self._changing(self._orders) as fingers:
+            yield self._orders[1:HEAD], fingers
+
+    def state(self) -> tuple[float, FloatArray] | None:
+        """Read the time [s] and the device's fingers (k, 4), position and force; None during a write."""
+        half = _read(self._state)
+        return None if half is None else (float(half[1]), self._of_fingers(half))
+
+    # The device's side --------------------------------------------------------------------------------------------
+
+    def touches(self) -> Touches | None:
+        """Read the touches; None during a write."""
+        half = _read(self._orders)
+        if half is None:
+            return None
+        return Touches(float(half[1]), half[2:7], self._of_fingers(half))
+
+    def show(self, time: float, positions: FloatArray, forces: FloatArray) -> None:
+        """Write positions (k, 2) [m] and forces (k, 2) [N] for the page."""
+        with self._changing(self._state) as fingers:
+            self._state[1] = time
+            fingers[:, : positions.shape[1]] = positions
+            fingers[:, 2 : 2 + forces.shape[1]] = forces
+
+    @contextmanager
+    def _changing(self, half: FloatArray) -> Iterator[FloatArray]:
+        half[0] += 1.0
+        yield self._of_fingers(half)
+        half[0] += 1.0
+
+    def _of_fingers(self, half: FloatArray) -> FloatArray:
+        return half[HEAD:].reshape(-1, OF_FINGER)[: self._fingers]
+
+
+def _read(half: FloatArray) -> FloatArray | None:
+    """Copy a half; None during a write."""
+    for _ in range(TRIES):
+        before = half[0]
+        copy = half.copy()
+        if before % 2.0 == 0.0 and half[0] == before and copy[0] == before:
+            return copy
+    return None
 
 
 class TouchScreen:
@@ -57,13 +153,13 @@ class TouchScreen:
             MissingPackageError: If websockets is not installed, or segno for `lan`.
             DeviceError: If the page cannot be served, for example because the port is in use.
         """
-        from graspfx.screen.socket_thread import require_websockets  # loads asyncio: 36 ms of every run
+        from graspfx.screen.claim_server import require_websockets  # loads asyncio: 36 ms of every run
 
         self.close()
         require_websockets()
         if not child_process.is_possible():
             raise DeviceError(f"a touch screen as a device {child_process.REFUSAL}; `graspfx touch` does not")
-        file = create()
+        file = shared_memory.create("graspfx-screen", BOARD)
         ours, theirs = os.pipe()
         try:
             self._board = Board(file, self.fingers)

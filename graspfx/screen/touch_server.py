@@ -11,9 +11,8 @@ from http import HTTPStatus
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from graspfx.screen.claim_server import ClaimServer, Client, Terms
+from graspfx.screen.claim_server import ClaimServer, Client, Terms, require_websockets, response
 from graspfx.screen.gate import Admission, Gate
-from graspfx.screen.socket_thread import require_websockets, response
 from graspfx.screen.touch_orders import ORDER, Box, Kind, Order, read_order
 
 if TYPE_CHECKING:
@@ -83,14 +82,14 @@ class TouchServer(ClaimServer):
         note: Callable[[int, Order, str], object] | None = None,
     ) -> None:  # fmt: skip
         require_websockets()
-        super().__init__(line, "touch screens", gate, Terms(SOCKET, MOST_BYTES, RATE, BURST), fingers, scenery)
+        super().__init__(line, "touch screens", gate, Terms(SOCKET, MOST_BYTES, RATE, BURST), scenery)
         self.box, self.last = box, 0
         self._fingers, self._touched, self._note, self._picture = fingers, touched, note, b""
 
     @property
     def has_touches(self) -> bool:
         """Whether any finger is claimed."""
-        return any(owner is not None for owner in self._claims.owners)
+        return bool(self.owners)
 
     def show(self, picture: bytes) -> None:
         """Send a picture to every screen; a slow screen gets the newest picture when it is ready."""
@@ -136,5 +135,5 @@ class TouchServer(ClaimServer):
         self._tell_all()
 
     def _message(self, client: Client) -> bytes:
-        own, claimed = self._claims.bits(client.number)
+        own, claimed = (sum(1 << finger for finger in each) for each in (self._items_of(client), self.owners))
         return HEAD.pack(client.last, own, claimed, client.dropped) + self._picture

@@ -9,7 +9,7 @@ import pytest
 
 from graspfx.__main__ import main
 from graspfx.recording.record import Recording
-from graspfx.screen import touch_address
+from graspfx.screen import gate
 
 pytest.importorskip("websockets", reason="the page's socket: pip install 'graspfx[touch]'")
 
@@ -30,7 +30,7 @@ def test_it_serves_a_page_and_records(tmp_path: Path, capsys: pytest.CaptureFixt
 
 def test_a_tablet_gets_a_code(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("segno", reason="it draws the code: pip install 'graspfx[touch]'")
-    monkeypatch.setattr(touch_address, "network_address", lambda: "127.0.0.1")  # this machine may be in no network
+    monkeypatch.setattr(gate, "network_address", lambda: "127.0.0.1")  # this machine may be in no network
     assert main([*SCENE, "--lan", "--seconds", "0.2"]) == 0
     text = capsys.readouterr().out
     assert re.search(r"^http://127\.0\.0\.1:\d+/\?token=[\w-]{32}$", text, re.MULTILINE)

@@ -19,7 +19,7 @@ from graspfx.devices.touch_screen import emulator
 from graspfx.devices.touch_screen.emulator import ScreenWire
 from graspfx.errors import DeviceError, InputError
 from graspfx.screen import touch_screen as screens
-from graspfx.screen.screen_board import Touches
+from graspfx.screen.touch_screen import Touches
 from graspfx.testing import check_device, driver
 from tests.support.hardware import VirtualClock
 from tests.support.waiting import wait_until

@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 
 import graspfx as gx
-from graspfx.live.certifier import Certifier
-from graspfx.live.stability_verdict import Verdict
+from graspfx.live.certifier import Certifier, Verdict
 
 KEP, KIP, KED, KID = (
     f"coupling.{share}.{quantity}" for share, quantity in (

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from graspfx.errors import InputError
-from graspfx.live.conductor import Conductor
+from graspfx.live.live_run import Conductor
 
 
 def test_of_values_that_wait_the_newest_holds_and_errors_go_to_who_asked() -> None:

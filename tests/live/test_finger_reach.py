@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.live.guides import guided_scene
-from graspfx.live.touch.finger_goals import FingerReach, GoalWalk
-from graspfx.live.touch.touch_run import SPEED, TouchRun, touched_scene
-from graspfx.screen.touch_address import gate_for, listen
+from graspfx.live.guides import FingerReach, GoalWalk, guided_scene
+from graspfx.live.touch_run import SPEED, TouchRun, touched_scene
+from graspfx.screen.gate import gate_for, listen
 from tests.support.waiting import wait_until
 
 pytest.importorskip("websockets", reason="touching needs websockets: pip install 'graspfx[touch]'")

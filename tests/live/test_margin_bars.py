@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.live.certifier import MarginRow, Verdict
 from graspfx.live.frame import Frames
 from graspfx.live.live_run import LiveRun
-from graspfx.live.stability_verdict import MarginRow, Verdict
+from graspfx.live.sliders import sliders
 from graspfx.live.view.live_page import margin_bars
 from tests.support.recordings import layout, recording
 from tests.support.waiting import wait_until
@@ -90,7 +91,7 @@ def test_a_page_is_not_green_while_an_object_is_dropped(monkeypatch: pytest.Monk
         LiveRun(scene, guide="hands", paused=True) as run,
         live_page.LivePage(run, [], Path, port=0, tell=lambda _: None) as view,
     ):
-        view.certificate._margins = SimpleNamespace(latest=lambda: STABLE, close=lambda: None)  # type: ignore[assignment]
+        view._margins = SimpleNamespace(latest=lambda: STABLE, close=lambda: None)  # type: ignore[assignment]
 
         def shown(way: float) -> dict[str, Any]:
             for number, sign in enumerate((-1.0, 1.0)):
@@ -106,3 +107,35 @@ def test_a_page_is_not_green_while_an_object_is_dropped(monkeypatch: pytest.Monk
         assert dropped["boxes"][0]["words"].startswith("NOT HELD: no finger touches object (the nearest is ")
         assert dropped["boxes"][1]["words"] == "stable once it is held"
         assert kinds(shown(0.0))[0] == "green"
+
+
+def test_a_certificate_is_requested_for_the_values_that_the_run_has() -> None:
+    """For those that differ from the first ones; an order that fails changes neither run nor certificate."""
+    pytest.importorskip("websockets", reason="the page needs websockets: pip install 'graspfx[view]'")
+    from graspfx.live.view.live_page import LivePage
+
+    requests: list[dict[str, Any]] = []
+    kep, kip = "coupling.external.stiffness", "coupling.internal.stiffness"
+    scene = gx.load("paper-waving", {"engine": "interpreted"})
+    numbers = [each for each in sliders(scene) if each.key in (kep, kip)]
+    with (
+        LiveRun(scene, live=[kep, kip], paused=True) as run,
+        LivePage(run, numbers, Path, port=0, tell=lambda _: None) as view,
+    ):
+        view._margins = SimpleNamespace(ask=requests.append, close=lambda: None)  # type: ignore[assignment]
+        view._certify()
+        assert requests == []
+        for value in (40.0, 50.0):
+            view.sliders.set(kep, value)
+        wait_until(lambda: run.scene.coupling.external.stiffness == 50.0)
+        view._certify()
+        view._certify()
+        assert requests == [{kep: 50.0}]
+        view.sliders.set(kep, -1.0)
+        wait_until(lambda: "was not set" in view._remark)
+        view._certify()
+        assert view.sliders.values[kep] == view.sliders.shown[kep] == 50.0 and len(requests) == 1
+        view.sliders.set(kip, 90.0)
+        wait_until(lambda: run.scene.coupling.internal.stiffness == 90.0)
+        view._certify()
+        assert requests[1:] == [{kep: 50.0, kip: 90.0}]

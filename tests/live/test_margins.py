@@ -13,9 +13,8 @@ from pathlib import Path
 import pytest
 
 import graspfx as gx
-from graspfx.live.margins import Margins
-from graspfx.live.margins_child import NICENESS
-from graspfx.live.stability_verdict import Verdict
+from graspfx.live.certifier import Verdict
+from graspfx.live.margins import NICENESS, Margins
 from tests.support.hardware import driver
 from tests.support.waiting import wait_until
 
@@ -32,9 +31,9 @@ margins = Margins(gx.load("mug"))
 if sys.argv[1] == "idle":
     assert margins.await_verdict(1, 120.0)
 else:
-    while margins.pid is None:
+    while margins._process is None:
         time.sleep(0.001)
-print(margins.pid, flush=True)
+print(margins._process.pid, flush=True)
 while True:
     if sys.argv[1] == "busy":
         margins.ask({"coupling.external.stiffness": 200.0 + time.perf_counter() % 50.0})
@@ -47,6 +46,11 @@ def asked() -> Iterator[tuple[Margins, list[Verdict]]]:
     verdicts: list[Verdict] = []
     with Margins(gx.load("sphere-three-fingers"), verdicts.append) as margins:
         yield margins, verdicts
+
+
+def pid_of(margins: Margins) -> int:
+    assert margins._process is not None
+    return margins._process.pid
 
 
 def is_alive(pid: int) -> bool:
@@ -71,7 +75,6 @@ def test_an_answer_is_provisional_first(asked: tuple[Margins, list[Verdict]]) ->
         assert last is margins.latest() is verdicts[-1]
         assert all(each.values == values for each in verdicts)
         assert {each.is_stable for each in verdicts} == {values[KEP] < 600.0}
-        assert 0.0 < verdicts[0].seconds < verdicts[2].seconds
         assert ("(provisional)" in verdicts[0].text) and "(provisional)" not in verdicts[2].text
 
 
@@ -115,8 +118,7 @@ def test_an_error_is_a_text_and_the_next_request_is_answered(asked: tuple[Margin
 def test_it_takes_no_time_from_others(asked: tuple[Margins, list[Verdict]]) -> None:
     margins, _ = asked
     assert margins.await_verdict(1, PATIENCE)
-    pid = margins.pid
-    assert pid is not None
+    pid = pid_of(margins)
     assert os.getpriority(os.PRIO_PROCESS, pid) == min(os.getpriority(os.PRIO_PROCESS, 0) + NICENESS, 19)
     assert b"OPENBLAS_NUM_THREADS=1" in (Path("/proc") / str(pid) / "environ").read_bytes().split(b"\0")
     assert os.getpgid(pid) == pid  # Ctrl-C is for whoever began it
@@ -140,8 +142,7 @@ def test_it_dies_with_its_parent(work: str) -> None:
 def test_its_death_is_told(asked: tuple[Margins, list[Verdict]]) -> None:
     with Margins(gx.load("reference-1dof")) as margins:
         assert margins.await_verdict(1, PATIENCE)
-        pid = margins.pid
-        assert pid is not None
+        pid = pid_of(margins)
         os.kill(pid, signal.SIGKILL)
         wait_until(lambda: bool((verdict := margins.latest()) and verdict.error))
         verdict = margins.await_verdict(margins.ask({KEP: 20.0}), 0.1)
@@ -156,8 +157,7 @@ def test_it_can_be_closed_at_any_time() -> None:
     Margins(scene).close()
     margins = Margins(scene)
     assert margins.await_verdict(1, PATIENCE)
-    pid = margins.pid
-    assert pid is not None
+    pid = pid_of(margins)
     os.kill(pid, signal.SIGSTOP)
     for k in range(3000):  # more than a pipe takes
         margins.ask({KEP: 20.0 + k, "a long key" * 20: 1.0})

@@ -11,14 +11,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from graspfx.live.frame import Frames
+from graspfx.live.frame import STATES, Frames
 from graspfx.live.page.document import write_page
 from graspfx.live.page.story import RESOLUTION
-from graspfx.live.scenery import SLAB, recorded_scenery
+from graspfx.live.scenery import SLAB, scenery
 from graspfx.recording.header import KeyChange
 from graspfx.recording.record import Recording
 from graspfx.show.style import CONTACTS, EXTERNAL, INTERNAL
 from tests.support.chromium import Browser, Page, Pixels
+from tests.support.optional import require
 from tests.support.played import SECONDS, played
 from tests.support.recordings import waving
 
@@ -72,20 +73,19 @@ def test_a_page_shows_what_the_recording_says(browser: Browser, tmp_path: Path, 
     """Numbers are right to the bit of a float; arrows are where they should be, in their colours and lengths."""
     run = played(name)
     page = opened(browser, tmp_path, run, width=640, height=560)
-    frames = Frames(run, recorded_scenery(run.header, run.layout).apart)
+    frames = Frames(run, scenery(run.header, run.layout).apart)
     rows, count = page.evaluate("[Math.round(graspfx.story.step * 1e9), graspfx.story.frames]")
     rows = round(rows * 1e-9 / run.row_period)
     blue = vermilion = 0
     for k in (0, count // 2, count - 1):
-        frame, shown = frames[k * rows], page.evaluate(f"graspfx.frame({k})")
-        require_same(frame, shown)
-        pixels = go(page, k * rows * run.row_period)
-        assert page.evaluate("graspfx.time") == pytest.approx(frame.time, abs=1e-9)
+        row, shown = k * rows, page.evaluate(f"graspfx.frame({k})")
+        require_same(frames, row, shown)
+        pixels = go(page, row * run.row_period)
+        assert page.evaluate("graspfx.time") == pytest.approx(frames.time[row], abs=1e-9)
         scale = page.evaluate("graspfx.story.arrow.scale")
         for arrow in page.evaluate(ARROWS):
             length = np.linalg.norm(np.subtract(arrow["tip"], arrow["tail"]))
-            force = frame.internal if arrow["colour"] == BLUE else frame.external
-            assert force is not None
+            force = require(frames.parts)[arrow["colour"] != BLUE][row]
             assert length == pytest.approx(scale * np.linalg.norm(force[arrow["finger"]]), rel=1e-5)
             seen = is_of(near(pixels, *arrow["middle"]), arrow["colour"]).any()
             blue += int(seen and arrow["colour"] == BLUE)
@@ -96,8 +96,8 @@ def test_a_page_shows_what_the_recording_says(browser: Browser, tmp_path: Path, 
     assert page.requests == [page.evaluate("location.href")]
 
 
-def require_same(frame: Any, shown: Mapping[str, Any]) -> None:
-    """Require that the page has a frame's numbers, each rounded to 24 bits."""
+def require_same(frames: Frames, row: int, shown: Mapping[str, Any]) -> None:
+    """Require that the page has the numbers of a row's frame, each rounded to 24 bits."""
 
     def same(values: Any, exact: Any) -> None:
         values, exact = np.array(values, dtype=float), np.array(exact, dtype=float)
@@ -105,17 +105,16 @@ def require_same(frame: Any, shown: Mapping[str, Any]) -> None:
         assert np.array_equal(np.isfinite(values), seen)
         assert (np.abs(values - exact)[seen] <= RESOLUTION * np.abs(exact)[seen] + 1e-45).all()
 
-    same(shown["fingertips"], frame.fingertips)
-    same(shown["contacts"], frame.contact_position)
-    same(shown["internal"], frame.internal)
-    same(shown["external"], frame.external)
-    assert np.allclose(
-        shown["force"], frame.force, rtol=0.0, atol=3.0 * RESOLUTION * np.abs(frame.force).max(initial=1.0)
-    )
-    assert tuple(shown["states"]) == frame.states
-    for pose, each in zip(frame.objects.values(), shown["objects"], strict=True):
-        same(each["position"], pose.position)
-        same(each["wxyz"], pose.wxyz)
+    same(shown["fingertips"], frames.fingertips[row])
+    same(shown["contacts"], frames.contacts[row])
+    for name, part in zip(("internal", "external"), require(frames.parts), strict=True):
+        same(shown[name], part[row])
+    force = require(frames.force)[row]
+    assert np.allclose(shown["force"], force, rtol=0.0, atol=3.0 * RESOLUTION * np.abs(force).max(initial=1.0))
+    assert shown["states"] == [STATES[state] for state in frames.states[row]]
+    for (position, wxyz), each in zip(frames.poses.values(), shown["objects"], strict=True):
+        same(each["position"], position[row])
+        same(each["wxyz"], wxyz[row])
 
 
 def test_the_object_is_seen_where_it_is(browser: Browser, tmp_path: Path) -> None:
@@ -128,7 +127,7 @@ def test_the_object_is_seen_where_it_is(browser: Browser, tmp_path: Path) -> Non
     for time in (0.0, 0.25, 0.5, 1.5):
         pixels = go(page, time).astype(int)
         front = np.array([0.0, 0.0, 0.5 * SLAB * page.evaluate("graspfx.story.extent")])
-        x, y = place_of(page, Frames(run)[round(time / run.row_period)].objects["object0"].position + front)
+        x, y = place_of(page, Frames(run).poses["object0"][0][round(time / run.row_period)] + front)
         colour = pixels[round(y) + 40, round(x)]  # of its front, beside what is drawn of the fingers
         rows, columns = np.nonzero(np.abs(pixels[90:590, 20:980] - colour).max(axis=2) < 4)
         assert len(rows) > 4000
@@ -158,9 +157,9 @@ def test_the_chart_and_the_fingertips_have_their_colours(browser: Browser, tmp_p
     x, top = page.evaluate("graspfx.chartPlace(0, 0.0, 0.44)")
     assert (near(pixels, x, top - 5, 1).astype(int).sum(axis=2) < 240).any()  # the cursor
     k = 88
-    assert set(frames[k].states) <= {"stick", "slide"}
+    assert {STATES[state] for state in frames.states[k]} <= {"stick", "slide"}
     tips = [
-        i for i in range(5) if is_of(near(pixels, *place_of(page, frames[k].fingertips[i])), CONTACTS["stick"]).any()
+        i for i in range(5) if is_of(near(pixels, *place_of(page, frames.fingertips[k, i])), CONTACTS["stick"]).any()
     ]
     assert len(tips) >= 3
     place = page.evaluate("graspfx.chartPlace(0, 0.5, 0.2)")

@@ -17,9 +17,8 @@ import graspfx as gx
 from graspfx.errors import InputError, RecordingError
 from graspfx.live.frame import Frames
 from graspfx.live.page.document import in_script, page_text, write_page
-from graspfx.live.page.listed_values import value_at, values_of
 from graspfx.live.page.played_frames import motion_of
-from graspfx.live.page.story import RESOLUTION, packed, story_of
+from graspfx.live.page.story import RESOLUTION, packed, story_of, value_at, values_of
 from graspfx.recording.header import KeyChange, Outcome
 from graspfx.recording.record import Recording
 from tests.support.played import SECONDS, played

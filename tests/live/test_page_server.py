@@ -22,7 +22,7 @@ import pytest
 from graspfx.errors import InputError, MissingPackageError
 from graspfx.live.view.page_server import KEYS, LONGEST, PLAIN, Order, PageServer, read_page_order
 from graspfx.screen.claim_server import MOST_CLIENTS
-from graspfx.screen.own_page import refusal
+from graspfx.screen.gate import refusal
 from tests.support.waiting import wait_until
 
 pytest.importorskip("websockets", reason="the page needs websockets: pip install 'graspfx[view]'")

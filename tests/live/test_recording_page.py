@@ -55,7 +55,7 @@ def test_a_long_recording_has_parts_with_the_times_of_the_run(browser: Browser) 
         ]
         found = page.evaluate("(graspfx.go(1.0), graspfx.frameAt(1.0))")
         assert page.evaluate("graspfx.time") == pytest.approx(1.0, abs=1e-6) and found["tick"] == 200
-        np.testing.assert_allclose(found["fingertips"], Frames(run)[200].fingertips, rtol=1e-6, atol=1e-8)
+        np.testing.assert_allclose(found["fingertips"], Frames(run).fingertips[200], rtol=1e-6, atol=1e-8)
         page.evaluate("graspfx.go(0)")
         assert page.evaluate("graspfx.time") == pytest.approx(0.8)
         page.evaluate("document.querySelector('#facts a').click()")

@@ -19,7 +19,7 @@ from graspfx.errors import InputError, MissingPackageError
 from graspfx.experiment.markers import Event, LslMarkers
 from graspfx.live.live_run import LiveRun
 from graspfx.live.lsl_outlet import RowStream, load_lsl
-from graspfx.live.stream.state_stream import stream_of
+from graspfx.live.state_stream import stream_of
 from tests.support.rooms import ROOT
 from tests.support.waiting import wait_until
 

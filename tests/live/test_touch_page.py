@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.live.touch.touch_run import TouchRun
+from graspfx.live.touch_run import TouchRun
 from graspfx.recording.record import Recording
-from graspfx.screen.touch_address import gate_for, listen, url
+from graspfx.screen.gate import gate_for, listen, url
 from graspfx.show.style import EXTERNAL, INTERNAL
 from tests.support.chromium import Browser, Page
 from tests.support.waiting import wait_until as until

@@ -10,8 +10,7 @@ import pytest
 
 from graspfx.errors import DeviceError
 from graspfx.screen.claim_server import LOOK, SILENCE, ClaimServer, Client, Terms
-from graspfx.screen.gate import Gate
-from graspfx.screen.own_page import NAMES, listen_at
+from graspfx.screen.gate import NAMES, Gate, listen
 from graspfx.screen.touch_orders import Kind
 from tests.support.hardware import VirtualClock
 from tests.support.waiting import let_pass
@@ -28,7 +27,7 @@ class Things(ClaimServer):
 
     def __init__(self, line: Any) -> None:
         gate = Gate(NAMES, 0, locked=False, clock=VirtualClock().now)
-        super().__init__(line, "things", gate, Terms("/things", 64, 500.0, 500.0), 4)
+        super().__init__(line, "things", gate, Terms("/things", 64, 500.0, 500.0))
         self.ends: list[tuple[int, str]] = []
         self.stuck: set[int] = set()
 
@@ -47,7 +46,7 @@ class Things(ClaimServer):
 
 @contextmanager
 def serving() -> Iterator[tuple[Things, Callable[[], Any]]]:
-    with listen_at("127.0.0.1", 0, 0) as line, Things(line) as server:
+    with listen("127.0.0.1", 0, 0) as line, Things(line) as server:
         host = f"127.0.0.1:{line.getsockname()[1]}"
         own: Any = f"http://{host}"
         yield server, lambda: open_socket(f"ws://{host}/things", origin=own, compression=None, proxy=None)

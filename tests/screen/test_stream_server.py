@@ -12,8 +12,7 @@ import pytest
 
 from graspfx.errors import InputError
 from graspfx.screen.claim_server import LOOK, MOST_CLIENTS, SILENCE
-from graspfx.screen.gate import StreamGate
-from graspfx.screen.own_page import NAMES, listen_at
+from graspfx.screen.gate import NAMES, StreamGate, listen
 from graspfx.screen.stream_server import BURST, LONGEST, SOCKET, Bounds, StreamOrder, StreamServer, read_stream_order
 from tests.support.hardware import VirtualClock
 from tests.support.waiting import let_pass
@@ -68,9 +67,10 @@ class Stream:
 @contextmanager
 def streaming(**choices: Any) -> Iterator[Stream]:
     hands = Hands()
-    with listen_at("127.0.0.1", 0, 0) as line:
+    with listen("127.0.0.1", 0, 0) as line:
         port = line.getsockname()[1]
-        with StreamServer(line, StreamGate(NAMES, 0, TOKEN, **choices, clock=VirtualClock().now), hands) as server:
+        gate = StreamGate(NAMES, 0, TOKEN, **choices, clock=VirtualClock().now)
+        with StreamServer(line, gate, hands.lead, hands.release) as server:
             server.describe('{"type":"hello"}', BOUNDS)
             yield Stream(server, hands, f"127.0.0.1:{port}")
 

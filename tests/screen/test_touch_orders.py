@@ -8,7 +8,6 @@ import struct
 
 import pytest
 
-from graspfx.screen.claim_server import Claims
 from graspfx.screen.touch_orders import ORDER, Box, Kind, Order, read_order
 
 BOX = Box(-0.15, -0.1, 0.15, 0.1)
@@ -59,13 +58,3 @@ def test_no_bytes_lead_out_of_the_box() -> None:
             if order.kind in (Kind.PRESS, Kind.MOVE):
                 assert order.finger < 2 and abs(order.place[0]) <= 0.15 and abs(order.place[1]) <= 0.1
     assert 5_000 < sound < 20_000
-
-
-def test_the_first_who_touches_a_finger_has_it() -> None:
-    claims = Claims(3)
-    assert claims.claim(1, 7) and claims.claim(1, 7) and claims.claim(0, 8)
-    assert not claims.claim(1, 8)
-    assert claims.owners == (8, 7, None)
-    assert claims.bits(7) == (0b010, 0b011)
-    assert not claims.release(1, 8) and claims.release(1, 7) and not claims.release(1, 7)
-    assert list(claims.fingers_of(8)) == [0]

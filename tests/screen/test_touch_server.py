@@ -17,9 +17,7 @@ import pytest
 
 from graspfx.errors import DeviceError
 from graspfx.screen.claim_server import LOOK, MOST_CLIENTS, SILENCE, TURN
-from graspfx.screen.gate import Gate
-from graspfx.screen.own_page import NAMES
-from graspfx.screen.touch_address import listen, url
+from graspfx.screen.gate import NAMES, Gate, listen, url
 from graspfx.screen.touch_orders import ORDER, Box, Kind, Order
 from graspfx.screen.touch_server import BURST, HEAD, TouchServer
 from tests.support.hardware import VirtualClock

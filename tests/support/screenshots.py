@@ -13,9 +13,9 @@ from typing import Any
 import graspfx as gx
 from graspfx.live.live_run import LiveRun
 from graspfx.live.sliders import sliders
-from graspfx.live.touch.touch_run import TouchRun
+from graspfx.live.touch_run import TouchRun
 from graspfx.live.view.live_page import LivePage
-from graspfx.screen.touch_address import gate_for, listen, url
+from graspfx.screen.gate import gate_for, listen, url
 from tests.support.chromium import Browser, chromium, program
 from tests.support.rooms import ROOT
 from tests.support.view_page import serving
@@ -49,7 +49,7 @@ def _view(browser: Browser, file: Path, name: str, values: Mapping[str, object],
         page.wait_for("document.body.innerText.includes('full; spectral radius')", 120.0)
         wait_until(lambda: run.time > 8.0)
         if beyond:
-            verdict = view.certificate.latest()
+            verdict = view._margins.latest() if view._margins is not None else None
             limits = [row.limit for row in verdict.rows if row.mode == "internal"] if verdict is not None else []
             view.sliders.set(beyond, 1.02 * min(limits))
             page.wait_for("document.body.innerText.includes('UNSTABLE')", 60.0)

@@ -77,13 +77,7 @@ def write_page(
     recording: Recording, path: str | PathLike[str], *, folder: Path | None = None, overwrite: bool = False
 ) -> Path:
     """Write the page of a recording; see `Recording.to_html`, and `page_text` for `folder`."""
-    target = require_page_name(path)
-    if not overwrite:
-        require_vacancy([target])
-    text = page_text(recording, folder)
-    with placing(target) as file:
-        file.write_text(text, encoding="utf-8", newline="\n")
-    return target
+    return _write(path, lambda: page_text(recording, folder), overwrite=overwrite)
 
 
 def write_running_page(
@@ -94,14 +88,22 @@ def write_running_page(
     from graspfx.live.guides import guided_scene
     from graspfx.live.page.running import require_runnable, running
 
+    def text() -> str:
+        own = guided_scene(scene.replace({"record.every": 1, "record.columns": []}))
+        require_runnable(own)
+        return page_text(run(own), run=lambda frames: running(own, frames, presets))
+
+    return _write(path, text, overwrite=overwrite)
+
+
+def _write(path: str | PathLike[str], text: Callable[[], str], *, overwrite: bool) -> Path:
+    """Write a page, whose text is made after its path is known to be valid."""
     target = require_page_name(path)
     if not overwrite:
         require_vacancy([target])
-    own = guided_scene(scene.replace({"record.every": 1, "record.columns": []}))
-    require_runnable(own)
-    text = page_text(run(own), run=lambda frames: running(own, frames, presets))
+    page = text()
     with placing(target) as file:
-        file.write_text(text, encoding="utf-8", newline="\n")
+        file.write_text(page, encoding="utf-8", newline="\n")
     return target
 
 

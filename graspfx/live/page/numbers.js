@@ -8,7 +8,7 @@ function bytes(text) {
 }
 
 // An array is packed as its kind and its bytes, little-endian, which is how every machine with a browser has them.
-const KINDS = { f4: Float32Array, i2: Int16Array, i1: Int8Array, u1: Uint8Array, u2: Uint16Array, u4: Uint32Array };
+const KINDS = { f4: Float32Array, i1: Int8Array, u1: Uint8Array, u2: Uint16Array, u4: Uint32Array };
 const unpack = (packed) => new KINDS[packed.kind](bytes(packed.data));
 
 const find = (id) => document.getElementById(id);

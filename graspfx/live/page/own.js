@@ -24,7 +24,6 @@ function openSource() {
   };
 }
 function onReady() {
-  state.ready = performance.now();
   const asked = /^#pause$/.test(location.hash);
   tell("step", { count: run.frames }); // a picture at once
   if (!asked && !reduced.matches) tell("run");

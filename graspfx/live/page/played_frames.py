@@ -29,7 +29,6 @@ class Motion:
     Attributes:
         rows: Number of rows per frame.
         dimensions: Number of dimensions d of the scene.
-        time: Times of the frames (F,) [s].
         fingertips, contacts: Positions (F, n, 3) [m].
         states: Contact states (F, n), indices of `frame.STATES`.
         force, internal, external: Forces (F, n, 3) [N]; None if not recorded.
@@ -42,7 +41,6 @@ class Motion:
 
     rows: int
     dimensions: int
-    time: FloatArray
     fingertips: FloatArray
     contacts: FloatArray
     states: IntArray
@@ -56,7 +54,7 @@ class Motion:
     depth: FloatArray | None
 
     def __len__(self) -> int:
-        return len(self.time)
+        return len(self.fingertips)
 
     def vectors(self) -> FloatArray:
         """Return the frames as rows of numbers (F, w), in the order in which a running page reads them.
@@ -121,7 +119,7 @@ def motion_of(recording: Recording, apart: float) -> Motion:
     arrays = {name: np.concatenate(each) for name, each in pieces.items()}
     recorded = [name for name in layout.objects if f"{name}/position" in arrays]
     return Motion(
-        rows=rows, dimensions=layout.dimensions, time=arrays["time"], fingertips=arrays["fingertips"],
+        rows=rows, dimensions=layout.dimensions, fingertips=arrays["fingertips"],
         contacts=arrays["contacts"], states=arrays["states"], force=arrays.get("force"),
         internal=arrays.get("internal"), external=arrays.get("external"), squeeze=squeeze.values, push=push.values,
         margin=margin.values, depth=depth.values.get("depth"),
@@ -150,7 +148,7 @@ def _margin(part: Recording, name: str) -> FloatArray:
 def _arrays(frames: Frames) -> dict[str, NDArray[Any]]:
     """List the recorded arrays for playback."""
     arrays: dict[str, NDArray[Any]] = {
-        "time": frames.time, "fingertips": frames.fingertips, "contacts": frames.contacts, "states": frames.states,
+        "fingertips": frames.fingertips, "contacts": frames.contacts, "states": frames.states,
     }  # fmt: skip
     if frames.force is not None:
         arrays["force"] = frames.force

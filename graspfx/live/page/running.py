@@ -5,7 +5,7 @@ from __future__ import annotations
 import gzip
 import re
 from base64 import b85encode
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -22,10 +22,9 @@ from graspfx.compile.records import start_of
 from graspfx.coupling.contacts import EXCESSIVE
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.errors import InputError
-from graspfx.live.certifier import Certifier
+from graspfx.live.certifier import Certifier, Verdict
 from graspfx.live.guides import hand_name
 from graspfx.live.sliders import Slider, live_keys, sliders, values_of, widened
-from graspfx.live.stability_verdict import Verdict
 from graspfx.loop import step_program
 from graspfx.loop.arena import Arena
 from graspfx.loop.columns import Layout
@@ -40,6 +39,7 @@ if TYPE_CHECKING:
     from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
+Writer = Callable[[Mapping[str, float]], FloatArray]
 
 STOPS = 21  # number of tabulated values of a slider whose value is not itself an entry of the arena
 PROBES = 33  # number of values at which stability is computed in a slider's range
@@ -87,7 +87,8 @@ def running(scene: Scene, frames: int, presets: Mapping[str, Mapping[str, float]
             "row": _row(servo.layout, header),
             "grasps": _grasps(servo, arena),
             "faults": _faults(servo, arena),
-            **_all_sliders(numbers, scene, servo, start, margins), "judged": verdict.text,
+            **_all_sliders(numbers, scene, _writer(numbers, scene, servo, start), start, margins),
+            "judged": verdict.text,
             "presets": [_preset(name, values, numbers) for name, values in presets.items()],
             "handles": list(_handles(scene, parts, servo, arena)),
             "recording": {
@@ -232,7 +233,7 @@ def _preset(name: str, values: Mapping[str, float], numbers: Sequence[Slider]) -
 
 
 def _all_sliders(
-    numbers: Sequence[Slider], scene: Scene, servo: Servo, start: FloatArray, margins: Mapping[str, Any]
+    numbers: Sequence[Slider], scene: Scene, written: Writer, start: FloatArray, margins: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return the entries that each slider writes, and those that two stiffnesses determine: gaps of an automatic fade.
 
@@ -241,7 +242,7 @@ def _all_sliders(
     Raises:
         InputError: If a number depends on several sliders in another way.
     """
-    found = [_slider(each, numbers, scene, servo, start) for each in numbers]
+    found = [_slider(each, written, start) for each in numbers]
     owners: dict[int, list[int]] = {}
     for i, each in enumerate(found):
         for k in each.get("entries", ()):
@@ -252,7 +253,11 @@ def _all_sliders(
     together = []
     for a, b in sorted(set(shared.values())):
         entries = [k for k, pair in shared.items() if pair == (a, b)]
-        together.append({"sliders": [a, b], "entries": _fit(numbers, a, b, entries, scene, servo, start)})
+        fitted = _fit(numbers[a], numbers[b], entries, written)
+        if fitted is None:
+            both = f"{numbers[a].key} and {numbers[b].key}"
+            raise InputError("scene", scene.title, f"one without numbers that depend on both {both}, other than a fade")
+        together.append({"sliders": [a, b], "entries": fitted})
     for each in found:
         if any(k in shared for k in each.get("entries", ())):
             keep = [i for i, k in enumerate(each["entries"]) if k not in shared]
@@ -266,73 +271,65 @@ def _all_sliders(
     }
 
 
-def _fit(
-    numbers: Sequence[Slider], a: int, b: int, entries: list[int], scene: Scene, servo: Servo, start: FloatArray
-) -> list[list[float]]:
-    """Return entry, floor, p and q of max(floor, p + q |1/x - 1/y|) for each of some entries, and verify them.
-
-    Raises:
-        InputError: If the entries depend on the two values in another way.
-    """
-    one, other = numbers[a], numbers[b]
+def _fit(one: Slider, other: Slider, entries: list[int], written: Writer) -> list[list[float]] | None:
+    """Return entry, floor, p and q of max(floor, p + q |1/x - 1/y|) for each of some entries; None if this is wrong."""
     if not all(each.key.endswith("stiffness") and each.least > 0.0 for each in (one, other)):
-        raise InputError("scene", scene.title, f"one without numbers that depend on both {one.key} and {other.key}")
+        return None
     places = [
         (one.least, other.most), (1.5 * one.least, other.most), (one.most, 0.999 * other.most),
         (one.most, other.least), (one.value, other.value), (3.0 * one.least, 2.0 * other.least),
     ]  # fmt: skip
     c = np.array([abs(1.0 / x - 1.0 / y) for x, y in places])
-    table = np.array([_written([one, other], numbers, scene, servo, start, place)[entries] for place in places])
+    table = np.array([written({one.key: x, other.key: y})[entries] for x, y in places])
     q = (table[0] - table[1]) / (c[0] - c[1])
     p, floor = table[0] - q * c[0], table[2]
     guess = np.maximum(floor, p + c[:, None] * q)
     if not np.allclose(guess, table, rtol=AGREEMENT, atol=0.0):
-        raise InputError("scene", scene.title, f"one whose numbers depend on {one.key} and {other.key} like a fade")
+        return None
     return [[k, *map(float, each)] for k, each in zip(entries, zip(floor, p, q, strict=True), strict=True)]
 
 
-def _slider(slider: Slider, others: Sequence[Slider], scene: Scene, servo: Servo, start: FloatArray) -> dict[str, Any]:
+def _slider(slider: Slider, written: Writer, start: FloatArray) -> dict[str, Any]:
     """Return the entries that a slider writes into the arena: its value, or numbers tabulated at stops of its range.
 
     The page writes the same bits as `Session.set`.
     """
-    about = slider.to_dict()
     low = slider.least if slider.least > 0.0 else slider.step
     probes = sorted({low, slider.value if slider.value > 0.0 else low, 0.5 * (slider.least + slider.most), slider.most})
-    written = {v: _written([slider], others, scene, servo, start, [v]) for v in probes}
-    table = np.array(list(written.values()))
-    varied = np.flatnonzero((table != table[0]).any(axis=0))
-    same = np.flatnonzero((table == table[0]).all(axis=0) & (table[0] != start))
-    values = np.array(probes)
-    itself = [int(k) for k in varied if (table[:, k] == values).all()]
-    rest = [int(k) for k in varied if int(k) not in itself]
-    about |= {"itself": itself, "always": [[int(k), float(table[0, k])] for k in same]}
+    table, values = np.array([written({slider.key: v}) for v in probes]), np.array(probes)
+    is_varied = (table != table[0]).any(axis=0)
+    is_itself = is_varied & (table == values[:, None]).all(axis=0)
+    rest = np.flatnonzero(is_varied & ~is_itself).tolist()
+    always = np.flatnonzero(~is_varied & (table[0] != start)).tolist()
+    about = slider.to_dict() | {
+        "itself": np.flatnonzero(is_itself).tolist(), "always": [[k, float(table[0, k])] for k in always],
+    }  # fmt: skip
     if rest:
-        stops = np.linspace(slider.least if slider.least > 0.0 else low, slider.most, STOPS)
-        numbers = [_written([slider], others, scene, servo, start, [float(v)])[rest] for v in stops]
-        about |= {"stops": stops.tolist(), "entries": rest, "table": np.array(numbers).tolist()}
+        stops = np.linspace(low, slider.most, STOPS).tolist()
+        about |= {"stops": stops, "entries": rest, "table": [written({slider.key: v})[rest].tolist() for v in stops]}
     return about
 
 
-def _written(
-    moved: Sequence[Slider], others: Sequence[Slider], scene: Scene, servo: Servo, start: FloatArray,
-    values: Sequence[float],
-) -> FloatArray:  # fmt: skip
-    """Return the arena after changes of sliders in a run; the servo is unchanged."""
-    own = {each.key: each.value for each in others} | {each.key: v for each, v in zip(moved, values, strict=True)}
-    changed: dict[str, Any] = {}
-    for each in moved:
-        changed |= values_of(each, others, own)
+def _writer(numbers: Sequence[Slider], scene: Scene, servo: Servo, start: FloatArray) -> Writer:
+    """Return a function that computes the arena after sliders got values in a run; the servo is unchanged."""
     memory = servo.arena.memory.floats[: start.size]
-    steering = Steering(servo, scene, live_keys(others))
-    servo.ticks = 1  # pretends that the run has begun, so that moved parts keep their positions
-    try:
-        servo.write(steering.update(scene.replace(changed), changed))
-        return memory.copy()
-    finally:
-        memory[:] = start
-        servo.ticks = 0
-        servo.watch.note()
+
+    def written(values: Mapping[str, float]) -> FloatArray:
+        own, changed = {**{each.key: each.value for each in numbers}, **values}, dict[str, Any]()
+        for each in numbers:
+            if each.key in values:
+                changed |= values_of(each, numbers, own)
+        steering = Steering(servo, scene, live_keys(numbers))
+        servo.ticks = 1  # pretends that the run has begun, so that moved parts keep their positions
+        try:
+            servo.write(steering.update(scene.replace(changed), changed))
+            return memory.copy()
+        finally:
+            memory[:] = start
+            servo.ticks = 0
+            servo.watch.note()
+
+    return written
 
 
 def _margins(scene: Scene) -> tuple[Verdict, list[Slider], dict[str, list[list[float]]]]:
@@ -363,21 +360,15 @@ def _unstable(certifier: Certifier, slider: Slider, others: Sequence[Slider]) ->
     stable = [judge(value) for value in places]
     if None in stable:
         return None
-    found, begin = list[list[float]](), None if stable[0] else slider.least
+    edges = [slider.least]  # of intervals that are stable and unstable by turns
     for (a, is_a), (b, is_b) in pairwise(zip(places, stable, strict=True)):
-        if is_a == is_b:
-            continue
-        low, high = a, b
-        for _ in range(HALVINGS):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if judge(middle) == is_a else (low, middle)
-        edge = 0.5 * (low + high)
-        if is_a:
-            begin = edge
-        else:
-            found.append([slider.least if begin is None else begin, edge])
-            begin = None
-    return [*found, [begin, slider.most]] if begin is not None else found
+        if is_a != is_b:
+            low, high = a, b
+            for _ in range(HALVINGS):
+                middle = 0.5 * (low + high)
+                low, high = (middle, high) if judge(middle) == is_a else (low, middle)
+            edges.append(0.5 * (low + high))
+    return [list(each) for i, each in enumerate(pairwise([*edges, slider.most])) if stable[0] == bool(i % 2)]
 
 
 # Handles --------------------------------------------------------------------------------------------------------------

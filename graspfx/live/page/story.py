@@ -1,9 +1,9 @@
-"""Data of a page for its script: scenery, motion, charts and texts as plain data, arrays as base64."""
+"""Data of a page for its script: scenery, motion, charts, values and texts as plain data, arrays as base64."""
 
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -14,9 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 import graspfx
 from graspfx.errors import InputError
 from graspfx.live.frame import STATES
-from graspfx.live.page.listed_values import values_of
 from graspfx.live.page.played_frames import Motion, motion_of
-from graspfx.live.scenery import SLAB, Scenery, Solid, recorded_scenery, viewpoint
+from graspfx.live.scenery import SLAB, Scenery, Solid, scenery
 from graspfx.recording.record import Recording
 from graspfx.show.panels import pushes
 from graspfx.show.picture import painter, portrait
@@ -88,6 +87,8 @@ ARROWS = 0.2  # room for arrows around fingertips, as a share of the extent
 ROOM = 0.15  # room around a live scene, as a share of the extent
 FAR = 10.0  # distance from the middle beyond which points are ignored, in extents
 CELLS, LINES = 10.0, 10  # grid cells along the scene; grid lines on each side of its middle
+FIELD = 40.0  # vertical field of view [degrees]
+OBLIQUE = (0.28, 0.32, 1.0)  # direction to the camera for planar scenes
 DEPTH = 1.1  # width of the lines of depths [points]
 PIXELS = 4.0 / 3.0  # CSS pixels per point
 THICK = 1.1  # thickness of arrows relative to still pictures
@@ -111,14 +112,14 @@ def story_of(recording: Recording, folder: Path | None = None, *, source: Source
     """
     if not len(recording):
         raise InputError("recording", 0, "a recording with at least one tick")
-    scenery, is_run = recorded_scenery(recording.header, recording.layout, folder), source != "recording"
-    motion = motion_of(recording, scenery.apart)
-    low, high = _bounds(scenery, motion)
+    drawn, is_run = scenery(recording.header, recording.layout, folder), source != "recording"
+    motion = motion_of(recording, drawn.apart)
+    low, high = _bounds(drawn, motion)
     if source == "live":  # the future motion is unknown
-        half = 0.5 * scenery.extent / np.sqrt(3.0)
-        low = np.minimum(low, scenery.middle - half) - ROOM * scenery.extent
-        high = np.maximum(high, scenery.middle + half) + ROOM * scenery.extent
-    reach, middle = max(float(np.linalg.norm(high - low)), scenery.extent), 0.5 * (low + high)
+        half = 0.5 * drawn.extent / np.sqrt(3.0)
+        low = np.minimum(low, drawn.middle - half) - ROOM * drawn.extent
+        high = np.maximum(high, drawn.middle + half) + ROOM * drawn.extent
+    reach, middle = max(float(np.linalg.norm(high - low)), drawn.extent), 0.5 * (low + high)
     objects = tuple(motion.poses)
     layout, header = recording.layout, recording.header
     title = header.title or Path(header.scene).stem or "A recording"
@@ -133,13 +134,13 @@ def story_of(recording: Recording, folder: Path | None = None, *, source: Source
     return {
         "title": title, "facts": _facts(recording, source),
         "about": _versions(recording, source) if is_run else _about(recording, motion),
-        "notes": _notes(recording, scenery), "description": _description(recording, title),
+        "notes": _notes(recording, drawn), "description": _description(recording, title),
         "dimensions": layout.dimensions, "attached": not layout.gaps,
         "frames": len(motion), "start": recording.start * recording.row_period, "step": step,
         "ticks": motion.rows * header.every,
-        "up": scenery.up.tolist(), "extent": scenery.extent,
-        "bounds": [low.tolist(), high.tolist()], "camera": _camera(scenery, motion, layout.dimensions, middle, reach),
-        "grid": _grid(scenery, low, middle, reach),
+        "up": drawn.up.tolist(), "extent": drawn.extent,
+        "bounds": [low.tolist(), high.tolist()], "camera": _camera(motion, layout.dimensions, reach),
+        "grid": _grid(drawn, low, middle, reach),
         "lighting": {
             "light": painter.LIGHT, "ambient": painter.AMBIENT, "diffuse": painter.DIFFUSE, "gloss": painter.GLOSS,
             "sharpness": painter.SHARPNESS,
@@ -147,27 +148,27 @@ def story_of(recording: Recording, folder: Path | None = None, *, source: Source
         "colours": {"internal": INTERNAL, "external": EXTERNAL},
         "contacts_states": [[name, CONTACTS[name], WORDS[name]] for name in STATES], "states_seen": seen,
         "arrow": {
-            "scale": _arrow_scale(motion, scenery), "longest": portrait.LONGEST, "shortest": portrait.SHORTEST,
+            "scale": _arrow_scale(motion, drawn), "longest": portrait.LONGEST, "shortest": portrait.SHORTEST,
             "shaft": portrait.SHAFT, "head": portrait.HEAD, "wide": portrait.WIDE, "most": portrait.MOST_HEAD,
-            "along": portrait.ALONG, "apart": portrait.APART, "thick": THICK * min(reach, 2.0 * scenery.extent),
+            "along": portrait.ALONG, "apart": portrait.APART, "thick": THICK * min(reach, 2.0 * drawn.extent),
         },
         "fingers": [
             {
-                "name": name, "colour": scenery.colours[i], "radius": float(scenery.radii[i]),
-                "ball": bool(scenery.is_ball[i]), "object": _place(layout.objects[layout.finger_objects[i]], objects),
+                "name": name, "colour": drawn.colours[i], "radius": float(drawn.radii[i]),
+                "ball": bool(drawn.is_ball[i]), "object": _place(layout.objects[layout.finger_objects[i]], objects),
             }
-            for i, name in enumerate(scenery.fingers)
+            for i, name in enumerate(drawn.fingers)
         ],
         "solids": [
-            packed_solid(_widened(each, middle, reach / scenery.extent), _place(each.object, objects))
-            for each in scenery.solids if each.object is None or each.object in objects
+            packed_solid(_widened(each, middle, reach / drawn.extent), _place(each.object, objects))
+            for each in drawn.solids if each.object is None or each.object in objects
         ],
-        **motions, "apart": (scenery.apart * apart_on_a_line(len(layout.fingers))).tolist(),
+        **motions, "apart": (drawn.apart * apart_on_a_line(len(layout.fingers))).tolist(),
         "objects": [
             {"name": name} if is_run else {"name": name, "position": packed(place), "wxyz": packed(turn)}
             for name, (place, turn) in motion.poses.items()
         ],
-        "charts": _charts(motion, scenery, source),
+        "charts": _charts(motion, drawn, source),
         "changes": [
             {"time": change.tick * recording.period, "words": str(change)} for change in recording.changes
         ],
@@ -185,7 +186,7 @@ def bare_story(title: str) -> dict[str, Any]:
     return dict.fromkeys(nothing, ()) | {
         "title": title, "facts": "", "description": "", "bare": True, "dimensions": 2, "attached": False, "frames": 0,
         "step": 1.0, "ticks": 1, "up": [0.0, 1.0, 0.0], "extent": 1.0, "bounds": [[0.0] * 3, [1.0] * 3],
-        "camera": {"towards": [0.0, 0.0, 1.0], "field": 40.0},
+        "camera": {"towards": [0.0, 0.0, 1.0], "field": FIELD},
         "grid": {"cell": 1.0, "count": 1, "origin": [0.0] * 3, "u": [1.0, 0.0, 0.0], "v": [0.0, 1.0, 0.0]},
         "arrow": {"scale": 0.0, "longest": portrait.LONGEST},
     }  # fmt: skip
@@ -227,14 +228,18 @@ def _bounds(scenery: Scenery, motion: Motion) -> tuple[FloatArray, FloatArray]:
     return points.min(axis=0), points.max(axis=0)
 
 
-def _camera(scenery: Scenery, motion: Motion, dimensions: int, middle: FloatArray, reach: float) -> dict[str, Any]:
-    """Choose a camera that sees all of the motion, and sees contacts best at the frame with the most of them."""
-    k = int((motion.states > 0).sum(axis=1).argmax())
-    tips = motion.fingertips[k]
-    tips = tips[np.isfinite(tips).all(axis=1)]
-    view = viewpoint(dimensions, middle, reach, tips, tips - tips.mean(axis=0) if len(tips) else tips)
-    away = view.position - view.target
-    return {"towards": (away / np.linalg.norm(away)).tolist(), "field": view.field}
+def _camera(motion: Motion, dimensions: int, reach: float) -> dict[str, Any]:
+    """Choose a camera that sees all of the motion: in space where the frame with the most contacts shows them best.
+
+    Planar scenes are seen obliquely from the front.
+    """
+    towards = np.array(OBLIQUE) / np.linalg.norm(OBLIQUE)
+    if dimensions == 3:
+        tips = motion.fingertips[int((motion.states > 0).sum(axis=1).argmax())]
+        tips = tips[np.isfinite(tips).all(axis=1)]
+        out = tips - tips.mean(axis=0) if len(tips) else tips
+        towards = painter.Camera(*painter.best_view(tips, out, reach)).axes[2]
+    return {"towards": towards.tolist(), "field": FIELD}
 
 
 def _grid(scenery: Scenery, low: FloatArray, middle: FloatArray, reach: float) -> dict[str, Any]:
@@ -364,3 +369,88 @@ def _notes(recording: Recording, scenery: Scenery) -> list[str]:
     if recording.layout.omitted:
         notes.append(f"left out of the recording: {', '.join(recording.layout.omitted)}")
     return notes
+
+
+# Values of the scene --------------------------------------------------------------------------------------------------
+
+GAINS = {  # gains of eq. (4) by key
+    "coupling.external.stiffness": ("external stiffness, kep", "N/m"),
+    "coupling.internal.stiffness": ("internal stiffness, kip", "N/m"),
+    "coupling.external.damping": ("external damping, ked", "N s/m"),
+    "coupling.internal.damping": ("internal damping, kid", "N s/m"),
+    "coupling.friction": ("friction", ""),
+}
+OBJECTS = {
+    "mass": ("mass", "kg"),
+    "density": ("density", "kg/m³"),
+    "viscosity": ("viscosity", "N s/m"),
+    "rotational_viscosity": ("rotational viscosity", "N m s/rad"),
+}
+UNITS = {"stiffness": "N/m", "damping": "N s/m", "squeeze": "m", "offset": "m"} | {
+    name: unit for name, (_, unit) in OBJECTS.items()
+}
+LONGEST_TEXT = 60  # longest text of a value
+MOST_VALUES = 60  # most values listed
+
+Table = Mapping[str, Any]
+
+
+def values_of(recording: Recording) -> list[dict[str, Any]]:
+    """List values as tables of `key`, `label`, `unit` and `values`, which are pairs of start time [s] and text."""
+    table = recording.header.scene_table
+    rows = {key: (label, unit) for key, label, unit in _names(recording.layout.objects, table)}
+    for change in recording.changes:
+        rows.setdefault(change.key, (change.key, UNITS.get(change.key.rpartition(".")[2], "")))
+    return [
+        {"key": key, "label": label, "unit": unit, "values": _over_time(recording, key, table)}
+        for key, (label, unit) in [*rows.items()][:MOST_VALUES]
+    ]
+
+
+def _names(objects: Sequence[str], table: Table) -> Iterator[tuple[str, str, str]]:
+    """List the keys that the scene sets, with labels and units."""
+    for key, (label, unit) in GAINS.items():
+        if value_at(table, key) is not None:
+            yield key, label, unit
+    own = table.get("object", ())
+    is_one = isinstance(own, Mapping)
+    for i, name in enumerate(objects):
+        for part, (label, unit) in OBJECTS.items():
+            key = f"object.{part}" if is_one or len(objects) == 1 else f"object.{i}.{part}"
+            if value_at(table, key) is not None:
+                yield key, label if len(objects) == 1 else f"{label} of {name}", unit
+
+
+def _over_time(recording: Recording, key: str, table: Table) -> list[tuple[float, str]]:
+    start = value_at(table, key)
+    changes = [(change.tick * recording.period, text_of(change.value)) for change in recording.changes
+               if change.key == key]  # fmt: skip
+    return [(0.0, "–" if start is None else text_of(start)), *changes]
+
+
+def value_at(table: Any, key: str) -> Any:
+    """Find a value in nested tables and lists by its dotted key; None if there is none."""
+    for part in key.split("."):
+        if isinstance(table, list | tuple) and len(table) == 1 and not part.isdigit():
+            table = table[0]
+        if isinstance(table, Mapping) and part in table:
+            table = table[part]
+        elif isinstance(table, list | tuple) and part.isdigit() and int(part) < len(table):
+            table = table[int(part)]
+        else:
+            return None
+    return table
+
+
+def text_of(value: Any) -> str:
+    """Format a value briefly."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, list | tuple):
+        return shorten(f"[{', '.join(map(text_of, value))}]")
+    return shorten(str(value))
+
+
+def shorten(text: str) -> str:
+    """Shorten a text to fit into a cell."""
+    return text if len(text) <= LONGEST_TEXT else f"{text[: LONGEST_TEXT - 3]}..."

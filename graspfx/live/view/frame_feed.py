@@ -46,7 +46,8 @@ class FrameFeed:
 
     def __init__(self, run: LiveRun) -> None:
         self._run = run
-        self._apart = scenery(run.scene).apart if run.layout.dimensions == 1 else 0.0  # used on a line only
+        is_line = run.layout.dimensions == 1
+        self._apart = scenery(run.header, run.layout).apart if is_line else 0.0
         self._scene, self._header = run.scene, _header(run)
         self.ticks = rows_per_frame(run.period)
         self._number, self._next, self._tick = -1, 0, -1

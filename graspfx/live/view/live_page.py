@@ -13,21 +13,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from graspfx.assembly.live import value_of
 from graspfx.errors import GraspFXError
 from graspfx.live.frame import Frames, history_of
+from graspfx.live.hardware_clamp import HardwareClamp, Outcome
+from graspfx.live.margins import Margins
 from graspfx.live.page.document import document, page_text
-from graspfx.live.sliders import Slider, value_in, values_of, widened
-from graspfx.live.view.certificate_panel import CertificatePanel
+from graspfx.live.sliders import Slider, live_keys, value_in, values_of, widened
 from graspfx.live.view.frame_feed import FrameFeed
 from graspfx.live.view.page_server import Order, PageServer
 from graspfx.recording.record import Recording
 from graspfx.resource import Resource
 
 if TYPE_CHECKING:
-    from graspfx.live.hardware_clamp import Outcome
+    from graspfx.live.certifier import MarginRow, Verdict
     from graspfx.live.live_run import LiveRun
-    from graspfx.live.sliders import Slider
-    from graspfx.live.stability_verdict import MarginRow, Verdict
 
 FRAME = 1.0 / 50.0  # interval between frames without orders [s]
 SHORTEST = 0.008  # shortest interval between frames after an order [s]
@@ -79,7 +79,6 @@ class LivePage(Resource):
 
     Attributes:
         server: Server of the page.
-        certificate: Stability results, and orders that change values.
         sliders: Sliders of the page.
         recording: File that is being recorded; None if nothing is recorded.
         last: File that was recorded last; None before the first recording.
@@ -99,16 +98,26 @@ class LivePage(Resource):
         self._story = self._feed.story()
         self._extent = float(self._story["extent"])
         self._squeezes = _squeezes(self._extent)
-        self.certificate = CertificatePanel(run, self._changed)
-        self.sliders = SliderOrders(sliders, self.certificate.order, self._say)
+        self._margins: Margins | None = None
+        self._first = self._certified = run.scene  # scene at first, and when a certificate was requested last
+        self._has_verdict = False  # whether there is a result that has not been sent
+        self._clamp: HardwareClamp | None = None
+        self.sliders = SliderOrders(sliders, self._set, self._say)
         self._story["run"] = self._described(sliders)
-        self.server = PageServer(self, port).__enter__()
+        self.server = PageServer(self, port)
+        if run.has_hardware:  # before the server accepts orders
+            self._margins = Margins(self._first, self._take)
+            self._clamp = HardwareClamp(run.set, self._margins)
+        self.server.__enter__()
 
     def close(self) -> None:
         """Close all pages and end their computations; the run continues."""
         self.server.__exit__()
         self._executor.shutdown(wait=True, cancel_futures=True)
-        self.certificate.close()
+        if self._margins is not None:
+            self._margins.close()  # first, because orders to hardware wait for its results
+        if self._clamp is not None:
+            self._clamp.close()
 
     def serve(self, stop: Callable[[], bool], seconds: float | None = None) -> None:
         """Serve the page until `stop` returns True, or for a number of seconds."""
@@ -120,13 +129,13 @@ class LivePage(Resource):
                 time.sleep(IDLE if end is None else min(IDLE, max(0.0, end - time.monotonic())))
                 continue
             began = time.monotonic()
-            self.certificate.start()
             try:
+                self._certify()
                 news = self._feed.news()
                 if news is not None:
                     self.server.show(*news)
-                if began >= next_state or self.certificate.has_news():
-                    next_state = began + STATE
+                if began >= next_state or self._has_verdict:
+                    next_state, self._has_verdict = began + STATE, False
                     self._watch()
                     self.server.tell(self._state())
             except GraspFXError as error:  # such as during a reset of the run
@@ -158,7 +167,7 @@ class LivePage(Resource):
         }  # fmt: skip
 
     def _state(self) -> dict[str, Any]:
-        state, verdict = self.run.state, self.certificate.latest()
+        state, verdict = self.run.state, None if self._margins is None else self._margins.latest()
         if verdict is not None:
             self.sliders.widen(verdict)
         alarm = f"FAULT: {self._fault}" if self._fault else ""
@@ -204,6 +213,28 @@ class LivePage(Resource):
     def _say(self, text: str) -> None:
         self._remark = text
 
+    # Certificate --------------------------------------------------------------------------------------------------
+
+    def _certify(self) -> None:
+        """Request the certificate of the run's values if they have changed; with hardware, the clamp requests it."""
+        if self._margins is None:
+            self._margins = Margins(self._first, self._take)
+        scene = self.run.scene
+        if scene is not self._certified and self._clamp is None:
+            self._certified = scene
+            values = {key: value_of(scene, key) for key in live_keys(self.sliders.sliders)}
+            self._margins.ask({key: value for key, value in values.items() if value != value_of(self._first, key)})
+
+    def _take(self, verdict: Verdict) -> None:
+        self._has_verdict = True
+        self._changed()
+
+    def _set(self, values: Mapping[str, Any]) -> Future[Any]:
+        """Set values of live keys; with hardware, set only certified values."""
+        order: Future[Any] = (self._clamp or self.run).set(values)
+        order.add_done_callback(lambda _: self._changed())
+        return order
+
     # When the page changes ----------------------------------------------------------------------------------------
 
     def _sleep(self, began: float) -> None:
@@ -211,6 +242,7 @@ class LivePage(Resource):
         left = FRAME - (time.monotonic() - began)
         if not self._wake.wait(max(0.0, left)):
             return
+        self._certify()
         time.sleep(max(0.0, SHORTEST - (time.monotonic() - began)))
         self._wake.clear()
         self.run.await_row(self._awaited, FRAME)
@@ -372,8 +404,8 @@ class SliderOrders:
 
     Args:
         sliders: Sliders of the scene.
-        order: Function that sets values by live key; its future returns the values that were set, or raises an
-            exception.
+        order: Function that sets values by live key; its future returns None, or an `Outcome` if other values may have
+            been set, or raises an exception.
         remark: Function that shows a message; an empty message removes it.
 
     Attributes:
@@ -383,7 +415,7 @@ class SliderOrders:
     """
 
     def __init__(
-        self, sliders: Sequence[Slider], order: Callable[[Mapping[str, Any]], Future[Outcome]],
+        self, sliders: Sequence[Slider], order: Callable[[Mapping[str, Any]], Future[Any]],
         remark: Callable[[str], None],
     ) -> None:  # fmt: skip
         self._order, self._remark = order, remark
@@ -414,20 +446,20 @@ class SliderOrders:
             number = self._newest[key]
             self.shown[key] = value
             order = values_of(slider, self.sliders, self.shown)
-        self._order(order).add_done_callback(lambda future: self._settle(key, number, value, future))
+        self._order(order).add_done_callback(lambda future: self._settle(key, number, value, order, future))
 
-    def _settle(self, key: str, number: int, order_value: float, future: Future[Outcome]) -> None:
+    def _settle(self, key: str, number: int, value: float, order: Mapping[str, Any], future: Future[Any]) -> None:
         """Process the result of an order; a newer pending order takes precedence."""
         error = future.exception()
-        order = None if error is not None else future.result()
+        outcome = None if error is not None else future.result() or Outcome(order)
         with self._lock:
-            if order is not None:
-                told = {each.key: value_in(each, order.values) for each in self.sliders}
+            if outcome is not None:
+                told = {each.key: value_in(each, outcome.values) for each in self.sliders}
                 self.values.update({name: each for name, each in told.items() if each is not None})
             is_newest = number == self._newest[key]
             if is_newest:
                 self.shown[key] = self.values[key]
         if error is not None:
-            self._remark(f"{key} = {order_value:.5g} was not set: {error}")
-        elif is_newest and order is not None:
-            self._remark(order.text)
+            self._remark(f"{key} = {value:.5g} was not set: {error}")
+        elif is_newest and outcome is not None:
+            self._remark(outcome.text)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import math
-import socket
 from collections import deque
 from collections.abc import Awaitable, Mapping
 from http import HTTPStatus
@@ -14,13 +13,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.screen.claim_server import ClaimServer, Client, Terms
-from graspfx.screen.gate import Admission, Gate
-from graspfx.screen.own_page import HOST, NAMES, listen_at
-from graspfx.screen.socket_thread import require_websockets, response
+from graspfx.screen.claim_server import ClaimServer, Client, Terms, require_websockets, response
+from graspfx.screen.gate import HOST, Admission, gate_for, listen
 
 if TYPE_CHECKING:
-    from websockets.asyncio.server import ServerConnection
     from websockets.http11 import Response
 
 FloatArray = NDArray[np.float64]
@@ -127,14 +123,12 @@ class PageServer(ClaimServer):
 
     def __init__(self, shown: Shown, port: int | None = None) -> None:
         require_websockets("a page", "view")
-        line = listen_at(HOST, port, FIRST, "--port")
-        gate = Gate(NAMES, 0, locked=False)
-        super().__init__(line, "pages", gate, Terms(SOCKET, LONGEST, RATE, BURST), 0)
+        line = listen(HOST, port, FIRST, "--port")
+        super().__init__(line, "pages", gate_for(line, lan=False), Terms(SOCKET, LONGEST, RATE, BURST, UNSENT))
         self.url = f"http://{HOST}:{line.getsockname()[1]}"
         self._shown = shown
         self._frames: deque[tuple[int, int, FloatArray]] = deque(maxlen=KEPT)  # version, number, frame
         self._shown_run, self._newest = -1, 0
-        self._sent: dict[int, int] = {}  # version of the frames, by client
 
     def tell(self, state: Mapping[str, Any]) -> None:
         """Send the state of the page to every browser; a slow browser gets the newest state when it is ready."""
@@ -157,13 +151,6 @@ class PageServer(ClaimServer):
             return response(HTTPStatus.NOT_FOUND, b"there is no such page\n")
         policy = {"Content-Type": "text/html; charset=utf-8", "Content-Security-Policy": "frame-ancestors 'none'"}
         return response(HTTPStatus.OK, text.encode(), policy)
-
-    async def _attend(self, connection: ServerConnection) -> None:
-        line = connection.transport.get_extra_info("socket")
-        if line is not None:
-            line.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, UNSENT)
-        await super()._attend(connection)
-        self._sent = {number: sent for number, sent in self._sent.items() if number in self._clients}
 
     def _take(self, client: Client, data: bytes | str) -> str:
         order = read_page_order(data)
@@ -190,12 +177,11 @@ class PageServer(ClaimServer):
 
     def _message(self, client: Client) -> bytes:
         """Return the new frames for a client: run, first number, count, and the frames; empty if there are none."""
-        newest = self._sent.get(client.number, 0)
-        every = [each for each in self._frames if each[0] > newest]
+        every = [each for each in self._frames if each[0] > client.sent]
         new = [each for k, each in enumerate(every) if each[1] == every[0][1] + k]  # up to a gap
         if not new:
             return b""
-        self._sent[client.number] = new[-1][0]
+        client.sent = new[-1][0]
         if len(new) < len(every):
             client.news.set()
         head = np.array([self._shown_run, new[0][1], len(new)], dtype="<f8").tobytes()

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from os import PathLike
 from pathlib import Path
 from socket import socket
@@ -16,22 +17,113 @@ from numpy.typing import NDArray
 
 from graspfx.assembly.hands import holdings
 from graspfx.errors import GraspFXError, InputError
-from graspfx.live.frame import Frames, history_of
+from graspfx.live.frame import STATES, Frames, history_of
+from graspfx.live.guides import FingerReach, GoalWalk
 from graspfx.live.live_run import LiveRun
-from graspfx.live.scenery import scenery
-from graspfx.live.touch.finger_goals import FingerReach, GoalWalk
-from graspfx.live.touch.touch_picture import box_of, description, fingertips, picture
+from graspfx.live.scenery import Scenery, Solid, scenery
 from graspfx.scene.model import Scene
-from graspfx.screen.touch_orders import MOST_FINGERS, Kind, Order
+from graspfx.screen.touch_orders import MOST_FINGERS, Box, Kind, Order
 from graspfx.screen.touch_server import TouchServer
+from graspfx.show.style import CONTACTS, EXTERNAL, INTERNAL
 
 if TYPE_CHECKING:
     from graspfx.assembly.hands import Holding
-    from graspfx.scene.model import Scene
     from graspfx.screen.gate import Gate
 
+FloatArray = NDArray[np.float64]
+
+WIDE, HIGH = 2.1, 1.4  # half width and height of the touchable area, in extents of the scene
+CAVEAT = "The force is shown here, not felt."
+LEGEND = (
+    ("squeeze (internal force)", INTERNAL, True),
+    ("push (external force)", EXTERNAL, True),
+    ("free", CONTACTS["free"], False),
+    ("touches or sticks", CONTACTS["stick"], False),
+    ("slides", CONTACTS["slide"], False),
+    ("at its limit", CONTACTS["limit"], False),
+)
 HEADER = "client,number,kind,finger,x,y,tick,fate"
 NAME = "touches.csv"
+OWN = ("motion", "turn", "squeeze", "squeeze_ramp", "rest")  # keys of a hand's own motion
+SPEED = 0.5  # highest speed of a goal [m/s]
+QUICK, SLOW = 0.004, 0.033  # interval between pictures while fingers are touched, and otherwise [s]
+STEP = 0.002  # interval between steps of goals [s]
+PAUSE = 2.0  # time during which a fault is shown before the scene restarts [s]
+
+
+def box_of(scenery: Scenery) -> Box:
+    """Choose the touchable area: around the scene's middle, with room to move objects."""
+    x, y = float(scenery.middle[0]), float(scenery.middle[1])
+    half, high = WIDE * scenery.extent, HIGH * scenery.extent
+    return Box(x - half, y - high, x + half, y + high)
+
+
+def description(scenery: Scenery, title: str, fingers: Sequence[int], touchable: int, box: Box, fault: str = "") -> str:
+    """Return the static content of the page, as JSON.
+
+    Args:
+        scenery: Scenery of the scene.
+        title: Title of the page.
+        fingers: Numbers of the fingers in the order of the page.
+        touchable: Number of fingers that can be touched; they come first.
+        box: Touchable area.
+        fault: Fault of the run; empty for none.
+    """
+    objects = [each for each in scenery.solids if each.object is not None]
+    most = "one finger" if touchable == 1 else f"up to {touchable} fingers"
+    return json.dumps({
+        "title": title,
+        "hint": f"Touch with {most}. {CAVEAT}",
+        "fault": fault,
+        "box": box,
+        "touchable": touchable,
+        "fingers": [
+            {"name": scenery.fingers[i], "colour": scenery.colours[i], "radius": float(scenery.radii[i])}
+            for i in fingers
+        ],
+        "objects": [_shape(each) for each in objects],
+        "obstacles": [_shape(each) for each in scenery.solids if each.object is None],
+        "states": [CONTACTS[state] for state in STATES],
+        "internal": INTERNAL,
+        "external": EXTERNAL,
+        "legend": LEGEND,
+    })  # fmt: skip
+
+
+def picture(frames: Frames, tick: int, scenery: Scenery, fingers: Sequence[int]) -> bytes:
+    """Encode the last frame: tick, time, squeeze, push, poses (x, y, angle), and seven numbers per finger.
+
+    The seven numbers are position, internal force, external force and state. Missing forces are 0, other numbers NaN.
+    """
+    n = len(fingers)
+    modes = frames.modes.values()
+    poses = [frames.poses.get(solid.object) for solid in scenery.solids if solid.object is not None]
+    rows = np.zeros((n, 7))
+    rows[:, :2] = frames.fingertips[-1, fingers, :2]
+    if frames.parts is not None:
+        rows[:, 2:4], rows[:, 4:6] = (part[-1, fingers, :2] for part in frames.parts)
+    rows[:, 6] = frames.states[-1, fingers]
+    return np.concatenate([
+        [tick, frames.time[-1], _largest(each.mean_squeeze[-1] for each in modes),
+         _largest(float(np.linalg.norm(each.push[-1])) for each in modes)],
+        *(np.full(3, np.nan) if pose is None else _pose(*pose) for pose in poses), rows.ravel(),
+    ]).tobytes()  # fmt: skip
+
+
+def _pose(place: FloatArray, turn: FloatArray) -> list[float]:
+    """Return x, y and angle of an object in the last frame."""
+    return [place[-1, 0], place[-1, 1], 2.0 * math.atan2(turn[-1, 3], turn[-1, 0])]
+
+
+def _largest(forces: Iterable[float]) -> float:
+    """Return the largest finite force [N]; NaN if none is known."""
+    return max(filter(math.isfinite, forces), default=math.nan)
+
+
+def _shape(solid: Solid) -> dict[str, Any]:
+    """Return the outline of a slab: its front vertices, which come first."""
+    outline = solid.vertices[: len(solid.vertices) // 2, :2]
+    return {"name": solid.name, "colour": solid.colour, "loops": [outline.round(9).tolist()]}
 
 
 class Entry(NamedTuple):
@@ -86,9 +178,6 @@ class TouchLog:
         return file
 
 
-OWN = ("motion", "turn", "squeeze", "squeeze_ramp", "rest")  # keys of a hand's own motion
-
-
 def touched_scene(scene: Scene) -> Scene:
     """Remove the motions, rotations and squeezes of a scene's hands, so that fingers stay at their initial positions.
 
@@ -125,15 +214,6 @@ def _at(table: Any, place: tuple[str | int, ...]) -> dict[str, Any]:
     return own
 
 
-FloatArray = NDArray[np.float64]
-
-SPEED = 0.5  # highest speed of a goal [m/s]
-QUICK, SLOW = 0.004, 0.033  # interval between pictures while fingers are touched, and otherwise [s]
-STEP = 0.002  # interval between steps of goals [s]
-AGAIN = 0.25  # time after which a released finger that still touches withdraws further [s]
-PAUSE = 2.0  # time during which a fault is shown before the scene restarts [s]
-
-
 class TouchRun:
     """Live run whose fingers follow a touch screen; a context manager.
 
@@ -143,7 +223,6 @@ class TouchRun:
         gate: Access control of the page.
         speed: Highest speed of a goal [m/s].
         out: Folder of the recording and the log of orders; None for neither.
-        overwrite: Whether existing files may be overwritten.
 
     Attributes:
         run: Live run.
@@ -156,26 +235,23 @@ class TouchRun:
     """
 
     def __init__(
-        self, scene: Scene, line: socket, gate: Gate, *, speed: float = SPEED, out: str | PathLike[str] | None = None,
-        overwrite: bool = False,
-    ) -> None:  # fmt: skip
+        self, scene: Scene, line: socket, gate: Gate, *, speed: float = SPEED, out: str | PathLike[str] | None = None
+    ) -> None:
         if not (math.isfinite(speed) and speed > 0.0):
             raise InputError("speed", speed, "a finite speed above zero [m/s]")
         still = touched_scene(scene)
         self._out = None if out is None else Path(out)
-        self._scenery = scenery(still)
-        self.box = box_of(self._scenery)
         self.log = TouchLog(is_on=out is not None)
         self.run = LiveRun(still, out=out, guide="fingers")
         try:
-            guides = self.run.guides
+            self._scenery, guides = scenery(self.run.header, self.run.layout), self.run.guides
+            self.box = box_of(self._scenery)
             if not 0 < len(guides) <= MOST_FINGERS:
                 raise InputError("scene", still.title, f"one to {MOST_FINGERS} fingers held by a spring hand")
             led = [guide.fingers[0] for guide in guides]
             self._fingers = [*led, *(i for i in range(len(self.run.layout.fingers)) if i not in led)]
             self._walks = [GoalWalk(speed) for _ in guides]
             self._reaches = [FingerReach(self.run.servo, finger, speed) for finger in led]
-            self._released = [0.0] * len(guides)  # time of the last release of a finger that may still touch, else 0
             self._lock = threading.Lock()
             self._tips = np.array([guide.position for guide in guides])
             self._dimensions = self._tips.shape[1]
@@ -227,7 +303,6 @@ class TouchRun:
         """Move a finger to a position."""
         now = time.monotonic()
         with self._lock:
-            self._released[finger] = 0.0
             aim = self._reaches[finger].nearest(np.array(place[: self._dimensions]))
             self._send(finger, self._walks[finger].aim(aim, self._tips[finger], now))
 
@@ -235,12 +310,8 @@ class TouchRun:
         """Release a finger."""
         with self._lock:
             self._walks[finger].end()
-            self._let_go(finger)
-
-    def _let_go(self, finger: int) -> None:
-        self._released[finger] = time.monotonic()
-        if self.run.state != "ended":
-            self.run.let_go(finger)
+            if self.run.state != "ended":
+                self.run.let_go(finger)
 
     def _send(self, finger: int, goal: FloatArray) -> None:
         if self.run.state != "ended":
@@ -273,17 +344,9 @@ class TouchRun:
 
     def _show(self, row: FloatArray, tick: int) -> None:
         frames = Frames(history_of(row[None], self.run.layout, self.run.header, tick=tick), self._scenery.apart)
-        frame = frames[0]
         with self._lock:
-            self._tips = fingertips(frame, self._dimensions)[self._fingers].copy()
-            now = time.monotonic()
-            for finger, since in enumerate(self._released):
-                if since and now - since > AGAIN:
-                    if frame.touching[self._fingers[finger]]:
-                        self._let_go(finger)
-                    else:
-                        self._released[finger] = 0.0
-        self.server.show(picture(frames, self._scenery, self._fingers))
+            self._tips = frames.fingertips[0, self._fingers, : self._dimensions].copy()
+        self.server.show(picture(frames, tick, self._scenery, self._fingers))
 
     def _step(self) -> None:
         with self._lock:

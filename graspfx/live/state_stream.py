@@ -1,38 +1,147 @@
-"""Stream of a run over a WebSocket: sends the newest row as a state, and applies goals of clients to the hands."""
+"""Stream of a run over a WebSocket: states as JSON, in SI units and right-handed 3-D coordinates; goals of guides."""
 
 from __future__ import annotations
 
+import json
 import threading
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from contextlib import ExitStack, suppress
 from socket import socket
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx import __version__
 from graspfx.errors import GraspFXError, InputError
-from graspfx.live.frame import Frames, history_of
+from graspfx.live.frame import STATES, Frames, history_of
+from graspfx.live.guides import GoalWalk, Guide
 from graspfx.live.scenery import Scenery, scenery
-from graspfx.live.stream.state_message import hello_message, state_message
-from graspfx.live.touch.finger_goals import GoalWalk
-from graspfx.screen.gate import TOKEN, StreamGate
-from graspfx.screen.own_page import HOST, NAMES, listen_at
+from graspfx.screen.gate import HOST, TOKEN, StreamGate, listen, names_of, network_address
 from graspfx.screen.stream_server import SOCKET, Bounds, StreamOrder, StreamServer
-from graspfx.screen.touch_address import network_address
+from graspfx.show.picture.instant import lifted
 
 if TYPE_CHECKING:
     from graspfx.live.live_run import LiveRun
-    from graspfx.screen.gate import StreamGate
+    from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
 
+PROTOCOL = "graspfx-stream/1"  # increased with each incompatible change
+UNITS = {"length": "m", "force": "N", "time": "s"}
+FIRST = 8770  # first port to try
 RATE, FASTEST = 60.0, 120.0  # default and highest rate of states [Hz]
 SPEED = 0.5  # highest speed of a goal [m/s]
 STEP = 0.004  # interval between steps of goals [s]
 REACH = 2.0  # largest component of an offset, in extents of the scene
 CLOSEST = 0.3  # largest squeeze, in extents
+
+
+def hello_message(
+    scene: Scene, scenery: Scenery, guides: Sequence[Guide], *, rate: float, farthest: float, closest: float,
+    run: int,
+) -> str:  # fmt: skip
+    """Return the hello message: names, frames and units, and the guides that clients may move.
+
+    Args:
+        scene: Running scene.
+        scenery: Scenery of the scene.
+        guides: Guides that clients may move; empty for none.
+        rate: Highest rate of states [Hz].
+        farthest: Largest component of an offset [m].
+        closest: Largest absolute squeeze [m].
+        run: Number of the run in the stream.
+    """
+    table = scene.to_dict()
+    return _json({
+        "type": "hello",
+        "protocol": PROTOCOL,
+        "version": __version__,
+        "title": scene.title,
+        "run": run,
+        "dimensions": scene.dimensions,
+        "period": scene.period,
+        "rate": rate,
+        "units": UNITS,
+        "handedness": "right",
+        "up": "z" if scenery.up[2] else "y",
+        "fingers": [
+            {"name": name, "object": scene.object[own].name, "colour": colour, "radius": float(radius)}
+            for name, own, colour, radius in zip(
+                scene.finger_names, scene.finger_objects, scenery.colours, scenery.radii, strict=True
+            )
+        ],
+        "objects": [
+            {"name": each.name, "shape": _shape(table, "object", i)} for i, each in enumerate(scene.object)
+        ],
+        "obstacles": [
+            {"name": each.name, "shape": _shape(table, "obstacle", i)} for i, each in enumerate(scene.obstacle)
+        ],
+        "guides": [
+            {"name": each.name, "fingers": list(each.fingers), "position": _finite(lifted(each.position[None], 3)[0]),
+             "squeezes": each.place is None}
+            for each in guides
+        ],
+        "farthest": farthest,
+        "closest": closest,
+    })  # fmt: skip
+
+
+def state_message(frames: Frames, tick: int, number: int, run: int, state: str, fault: str) -> str:
+    """Return a state message.
+
+    Args:
+        frames: Frames, of which the last one is the state.
+        tick: Tick of the state.
+        number: Number of the state.
+        run: Number of the run in the stream.
+        state: "running", "paused" or "ended".
+        fault: Fault of the run; empty for none.
+    """
+    force, (internal, external) = frames.force, frames.parts or (None, None)
+    return _json({
+        "type": "state",
+        "number": number,
+        "run": run,
+        "tick": tick,
+        "time": float(frames.time[-1]),
+        "state": state,
+        "fault": fault,
+        "objects": [
+            {"name": name, "position": _finite(place[-1]), "orientation": _finite(turn[-1, [1, 2, 3, 0]])}
+            for name, (place, turn) in frames.poses.items()
+        ],
+        "fingers": [
+            {
+                "position": _finite(frames.fingertips[-1, i]), "contact": STATES[contact],
+                "contact_position": _finite(frames.contacts[-1, i]), "force": _part(force, i),
+                "internal": _part(internal, i), "external": _part(external, i),
+            }
+            for i, contact in enumerate(frames.states[-1])
+        ],
+    })  # fmt: skip
+
+
+def _json(table: dict[str, Any]) -> str:
+    return json.dumps(table, separators=(",", ":"), allow_nan=False)
+
+
+def _finite(numbers: FloatArray) -> list[float] | None:
+    """Convert numbers to a list; None if one of them is not finite."""
+    return numbers.tolist() if np.isfinite(numbers).all() else None
+
+
+def _part(forces: FloatArray | None, finger: int) -> list[float] | None:
+    """Return the force of a finger in the last frame; None if forces were not recorded."""
+    return None if forces is None else _finite(forces[-1, finger])
+
+
+def _shape(table: dict[str, Any], kind: str, number: int) -> Any:
+    """Return a shape as in the scene; None for a point."""
+    entries = table.get(kind)
+    entry = entries if isinstance(entries, dict) else entries[number] if entries else {}
+    return entry.get("shape")
 
 
 class StateStream:
@@ -60,14 +169,12 @@ class StateStream:
         if not 1.0 <= rate <= FASTEST:
             raise InputError("rate", rate, f"1 to {FASTEST:g} states a second")
         self.rate, self._goals = rate, goals
-        self.server = StreamServer(line, gate, self)
+        self.server = StreamServer(line, gate, self.lead, self.release)
         self._run: LiveRun | None = None
         self._scenery: Scenery | None = None
-        self._walks: list[tuple[GoalWalk, GoalWalk]] = []
-        self._goal: list[tuple[FloatArray, FloatArray]] = []
+        self._walks: list[GoalWalk] = []  # of each guide's offset and squeeze together (d + 1,) [m]
         self._lock, self._writing, self._over = threading.RLock(), threading.Lock(), threading.Event()
-        self._number, self._runs, self._tick, self._next = 0, 0, -1, 0.0
-        self.states = 0
+        self.states, self._runs, self._tick, self._next = 0, 0, -1, 0.0
         self._thread = threading.Thread(target=self._follow, name="states", daemon=True)
 
     def __enter__(self) -> Self:
@@ -92,10 +199,9 @@ class StateStream:
         with self._lock, self._writing:
             self._runs += 1
             guides = list(run.guides) if self._goals else []
-            drawn = self._scenery = scenery(run.scene)
+            drawn = self._scenery = scenery(run.header, run.layout)
             far, near = REACH * drawn.extent, CLOSEST * drawn.extent
-            self._walks = [(GoalWalk(SPEED), GoalWalk(SPEED)) for _ in guides]
-            self._goal = [(np.zeros(run.layout.dimensions), np.zeros(1)) for _ in guides]
+            self._walks = [GoalWalk(SPEED) for _ in guides]
             hello = hello_message(
                 run.scene, drawn, guides, rate=self.rate, farthest=far, closest=near, run=self._runs
             )  # fmt: skip
@@ -117,32 +223,25 @@ class StateStream:
         with self._lock:
             if self._run is None or order.guide >= len(self._walks):
                 return
-            now = time.monotonic()
-            walk, closing = self._walks[order.guide]
-            if not (walk.is_led or closing.is_led):  # start from the last goal
-                place, near = self._run.goal(order.guide)
-                self._goal[order.guide] = place.copy(), np.array([near])
-            offset, squeeze = self._goal[order.guide]
+            walk, start = self._walks[order.guide], np.append(*self._run.goal(order.guide))
+            target = walk.target.copy() if walk.is_led else start.copy()
             if order.offset is not None:
-                self._goal[order.guide] = (walk.aim(np.array(order.offset[: len(offset)]), offset, now), squeeze)
+                target[:-1] = order.offset[: len(start) - 1]
             if order.squeeze is not None and self._run.guides[order.guide].place is None:
-                offset, _ = self._goal[order.guide]
-                self._goal[order.guide] = (offset, closing.aim(np.array([order.squeeze]), squeeze, now))
-            self._send(order.guide)
+                target[-1] = order.squeeze
+            self._send(order.guide, walk.aim(target, start, time.monotonic()))
 
     def release(self, guide: int) -> None:
         """Release a guide; its goal no longer changes."""
         with self._lock:
             if guide < len(self._walks):
-                for walk in self._walks[guide]:
-                    walk.end()
+                self._walks[guide].end()
 
-    def _send(self, guide: int) -> None:
+    def _send(self, guide: int, goal: FloatArray) -> None:
         run = self._run
         if run is not None and run.state != "ended":
-            offset, squeeze = self._goal[guide]
             with suppress(GraspFXError):  # the run may end meanwhile
-                run.guide(guide, offset, float(squeeze[0]) if run.guides[guide].place is None else None)
+                run.guide(guide, goal[:-1], float(goal[-1]) if run.guides[guide].place is None else None)
 
     # States: in a thread of its own -------------------------------------------------------------------------------
 
@@ -163,14 +262,10 @@ class StateStream:
                     self.server.show(message)
 
     def _step(self) -> None:
-        now = time.monotonic()
-        for guide, walks in enumerate(self._walks):
-            parts = list(self._goal[guide])
-            steps = [walk.step(now) for walk in walks]
-            if any(each is not None for each in steps):
-                new = [old if each is None else each for old, each in zip(parts, steps, strict=True)]
-                self._goal[guide] = new[0], new[1]
-                self._send(guide)
+        for guide, walk in enumerate(self._walks):
+            goal = walk.step(time.monotonic())
+            if goal is not None:
+                self._send(guide, goal)
 
     def _message(self, run: LiveRun, state: str) -> str | None:
         """Return the newest row as a message; None without a new row."""
@@ -181,13 +276,10 @@ class StateStream:
         if at == self._tick and state == "running":
             return None
         frames = Frames(history_of(rows[-1:], run.layout, run.header, changes=run.splits, tick=at), self._scenery.apart)
-        self._tick, self._number, self.states = at, self._number + 1, self.states + 1
+        self._tick, self.states = at, self.states + 1
         fault = run.fault
         text = str(fault.message) if fault is not None else run.cause
-        return state_message(frames[0], self._number, self._runs, state, text)
-
-
-FIRST = 8770  # first port to try
+        return state_message(frames, at, self.states, self._runs, state, text)
 
 
 def stream_of(
@@ -210,8 +302,8 @@ def stream_of(
             invalid.
         MissingPackageError: If websockets is not installed.
     """
-    line = stack.enter_context(listen_at(network_address() if lan else HOST, port, FIRST, "--port"))
+    line = stack.enter_context(listen(network_address() if lan else HOST, port, FIRST, "--port"))
     host, number = line.getsockname()[:2]
-    gate = StreamGate({host} if lan else NAMES, number if lan else 0, token, origins)
+    gate = StreamGate(*names_of(line, lan=lan), token, origins)
     stream = stack.enter_context(StateStream(line, gate, rate=rate, goals=goals))
     return stream, f"ws://{host}:{number}{SOCKET}?{TOKEN}={gate.token}"
