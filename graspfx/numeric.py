@@ -64,3 +64,13 @@ def number(name: str, argument: object, expected: str, do: str = "", *, zero: bo
     if value.ndim or not (value >= 0.0 if zero else value >= SMALLEST):
         raise InputError(name, argument, expected, do)
     return float(value)
+
+
+def fraction(name: str, argument: float) -> float:
+    """Check a relative tolerance in [0, 1)."""
+    if type(argument) is float and 0.0 <= argument < 1.0:
+        return argument
+    value = number(name, argument, "a relative tolerance in [0, 1)")
+    if value >= 1.0:
+        raise InputError(name, argument, "a relative tolerance in [0, 1)")
+    return value

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from graspfx.assembly.resolve import Parts
 from graspfx.coupling import block as at
 from graspfx.coupling.closed_motion import CREATES, TURN, worst_turn
-from graspfx.coupling.fade import FADE, gaps, release_compliance
+from graspfx.coupling.rules import FADE, gaps, release_compliance
 from graspfx.loop.plant import Hand
 from graspfx.loop.servo_parts import GraspedPart
 from graspfx.objects.body import NativeBody

@@ -30,8 +30,8 @@ from graspfx.assembly.wiring import Wire, connect, fitted, outside_faults
 from graspfx.compile.kernel import source_function
 from graspfx.compile.records import start_of
 from graspfx.coupling import block as at
-from graspfx.coupling.fade import compliance_of_numbers, gaps
 from graspfx.coupling.grasp_state import FingerState, GraspState
+from graspfx.coupling.rules import compliance_of_numbers, gaps
 from graspfx.errors import GraspFXError
 from graspfx.loop.plant import is_still
 from graspfx.numeric import LARGEST, SMALLEST

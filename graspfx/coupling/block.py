@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from graspfx.compile.records import size_of, start_of
 from graspfx.coupling.grasp_state import FingerState, GraspState
-from graspfx.grasp.contact_state import Freedom
+from graspfx.grasp.rigid_modes import Freedom
 
 # Fields of a grasp.
 DIMENSIONS = start_of(GraspState, "dimensions")

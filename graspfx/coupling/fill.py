@@ -13,12 +13,10 @@ from graspfx.compile.records import numbers, size_for, size_of, start_of
 from graspfx.cones.friction import LEAST
 from graspfx.cones.problem import MODES, problem_size, set_up
 from graspfx.coupling.contacts import LARGEST
-from graspfx.coupling.fade import release_compliance
 from graspfx.coupling.gains import ALONE, CONTACT, LITERAL, OBJECT, SYMMETRIC, WORLD
-from graspfx.coupling.grasp_state import FingerState, GraspState
+from graspfx.coupling.grasp_state import FingerState, GraspState, RecoilState
 from graspfx.coupling.object_gains import WIDE
-from graspfx.coupling.recoil_state import recoil_size
-from graspfx.coupling.rules import Rules
+from graspfx.coupling.rules import Rules, release_compliance
 from graspfx.errors import InputError
 from graspfx.grasp.impedance import Coupling, per_finger
 from graspfx.grasp.object_impedance import ObjectImpedance
@@ -260,7 +258,7 @@ class _Room:
             "matrix_entries": sum(matrix.size for matrix in squares),
             "object_freedoms": WIDE if grip.law.of_object else 0,
             "padded_count": n if grip.padded else 0,
-            "recoil_entries": recoil_size(grip.columns) if grip.recoils else 0,
+            "recoil_entries": size_for(RecoilState, most=grip.columns) if grip.recoils else 0,
         }
         most = grip.columns if grip.recoils else MODES
         unknowns = max(n * coordinates, most) if grip.implicit or grip.matrices else MODES

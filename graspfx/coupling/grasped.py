@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspfx.compile.memory import zeros
 from graspfx.compile.records import Many, size_of, start_of
 from graspfx.coupling.block_entries import (
+    contradiction,
     gain_entries,
     matrix_entries,
     recorded_entries,
@@ -19,14 +20,12 @@ from graspfx.coupling.block_entries import (
 )
 from graspfx.coupling.contacts import EXCESSIVE, NOT_FINITE, UNRESOLVED, approach, refactor, turn_axes
 from graspfx.coupling.depth import compliance
-from graspfx.coupling.fade import release_compliance
 from graspfx.coupling.fill import Grip, Shape, block_size, body_array, fill_block, largest_forces, radii
-from graspfx.coupling.gain_switches import contradiction
 from graspfx.coupling.gains import V, W, fill_gains, fill_rows
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.law import normal_force
 from graspfx.coupling.object_gains import WIDE, add_object_gain
-from graspfx.coupling.rules import Rules
+from graspfx.coupling.rules import Rules, release_compliance
 from graspfx.coupling.sample import let_go, sample
 from graspfx.coupling.two_forces import SplitRule
 from graspfx.grasp.impedance import Coupling

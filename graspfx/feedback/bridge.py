@@ -28,8 +28,7 @@ from graspfx.feedback.host_record import (
     STATE,
     TOO_LARGE,
 )
-from graspfx.grasp.direct import couple_points
-from graspfx.grasp.point_grasp import PointGrasp
+from graspfx.grasp.direct import PointGrasp, couple_points
 from graspfx.spatial import NOTHING, dot
 
 HOLD, LINEAR, MODEL = 0, 1, 2  # predictions between two samples

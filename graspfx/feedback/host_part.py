@@ -12,7 +12,7 @@ from graspfx.compile.memory import zeros
 from graspfx.compile.records import size_for
 from graspfx.feedback.bridge import HOLD, LINEAR, MODEL, HostState
 from graspfx.feedback.host_record import HOST_FIRST, LOOP_SIZE, HostRecord, make_record
-from graspfx.grasp.point_grasp import PointGrasp
+from graspfx.grasp.direct import PointGrasp
 
 FloatArray = NDArray[np.float64]
 METHODS = {"hold": HOLD, "linear": LINEAR, "model": MODEL}

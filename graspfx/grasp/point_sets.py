@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from graspfx.compile.kernel import keep_lowerings, source_function
 from graspfx.compile.lazy_kernels import KernelOnDemand
 from graspfx.compile.records import size_for, start_of
-from graspfx.grasp import direct, direct_modes
+from graspfx.grasp import direct
 from graspfx.grasp.contact import MOMENTS
-from graspfx.grasp.point_grasp import PointGrasp
+from graspfx.grasp.direct import PointGrasp
 
 FloatArray = NDArray[np.float64]
 Space = TypeVar("Space")
@@ -26,7 +26,7 @@ COMPILE = 300_000  # number of contacts whose interpretation takes as long as co
 
 COUPLE, COUPLE_ROWS, MODE_ROWS = (
     KernelOnDemand(kernel, few=LOAD, load=LOAD, make=COMPILE)
-    for kernel in (direct.couple, direct_modes.couple_rows, direct_modes.mode_rows)
+    for kernel in (direct.couple, direct.couple_rows, direct.mode_rows)
 )
 
 

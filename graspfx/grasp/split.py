@@ -14,13 +14,14 @@ from graspfx.card import Card, Carded, counted, span
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.grasp.gain import SYMMETRIC
 from graspfx.grasp.matrix import GraspMatrix
-from graspfx.numeric import finite, number
+from graspfx.numeric import finite, fraction
 
 if TYPE_CHECKING:
     from graspfx.grasp.quality.internal import InternalCoordinates
 
 FloatArray = NDArray[np.float64]
 Kind = Literal["pseudoinverse", "mass", "weights", "stiffness"]
+AnyKind = Literal["pseudoinverse", "mass", "weights", "stiffness", "virtual-linkage"]  # the last for analysis only
 
 CALLS = ".divide(f), .external, .internal, .internal_basis, .internal_coordinates(names)"
 EPS = float(np.finfo(float).eps)
@@ -415,16 +416,6 @@ def metric_of(
     return M / size if size > 0.0 else M
 
 
-def fraction(name: str, argument: float) -> float:
-    """Check a relative tolerance in [0, 1)."""
-    if type(argument) is float and 0.0 <= argument < 1.0:
-        return argument
-    value = number(name, argument, "a relative tolerance in [0, 1)")
-    if value >= 1.0:
-        raise InputError(name, argument, "a relative tolerance in [0, 1)")
-    return value
-
-
 def fits(shape: tuple[int, ...], sets: tuple[int, ...]) -> bool:
     """Return whether an array's leading axes match the sets of contacts; for one set, any leading axes match."""
     if not sets:
@@ -459,3 +450,56 @@ def _row_space(A: FloatArray, absolute: float = 0.0, relative: float = 0.0) -> t
 
 def _transposed(A: FloatArray) -> FloatArray:
     return np.swapaxes(A, -1, -2)
+
+
+def divide(
+    grasp: ContactSet | ArrayLike,
+    force: ArrayLike,
+    kind: AnyKind = "pseudoinverse",
+    *,
+    weights: ArrayLike | None = None,
+    stiffness: ArrayLike | None = None,
+    metric: ArrayLike | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Divide contact forces f into external and internal parts, f = P f + (I - P) f, G (I - P) = 0.
+
+    | kind | P on forces | source | conservative as a coupling |
+    |---|---|---|---|
+    | pseudoinverse | G^+ G | Kawai and Yoshikawa, eq. 3 | yes |
+    | mass, weights | M G'(G M G')^+ G, M a number per finger | Erhart and Hirche 2015 | yes |
+    | stiffness | the same, M the springs of fingers and pads | | yes |
+    | virtual-linkage | only forces exert the wrench | Williams and Khatib 1993 | not with moments |
+
+    Args:
+        grasp: `Grasp`; or for "pseudoinverse" a matrix (w, m), whose columns are all forces or all moments.
+        force: Contact forces (m,) or (..., m); (..., n, d) for contacts with d forces each [N, N m].
+        kind: Kind of the split, from the table.
+        weights, stiffness: Weights and stiffness, as for `Split`.
+        metric: Metric M, for "pseudoinverse": `grasp.metric(torsion_length=...)` if contacts have moments.
+
+    Returns:
+        External and internal forces, with the shape of `force`.
+
+    Raises:
+        InputError: If an argument is invalid for `Split`, or is not used by the kind.
+        UnknownNameError: If the kind is unknown.
+    """
+    if kind not in get_args(AnyKind):
+        raise UnknownNameError("kind of split", str(kind), get_args(AnyKind))
+    f = np.asarray(force, dtype=float)
+    flat = f
+    if isinstance(grasp, GraspMatrix) and f.shape[-2:] == grasp.points.shape[-2:] and f.shape[-1] != grasp.components:
+        flat = f.reshape(*f.shape[:-2], -1)
+    if kind == "virtual-linkage":
+        from graspfx.grasp.quality.internal import VirtualLinkage
+
+        if not isinstance(grasp, GraspMatrix):
+            raise InputError("grasp", grasp, "a Grasp for kind='virtual-linkage'")
+        if not (weights is stiffness is metric is None):
+            raise InputError("weights", weights, "no weights, stiffness or metric for kind='virtual-linkage'")
+        grasp.require_one("divide")
+        parts = VirtualLinkage(grasp).divide(flat)
+    else:
+        named: Kind = kind
+        parts = Split(grasp, kind=named, weights=weights, stiffness=stiffness, metric=metric).divide(flat)
+    return parts[0].reshape(f.shape), parts[1].reshape(f.shape)

@@ -14,8 +14,7 @@ from graspfx.assembly.resolve import resolve
 from graspfx.certificate.certificate import lines
 from graspfx.certificate.notes import arms, blend_notes
 from graspfx.coupling import block as at
-from graspfx.coupling.fade import release_compliance
-from graspfx.coupling.rules import Rules
+from graspfx.coupling.rules import Rules, release_compliance
 from graspfx.errors import SceneError
 from graspfx.show.summary_table import remarks
 from tests.support.grasps import grasped, law

@@ -15,10 +15,10 @@ from graspfx.cones.problem import STICK
 from graspfx.coupling import block as at
 from graspfx.coupling.grasp_state import FingerState
 from graspfx.coupling.grasped import GraspedObject
-from graspfx.coupling.react import react
+from graspfx.coupling.law import react
+from graspfx.coupling.limit import scale
 from graspfx.coupling.rules import Rules
 from graspfx.coupling.sample import sample
-from graspfx.coupling.scaling import scale
 from graspfx.surfaces.closed_form.shape import Box
 from tests.support.closed_paths import gain_per_loop
 from tests.support.grasps import ON_A_LINE, RIGID, grasped, law

@@ -10,8 +10,8 @@ from graspfx.compile.records import start_of
 from graspfx.coupling import block as at
 from graspfx.coupling.grasp_state import FingerState
 from graspfx.coupling.grasped import GraspedObject
-from graspfx.coupling.react import react
-from graspfx.coupling.scaling import scale
+from graspfx.coupling.law import react
+from graspfx.coupling.limit import scale
 from graspfx.loop.safety.chain import SafetyChain, SafetyLimits
 from graspfx.loop.safety.restrain import BAND, growth_share, restrain
 from graspfx.loop.safety.safety_state import FingerLimits, SafetyState
