@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.grasp.gain import block_diagonal
 from graspfx.grasp.impedance import Coupling, per_finger
 from graspfx.grasp.object_impedance import ObjectImpedance
 
@@ -73,7 +74,7 @@ def release_compliance(law: Coupling, fingers: int, dimensions: int) -> float:
             return 0.0
         inverse.append(np.asarray(np.linalg.inv(gain), dtype=np.float64))
     if inverse[0].ndim != inverse[1].ndim:
-        inverse = [_whole(each) for each in inverse]
+        inverse = [block_diagonal(each, n) if each.ndim > 2 else each for each in inverse]
     return 0.5 * float(np.linalg.norm(inverse[0] - inverse[1], 2, axis=(-2, -1)).max())
 
 
@@ -87,13 +88,3 @@ def compliance_of_numbers(kep: float, kip: float) -> float:
 def gaps(needed: float) -> tuple[float, float]:
     """Choose the gaps of a fade [m]: the fade starts at `needed` or farther away, and extends over the default 8 mm."""
     return FADE if needed <= FADE[0] else (needed, needed + BAND)
-
-
-def _whole(blocks: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Assemble the fingers' matrices (n, d, d) into one block-diagonal matrix (n d, n d)."""
-    if blocks.ndim == 2:
-        return blocks
-    n, d, _ = blocks.shape
-    whole = np.zeros((n * d, n * d))
-    whole.reshape(n, d, n, d)[np.arange(n), :, np.arange(n), :] = blocks
-    return whole

@@ -38,8 +38,20 @@ def grasp_matrix(
     return GraspMatrix(points, normals, model=model, frames=frames, origin=origin, free=free).matrix
 
 
+def moments(arms: FloatArray, forces: FloatArray) -> FloatArray:
+    """Compute r x a of vectors (..., d): (..., 0) on the line, (..., 1) in the plane, (..., 3) in space."""
+    if arms.shape[-1] == 3:
+        return np.asarray(arms[..., NEXT] * forces[..., LAST] - arms[..., LAST] * forces[..., NEXT])
+    if arms.shape[-1] == 2:
+        return np.asarray(arms[..., 0] * forces[..., 1] - arms[..., 1] * forces[..., 0])[..., None]
+    return np.zeros((*np.broadcast_shapes(arms.shape, forces.shape)[:-1], 0))
+
+
 class GraspMatrix:
     """Grasp matrix, with a description of its rows and columns. The arguments are those of `Grasp`."""
+
+    fingers: int
+    dimensions: int
 
     def __init__(
         self,
@@ -99,6 +111,15 @@ class GraspMatrix:
         """Mask of the columns that are moments [N m], (m,)."""
         return self.contacts.moment
 
+    @property
+    def forces_of_each(self) -> int:
+        """Number of forces of each contact; 0 if the contacts differ, or transmit moments."""
+        if self.point_contacts:
+            return self.dimensions
+        counts = np.bincount(self.finger_of_column, minlength=self.fingers)
+        is_alike = bool((counts == counts[0]).all()) and not self.torsion_columns.any()
+        return int(counts[0]) if is_alike else 0
+
     @cached_property
     def moment_rows(self) -> NDArray[np.bool_]:
         """Mask of the rows that are moments of the wrench, (w,)."""
@@ -111,14 +132,8 @@ class GraspMatrix:
         """G, (w, m) or (..., w, m) for many sets, with moments about the given origin."""
         arms = (self.points - self.origin[..., None, :])[..., self.finger_of_column, :]  # (..., m, d)
         a = np.broadcast_to(self.contacts.force_axes, arms.shape)
-        moments = self.contacts.moment_axes
-        if self.dimensions == 3:
-            moments = _cross(arms, a) + moments
-        elif self.dimensions == 2:
-            moments = (arms[..., 0] * a[..., 1] - arms[..., 1] * a[..., 0])[..., None] + moments
-        else:
-            moments = np.broadcast_to(moments, (*arms.shape[:-1], 0))
-        return _transposed(np.concatenate([a, moments], axis=-1))[..., self.free, :]
+        rows = np.concatenate([a, moments(arms, a) + self.contacts.moment_axes], axis=-1)
+        return transposed(rows)[..., self.free, :]
 
     def unit_free(self) -> tuple[FloatArray, FloatArray]:
         """Return a matrix (..., w, m) with the row space of G, torsion columns scaled by a length, and that length.
@@ -129,7 +144,7 @@ class GraspMatrix:
         """
         d, free = self.dimensions, self.free
         a = self.contacts.force_axes
-        shifts = np.broadcast_to(_transposed(a)[..., free[:d], :], (*self.sets, int(free[:d].sum()), self.components))
+        shifts = np.broadcast_to(transposed(a)[..., free[:d], :], (*self.sets, int(free[:d].sum()), self.components))
         if not free[d:].any():
             return shifts, np.ones(self.sets)
         axes, fields, centroid = centred_arms(self.points, principal=bool(free[d:].all()))
@@ -139,14 +154,14 @@ class GraspMatrix:
         if not free[:d].all():
             offset = centroid + (self.points[..., 0, :] - self.origin)
             carried = (
-                _cross(axes, offset[..., None, :])
+                moments(axes, offset[..., None, :])
                 if d == 3
                 else np.stack([-offset[..., 1], offset[..., 0]], axis=-1)[..., None, :]
             )
             carried[..., free[:d]] = 0.0
             fields = fields + carried[..., :, None, :]
         rows = (fields[..., self.finger_of_column, :] * a[..., None, :, :]).sum(axis=-1)  # (..., turns, m) [m]
-        turns = rows / size[..., None, None] + axes @ _transposed(self.contacts.moment_axes)
+        turns = rows / size[..., None, None] + axes @ transposed(self.contacts.moment_axes)
         return np.concatenate([shifts, turns[..., free[d:], :]], axis=-2), size
 
     def require_one(self, function: str) -> None:
@@ -176,18 +191,12 @@ class GraspMatrix:
         return M
 
 
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Compute the cross product along the last axis."""
-    return np.asarray(a[..., NEXT] * b[..., LAST] - a[..., LAST] * b[..., NEXT])
-
-
-def _transposed(A: FloatArray) -> FloatArray:
+def transposed(A: FloatArray) -> FloatArray:
+    """Transpose each matrix (..., k, l)."""
     return np.swapaxes(A, -1, -2)
 
 
-def _mask(free: ArrayLike | None, w: int) -> NDArray[np.bool_]:
-    if free is None:
-        return np.ones(w, dtype=bool)
+def _mask(free: ArrayLike, w: int) -> NDArray[np.bool_]:
     try:
         mask = np.asarray(free)
     except ValueError as error:

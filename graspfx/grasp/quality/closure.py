@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError, UnknownNameError
-from graspfx.grasp.contact import SELECTION
-from graspfx.grasp.matrix import GraspMatrix
+from graspfx.grasp.contact import MOMENTS, SELECTION
+from graspfx.grasp.matrix import GraspMatrix, moments
 from graspfx.grasp.quality.measures import moment_length, reference_point
 from graspfx.numeric import finite
 
@@ -76,14 +76,11 @@ class PushingWrenches:
             )
         self.elliptic, self.length = limit == "elliptic", moment_length(grasp, length)
         arms = grasp.points - reference_point(grasp, about)
-        turns = 1 if d == 2 else d * (d - 1) // 2
-        maps = np.zeros((d + turns, n, d + 1))  # wrench of a unit force along each world axis, and of a unit torsion
+        maps = np.zeros((d + MOMENTS[d], n, d + 1))  # wrench of a unit force along each world axis, and a unit torsion
         maps[:d, :, :d] = np.eye(d)[:, None, :]
+        maps[d:, :, :d] = np.moveaxis(moments(arms[:, None, :], np.eye(d)), 2, 0) / self.length
         if d == 3:
-            maps[3:, :, :3] = np.moveaxis(np.cross(arms[:, None, :], np.eye(3)[None]), 2, 0) / self.length
             maps[3:, :, 3] = self.normals.T / self.length
-        elif d == 2:
-            maps[2, :, 0], maps[2, :, 1] = -arms[:, 1] / self.length, arms[:, 0] / self.length
         self.maps = maps[grasp.free]  # (w, n, d + 1)
         self.grasp = grasp
 
