@@ -12,7 +12,7 @@ from graspfx.errors import InputError, UnknownNameError
 from graspfx.grasp.contact import MOMENTS, SELECTION
 from graspfx.grasp.matrix import GraspMatrix, moments
 from graspfx.grasp.quality.measures import moment_length, reference_point
-from graspfx.numeric import finite
+from graspfx.numeric import each
 
 FloatArray = NDArray[np.float64]
 Limit = Literal["elliptic", "independent"]
@@ -65,8 +65,9 @@ class PushingWrenches:
         soft = np.array([name == "soft" and d == 3 for name in models])
         rough = np.array([name != "frictionless" for name in models])
         self.normals = grasp.contacts.normals  # (n, d)
-        self.friction = _coefficients("friction", friction, n) * rough
-        self.torsion = _coefficients("torsion", torsion, n) * soft
+        expected = f"a number that is not negative, or {n} of them, one per contact"
+        self.friction = each("friction", friction, n, expected) * rough
+        self.torsion = each("torsion", torsion, n, expected) * soft
         if (soft & (self.torsion == 0.0)).any():
             raise InputError(
                 "torsion",
@@ -226,13 +227,6 @@ def closure_of(cones: PushingWrenches) -> tuple[ForceClosure, FloatArray]:
         forces = np.vstack([forces, worst[0, beyond]])
         contact = np.append(contact, beyond)
     return ForceClosure(False, None, None, 0.0), generators
-
-
-def _coefficients(name: str, argument: ArrayLike, n: int) -> FloatArray:
-    value = finite(name, argument)
-    if value.shape not in ((), (n,)) or (value < 0.0).any():
-        raise InputError(name, argument, f"a number that is not negative, or {n} of them, one per contact")
-    return np.broadcast_to(value, (n,)).copy()
 
 
 def _safe(x: FloatArray) -> FloatArray:
