@@ -21,7 +21,8 @@ from graspfx.batch.part_memory import PartMemory
 from graspfx.batch.statistics import statistic
 from graspfx.batch.variant_runs import Ended, Job
 from graspfx.batch.variants import Variants
-from graspfx.coupling import block as at
+from graspfx.compile.records import start_of
+from graspfx.coupling.grasp_state import GraspState
 from graspfx.errors import InputError
 from graspfx.loop.columns import RunFault, Selection, chosen_layout
 from graspfx.progress import waiting
@@ -125,7 +126,8 @@ def _outcome(group: Group, ended: Ended) -> Outcome:
     program, servo = group.program, group.program.servo
     for part in servo.objects:
         block, first = part.grasped.block, program.arena.place(part.grasped.block)
-        block[: at.ROW] = ended.arena[first : first + at.ROW]  # the rest, such as a mesh, is large and unchanged
+        end = start_of(GraspState, "fingers")  # the rest, such as a mesh, is large and unchanged
+        block[:end] = ended.arena[first : first + end]
     coupling = servo.coupling
     if ended.fault < 0:
         return Outcome(engine="compiled", **coupling)

@@ -100,8 +100,6 @@ class GraspedObject:
             self._walks = Many(MeshFinger, self.block, self.state.fingers[0].walk.offset, n)
         o = start_of(GraspState, "body")
         self.body_state = self.block[o : o + size_of(BodyState)]
-        o = start_of(GraspState, "fingers")
-        self.rows = self.block[o : o + n * size_of(FingerState)].reshape(n, size_of(FingerState))
         self.finger_position = self.array(FingerState.position)[:, :d]
         self.finger_velocity = self.array(FingerState.velocity)[:, :d]
         self.contact_position = self.array(FingerState.contact_world)[:, :d]
