@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from graspfx.certificate.report import Report as Report
     from graspfx.certificate.report import check as check
     from graspfx.feedback.feedback import Feedback as Feedback
-    from graspfx.grasp.divide import divide as divide
     from graspfx.grasp.grasp import Grasp as Grasp
     from graspfx.grasp.impedance import Coupling as Coupling
     from graspfx.grasp.impedance import Impedance as Impedance
@@ -36,6 +35,7 @@ if TYPE_CHECKING:
     from graspfx.grasp.point_coupling import PointCoupling as PointCoupling
     from graspfx.grasp.quality.least_friction import least_friction as least_friction
     from graspfx.grasp.split import Split as Split
+    from graspfx.grasp.split import divide as divide
     from graspfx.grasp.unilateral_force import unilateral_force as unilateral_force
     from graspfx.recording.record import Recording as Recording
     from graspfx.scene.load import load as load
@@ -69,7 +69,7 @@ _HOMES = {
     "certify": "graspfx.certificate.certify",
     "certify_operators": "graspfx.certificate.certify_operators",
     "check": "graspfx.certificate.report",
-    "divide": "graspfx.grasp.divide",
+    "divide": "graspfx.grasp.split",
     "errors": "graspfx.errors",
     "experiment": "graspfx.experiment",
     "grasp_matrix": "graspfx.grasp.matrix",

@@ -64,3 +64,25 @@ def number(name: str, argument: object, expected: str, do: str = "", *, zero: bo
     if value.ndim or not (value >= 0.0 if zero else value >= SMALLEST):
         raise InputError(name, argument, expected, do)
     return float(value)
+
+
+def each(name: str, argument: object, n: int, expected: str, *, largest: float = LARGEST) -> FloatArray:
+    """Return non-negative numbers (n,), from n numbers or one.
+
+    Raises:
+        InputError: As for `finite`, or if a number is negative, or there are neither n nor one.
+    """
+    value = finite(name, argument, expected, largest=largest)
+    if value.shape not in ((), (n,)) or (value < 0.0).any():
+        raise InputError(name, argument, expected)
+    return np.broadcast_to(value, (n,))
+
+
+def fraction(name: str, argument: float) -> float:
+    """Check a relative tolerance in [0, 1)."""
+    if type(argument) is float and 0.0 <= argument < 1.0:
+        return argument
+    value = number(name, argument, "a relative tolerance in [0, 1)")
+    if value >= 1.0:
+        raise InputError(name, argument, "a relative tolerance in [0, 1)")
+    return value

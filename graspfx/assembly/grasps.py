@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.assembly.resolve import Parts
-from graspfx.coupling import block as at
 from graspfx.coupling.closed_motion import CREATES, TURN, worst_turn
-from graspfx.coupling.fade import FADE, gaps, release_compliance
+from graspfx.coupling.rules import FADE, gaps, release_compliance
 from graspfx.loop.plant import Hand
 from graspfx.loop.servo_parts import GraspedPart
 from graspfx.objects.body import NativeBody
@@ -158,7 +157,7 @@ def _has_axes(scene: Scene) -> bool:
 def _notes(parts: Parts) -> Iterator[str]:
     rules = parts.scene.coupling
     for part in grasps(parts):
-        if not part.grasped.block[at.TURNS]:
+        if not part.grasped.state.freedom.turns:
             continue
         energy = worst_turn(part.grasped, part.grasped.finger_position.copy())
         if abs(energy.share) <= CREATES:

@@ -18,9 +18,8 @@ from graspfx.assembly.hands import HandPart, holdings, make_hand
 from graspfx.assembly.meshes import mesh_name
 from graspfx.assembly.wiring import Finding, Wire, placing_faults, wires, wires_anew
 from graspfx.compile.memory import ROOM, Memory, within
-from graspfx.coupling.fade import FADE
 from graspfx.coupling.grasped import GraspedObject
-from graspfx.coupling.rules import Rules
+from graspfx.coupling.rules import FADE, Rules
 from graspfx.errors import GraspFXError, InputError, abbreviate
 from graspfx.grasp.impedance import Coupling, Impedance
 from graspfx.grasp.object_impedance import ObjectImpedance

@@ -20,7 +20,8 @@ from graspfx.assembly.run_scene import ticks_of
 from graspfx.assembly.session import require_memory
 from graspfx.batch.measured_columns import columns_of, divider, empty, split_of, statistic, take
 from graspfx.batch.variants import Group, PartMemory, Variants
-from graspfx.coupling import block as at
+from graspfx.compile.records import start_of
+from graspfx.coupling.grasp_state import GraspState
 from graspfx.errors import InputError
 from graspfx.loop.columns import RunFault, Selection, chosen_layout
 from graspfx.loop.engine import machine_codes, program
@@ -256,7 +257,8 @@ def _outcome(group: Group, ended: Ended) -> Outcome:
     program, servo = group.program, group.program.servo
     for part in servo.objects:
         block, first = part.grasped.block, program.arena.place(part.grasped.block)
-        block[: at.ROW] = ended.arena[first : first + at.ROW]  # the rest, such as a mesh, is large and unchanged
+        end = start_of(GraspState, "fingers")  # the rest, such as a mesh, is large and unchanged
+        block[:end] = ended.arena[first : first + end]
     coupling = servo.coupling
     if ended.fault < 0:
         return Outcome(engine="compiled", **coupling)

@@ -29,9 +29,8 @@ from graspfx.assembly.resolve import Parts, resolve
 from graspfx.assembly.wiring import Wire, connect, fitted, outside_faults
 from graspfx.compile.kernel import source_function
 from graspfx.compile.records import start_of
-from graspfx.coupling import block as at
-from graspfx.coupling.fade import compliance_of_numbers, gaps
 from graspfx.coupling.grasp_state import FingerState, GraspState
+from graspfx.coupling.rules import compliance_of_numbers, gaps
 from graspfx.errors import GraspFXError
 from graspfx.loop.plant import is_still
 from graspfx.numeric import LARGEST, SMALLEST
@@ -430,12 +429,13 @@ class Columns:
                 yield from self._fade(parts, servo, block, part.index, blocks)
             yield from self._body(part, block)
             for j, finger in enumerate(part.fingers.tolist()):
+                row = grasped.state.fingers[j].offset
                 limit = None if blocks is None else blocks.limit(finger)
                 if limit is not None:
-                    yield block, at.ROW + j * at.STRIDE + start_of(FingerState, "limit"), limit
+                    yield block, row + start_of(FingerState, "limit"), limit
                 values = self._coefficient(finger)
                 if values is not None:
-                    yield block, at.ROW + j * at.STRIDE + at.COEFFICIENT, values
+                    yield block, row + start_of(FingerState, "coefficient"), values
 
     def _coefficient(self, finger: int) -> FloatArray | None:
         own, table = f"finger.{finger}.friction", self.scene.finger[finger]
@@ -444,14 +444,15 @@ class Columns:
         return self.by_field.get("coupling.friction") if table.friction is None else None
 
     def _body(self, part: ObjectPart, block: FloatArray) -> Iterator[Column]:
+        at = start_of(GraspState, "body")
         for field in BODY:
             values = self.by_field.get(f"object.{part.index}.{field}")
             if values is not None:
-                yield block, at.BODY + start_of(BodyState, field), values
+                yield block, at + start_of(BodyState, field), values
         if f"object.{part.index}.mass" in self.by_field and self.scene.dimensions > 1:
             moments = self.moments(part)
             for a in range(3):
-                yield block, at.BODY + start_of(BodyState, "inertia") + a, moments[:, a]
+                yield block, at + start_of(BodyState, "inertia") + a, moments[:, a]
 
     def _fade(
         self, parts: Parts, servo: Servo, block: FloatArray, index: int, blocks: PartBlocks | None
@@ -470,8 +471,8 @@ class Columns:
         pushes = np.broadcast_to(push, (self.count,)).tolist()
         gains = (self.gain(f"coupling.{share}.stiffness").tolist() for share in ("external", "internal"))
         fades_ = [gaps(compliance(kep, kip) * most) for kep, kip, most in zip(*gains, pushes, strict=True)]
-        for entry, values in zip((at.NEAR, at.FAR), np.array(fades_).T, strict=True):
-            yield block, entry, values
+        for name, values in zip(("fade_start", "fade_end"), np.array(fades_).T, strict=True):
+            yield block, start_of(GraspState, name), values
 
 
 compliance = source_function(compliance_of_numbers)

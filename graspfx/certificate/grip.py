@@ -17,8 +17,7 @@ from graspfx.analysis.stability.loop import radius_of
 from graspfx.assembly import bodies
 from graspfx.assembly.resolve import Parts
 from graspfx.compile.records import numbers, start_of
-from graspfx.coupling import block as at
-from graspfx.coupling.grasp_state import GraspState
+from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.loop.engine import is_machine_code, program
 from graspfx.objects import integrators as body
@@ -71,14 +70,13 @@ class Grip:
 
     def move(self, y: FloatArray) -> None:
         """Displace fingers and object by y."""
-        g, S = self.grasped, self.grasped.block
+        g, S = self.grasped, self.grasped.body_state
         g.finger_position += y[: self.m].reshape(self.n, self.d)
         shift = np.zeros(6)
         shift[self.axes] = y[self.m :]
-        o = at.BODY
-        S[o + body.POSITION : o + body.POSITION + 3] += shift[:3]
+        S[body.POSITION : body.POSITION + 3] += shift[:3]
         if shift[3:].any():
-            R = S[o + body.ROTATION : o + body.ROTATION + 9].reshape(3, 3)
+            R = S[body.ROTATION : body.ROTATION + 9].reshape(3, 3)
             turn = quaternion_matrix(exponential(Vector(*shift[3:].tolist())))
             R[:] = np.array(list(numbers(turn))).reshape(3, 3) @ R
 
@@ -93,7 +91,7 @@ class Grip:
     @contextmanager
     def frozen(self) -> Iterator[None]:
         """Make touching contacts stick, even on the edges of their cones; contacts without friction still slip."""
-        mu = self.grasped.rows[:, at.COEFFICIENT]
+        mu = self.grasped.array(FingerState.coefficient)
         coefficients = mu.copy()
         mu *= ROUGH
         try:
@@ -118,7 +116,6 @@ class Grip:
 
     def turning_damping(self) -> FloatArray:
         """Compute -d wrench/d(angular velocity) for the free coordinates (r, r), including the damping of torsion."""
-        o = at.BODY + body.ANGULAR_VELOCITY
         B = np.zeros((self.r, self.r))
         for i, axis in enumerate(self.axes):
             before = self.changing.copy()
@@ -126,7 +123,7 @@ class Grip:
                 columns = []
                 for rate in (RATE, -RATE):
                     self.changing[:] = before
-                    self.grasped.block[o + axis - 3] = rate
+                    self.grasped.body_state[body.ANGULAR_VELOCITY + axis - 3] = rate
                     now = self.forces()
                     columns.append(np.zeros(self.m + self.r) if now is None else now)
                 B[:, i] = (columns[1] - columns[0])[self.m :] / (2 * RATE)
@@ -179,9 +176,10 @@ def grip_margins(grasped: GraspedObject) -> FloatArray:
     """
     margins = np.full(grasped.fingers, np.nan)
     for i, (normal, tangent) in enumerate(_forces(grasped)):
-        mu = grasped.rows[i, at.COEFFICIENT]
+        mu = grasped.array(FingerState.coefficient)[i]
         if mu > 0.0 and normal > 0.0:
-            margins[i] = float(np.hypot(np.linalg.norm(tangent), grasped.rows[i, at.LOCAL + 3])) / (mu * normal)
+            torsion = grasped.array(FingerState.local)[i, 3]
+            margins[i] = float(np.hypot(np.linalg.norm(tangent), torsion)) / (mu * normal)
     return margins
 
 
@@ -196,15 +194,15 @@ def edge_directions(grasped: GraspedObject, fingers: Sequence[int]) -> tuple[Flo
         t = tangent / max(float(np.linalg.norm(tangent)), 1e-300)
         x = slice(i * d, i * d + d)
         T[x, column] = (R @ t)[:d]
-        normal = grasped.rows[i, at.NORMAL : at.NORMAL + 3]
-        V[x, column] = (R @ (t - grasped.rows[i, at.COEFFICIENT] * normal))[:d]
+        normal = grasped.array(FingerState.normal)[i]
+        V[x, column] = (R @ (t - grasped.array(FingerState.coefficient)[i] * normal))[:d]
     return T, V
 
 
 def _forces(grasped: GraspedObject) -> Iterator[tuple[float, FloatArray]]:
     """Yield the normal force of each finger, and its tangential force in the object's axes (3,)."""
-    for row in grasped.rows:
-        normal, force = row[at.NORMAL : at.NORMAL + 3], row[at.LOCAL : at.LOCAL + 3].copy()
+    local = grasped.array(FingerState.local)
+    for normal, force in zip(grasped.array(FingerState.normal), local[:, :3].copy(), strict=True):
         force[grasped.dimensions :] = 0.0
         along = float(normal @ force)
         yield along, force - along * normal

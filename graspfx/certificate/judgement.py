@@ -262,7 +262,7 @@ def grip_of(scene: Scene, index: int, loop: Linearised, course: HandCourse) -> f
         return float("nan")
     split = loop.splits[0]
     internal = np.asarray(split.divide(loop.forces.ravel())[1]).reshape(n, d)
-    matrix = np.asarray(split.points.matrix)
+    matrix = np.asarray(split.matrix)
     wrench = loads(scene, index, loop, course)
     metric = np.broadcast_to(np.asarray(split.metric), (n * d,)) if np.ndim(split.metric) == 1 else np.ones(n * d)
     spread = metric[:, None] * matrix.T @ np.linalg.pinv((matrix * metric) @ matrix.T)  # M G'(G M G')^+

@@ -28,7 +28,6 @@ from graspfx.certificate.matrices import (
 )
 from graspfx.certificate.operating_point import OperatingPoint, provisional, require_contact, squeezed
 from graspfx.certificate.recorded import lateness_ends, less_stable, recorded, recording_of, set_pose
-from graspfx.coupling import block as at
 from graspfx.coupling.grasp_state import FingerState
 from graspfx.errors import InputError, NoRestError, UnknownNameError
 from graspfx.grasp.grasp import Grasp
@@ -241,9 +240,9 @@ def _matrices(
     n, d, m, r = grip.n, grip.d, grip.m, grip.r
     R = state[body.ROTATION : body.ROTATION + 9].reshape(3, 3)
     centre = state[body.POSITION : body.POSITION + d]
-    contacts = (g.rows[:, at.CONTACT : at.CONTACT + 3] @ R.T)[:, :d]
+    contacts = (g.array(FingerState.contact) @ R.T)[:, :d]
     tips = contacts if J is None else g.finger_position - centre
-    weights = g.rows[:, at.SHARE].copy()
+    weights = g.array(FingerState.share).copy()
     split = Split(Grasp(contacts, free=grip.free.tolist()), metric=None if (weights == 1.0).all() else weights)
     normals = force_directions(scene, grip, fingers)
     if normals is not None and normals.shape[1] == n:

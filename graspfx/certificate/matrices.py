@@ -14,7 +14,7 @@ from graspfx.analysis.linearisation import OperatorMatrices
 from graspfx.assembly.grasps import StillHand
 from graspfx.assembly.resolve import Parts
 from graspfx.certificate.grip import Grip
-from graspfx.coupling.block import FRAME
+from graspfx.coupling.grasp_state import FingerState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.grasp.impedance import Coupling, Impedance
 from graspfx.grasp.split import Split
@@ -113,7 +113,7 @@ def force_directions(scene: Scene, grip: Grip, fingers: NDArray[np.intp]) -> Flo
 
 def contact_axes(g: GraspedObject, R: FloatArray) -> FloatArray:
     """Return the contacts' frames in world axes, (n, d, d), with the axes as columns, the normal first."""
-    frames = g.rows[:, FRAME : FRAME + 9].reshape(-1, 3, 3)
+    frames = g.array(FingerState.frame).reshape(-1, 3, 3)
     return np.asarray(R @ np.swapaxes(frames, 1, 2))[:, : g.dimensions, : g.dimensions]
 
 

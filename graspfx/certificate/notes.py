@@ -16,7 +16,7 @@ from graspfx.assembly.grasps import grasps
 from graspfx.assembly.hands import holdings
 from graspfx.assembly.resolve import Parts
 from graspfx.assembly.wiring import table_at
-from graspfx.coupling import block as at
+from graspfx.coupling.grasp_state import FingerState
 from graspfx.grasp.object_impedance import ObjectImpedance
 from graspfx.grasp.rigid_modes import NO_ARM, smoothstep
 from graspfx.objects import integrators as body
@@ -177,9 +177,9 @@ def arms(grasped: GraspedObject) -> list[float]:
     They are the singular values of the fields a_k x (c_i - c) of the weighted contacts, without the motion in the free
     translations, divided by the root of the sum of weights. Values of rounding size are dropped.
     """
-    rows, S = grasped.rows, grasped.body_state
-    points = rows[:, at.CONTACT : at.CONTACT + 3] @ S[body.ROTATION : body.ROTATION + 9].reshape(3, 3).T
-    weights = rows[:, at.SHARE]
+    S = grasped.body_state
+    points = grasped.array(FingerState.contact) @ S[body.ROTATION : body.ROTATION + 9].reshape(3, 3).T
+    weights = grasped.array(FingerState.share)
     free = S[body.FREE : body.FREE + 6] != 0.0
     root = np.sqrt(weights)[:, None]
     fields = [root * np.cross(axis, points) for axis in np.eye(3)[free[3:]]]
@@ -192,19 +192,19 @@ def arms(grasped: GraspedObject) -> list[float]:
 
 
 def _notes(name: str, grasped: GraspedObject) -> Iterator[str]:
-    S = grasped.block
-    if S[at.EQUAL] or not S[at.TURNS]:
+    state = grasped.state
+    if state.equal or not state.freedom.turns:
         return
-    low, high = float(S[at.ARM_LOW]), float(S[at.ARM_HIGH])
+    low, high = state.arm_low, state.arm_high
     small = [arm for arm in arms(grasped) if arm < high]
     if not small:
         return
     blend = smoothstep(small[0], low, high)
-    kep, kip = float(S[at.EXTERNAL_STIFFNESS]), float(S[at.INTERNAL_STIFFNESS])
+    kep, kip = state.external_stiffness, state.internal_stiffness
     outer = grasped.law.external
     if isinstance(outer, ObjectImpedance):
         turning = float(np.linalg.eigvalsh(outer.stiffness[grasped.dimensions :, grasped.dimensions :]).max())
-        own, most = (turning / (float(grasped.rows[:, at.SHARE].sum()) * arm**2) for arm in (small[0], high))
+        own, most = (turning / (float(grasped.array(FingerState.share).sum()) * arm**2) for arm in (small[0], high))
         figure = (
             f"there the object is softer than object_stiffness: a fingertip feels at most {most:.3g} N/m "
             f"instead of up to {own:.3g} N/m"

@@ -15,7 +15,6 @@ from graspfx.assembly.grasps import still_hands
 from graspfx.assembly.resolve import Parts
 from graspfx.certificate.grip import SHIFT, Grip, bearers, edge_directions, grip_margins
 from graspfx.cones.problem import SLIDE
-from graspfx.coupling import block as at
 from graspfx.coupling.grasp_state import FingerState
 from graspfx.errors import InputError, NoRestError
 from graspfx.loop.device import is_hardware
@@ -363,7 +362,7 @@ def settle(
     scale = (SHIFT / lengths) ** 2
     drag = float(np.abs(np.diag(hands)).max(initial=0.0)) or 1.0
     every = 1 if size <= 24 else 6
-    p, status = grip.grasped.finger_position, grip.grasped.rows[:, at.STATUS]
+    p, status = grip.grasped.finger_position, grip.grasped.array(FingerState.status)
     slid = np.zeros(grip.n, dtype=bool)
     J: FloatArray | None = None
     touching, met, stiffest = grip.grasped.touching.copy(), 0, drag

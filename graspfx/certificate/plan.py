@@ -16,7 +16,6 @@ from graspfx.card import span
 from graspfx.certificate.device_plan import Row, lateness_rows, loop_rows, moment_rows, safety_rows
 from graspfx.certificate.notes import is_damped, why_not_gradual
 from graspfx.compile.cache import folder_text
-from graspfx.coupling import block as at
 from graspfx.errors import GraspFXError, InputError, KernelError, SceneError, message
 from graspfx.loop.engine import is_machine_code, kept_program, machine_codes
 from graspfx.loop.python_parts import foreign, guests, looked_ahead
@@ -186,8 +185,8 @@ def _weights(parts: Parts) -> Row:
     if coupling.absent == "follow":
         return "fade", False, "absent = 'follow': a free finger stays in the split"
     if coupling.fade == "auto":
-        gaps = {part.name: 1e3 * part.grasped.block[[at.NEAR, at.FAR]] for part in grasps(parts)}
-        between = {f"{low:.3g} and {high:.3g} mm": name for name, (low, high) in gaps.items()}
+        states = {part.name: part.grasped.state for part in grasps(parts)}
+        between = {f"{1e3 * s.fade_start:.3g} and {1e3 * s.fade_end:.3g} mm": name for name, s in states.items()}
         text = " or ".join(f"{each} of {name}" if len(between) > 1 else each for each, name in between.items())
         return "fade", True, f"auto: a free finger leaves the split between {text} from the surface"
     low, high = (1e3 * gap for gap in coupling.fade)

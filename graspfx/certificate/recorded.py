@@ -19,7 +19,7 @@ from graspfx.certificate.operating_point import (
     operating_point,
 )
 from graspfx.cones.problem import STICK
-from graspfx.coupling import block as at
+from graspfx.coupling.grasp_state import FingerState
 from graspfx.errors import InputError
 from graspfx.objects import integrators as body
 from graspfx.objects.body_state import BodyState
@@ -113,34 +113,34 @@ def set_contacts(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) ->
     R = state[body.ROTATION : body.ROTATION + 9].reshape(3, 3)
     wide = np.zeros((grip.n, 3))
     wide[:, :d] = c - state[body.POSITION : body.POSITION + d]
-    g.rows[:, at.CONTACT : at.CONTACT + 3] = wide @ R
-    g.rows[:, at.TOUCHING] = 1.0
-    g.rows[:, at.STATUS] = STICK
+    g.array(FingerState.contact)[:] = wide @ R
+    g.array(FingerState.touching)[:] = 1.0
+    g.array(FingerState.status)[:] = STICK
     g.finger_position[:] = recording.finger_position[-1, fingers]
 
 
 def set_torsions(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) -> None:
     """Rotate the anchors of soft fingers so that their torsions equal the recorded torsions."""
     moments = recording.finger_moment
-    rows = grip.grasped.rows
-    state = grip.grasped.body_state
-    rows[:, at.ANCHOR : at.ANCHOR + 9] = state[body.ROTATION : body.ROTATION + 9]
-    rows[:, at.TORSION_AT_ANCHOR] = 0.0
-    soft = np.flatnonzero(rows[:, at.PATCH] > 0.0)
+    g = grip.grasped
+    at_anchor, patch = g.array(FingerState.torsion_at_anchor), g.array(FingerState.patch)
+    g.array(FingerState.anchor)[:] = g.body_state[body.ROTATION : body.ROTATION + 9]
+    at_anchor[:] = 0.0
+    soft = np.flatnonzero(patch > 0.0)
     if moments is None or not len(soft):
         return
-    torsions = (moments[-1, fingers] * grip.grasped.inward()).sum(axis=1)[soft] / rows[soft, at.PATCH]
+    torsions = (moments[-1, fingers] * g.inward()).sum(axis=1)[soft] / patch[soft]
 
     def torsion(retained: FloatArray) -> FloatArray:
-        rows[soft, at.TORSION_AT_ANCHOR] = retained
+        at_anchor[soft] = retained
         grip.forces()
-        return np.array(rows[soft, at.LOCAL + 3])
+        return np.array(g.array(FingerState.local)[soft, 3])
 
     length = 1e-4
     with grip.frozen():  # torsion is linear in the anchors' rotation
         none = torsion(np.zeros(len(soft)))
         slopes = np.stack([torsion(length * e) - none for e in np.eye(len(soft))], axis=1) / length
-        rows[soft, at.TORSION_AT_ANCHOR] = np.linalg.solve(slopes, torsions - none)
+        at_anchor[soft] = np.linalg.solve(slopes, torsions - none)
 
 
 def differences(

@@ -5,7 +5,7 @@ any c > 0. Associated law (theta = 1): R projects on the cone. With f0 = 0, f mi
 over the cones, and the solution is unique. Coulomb's law (theta = 0): f_n = max(t_n, 0), and f_t is shortened to
 mu f_n. For a large mu the solution may not be unique.
 
-With limits each cone is cut off at |f_i| <= L_i (`cones.cut`), and the associated force still minimises the same
+With limits each cone is cut off at |f_i| <= L_i (`cones.cone`), and the associated force still minimises the same
 function. A negative coefficient then selects another cone (NO_CONE, HALF_SPACE) without friction. Only the cone causes
 slip s, not the limit, so a contact that sticks at its limit does not move.
 """
@@ -17,12 +17,17 @@ from dataclasses import dataclass
 
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Many, Table
-from graspfx.cones.cone import turn_back
-from graspfx.cones.cut import limit_width, shorten
-from graspfx.cones.elimination import eliminate
-from graspfx.cones.mode_equations import Merit, compliant_share, equations_of_modes, jacobian_of_modes
+from graspfx.cones.cone import limit_width, shorten, turn_back
+from graspfx.cones.equations import (
+    Merit,
+    compliant_share,
+    equations_of_modes,
+    equations_of_square,
+    jacobian_of_modes,
+    jacobian_of_square,
+)
+from graspfx.cones.factors import eliminate
 from graspfx.cones.problem import STICK, Answer, FrictionProblem, Gains
-from graspfx.cones.square_equations import equations_of_square, jacobian_of_square
 from graspfx.spatial import NOTHING, Matrix, Vector
 
 COULOMB, ASSOCIATED, UNRESOLVED = 0, 1, 2  # law that the solution satisfies; if unresolved, all forces are zero
@@ -76,7 +81,7 @@ def turn_modes(frames: Many[Matrix], motions: Table, problem: FrictionProblem, d
 
 @kernel
 def friction_force(problem: FrictionProblem, d: int, gains: Gains, coulomb: bool, restarts: int) -> Answer:
-    """Compute the forces for scalar gains: K of eq. (4) in the problem's modes (`cones.mode_equations`).
+    """Compute the forces for scalar gains: K of eq. (4) in the problem's modes (`cones.equations`).
 
     There are at most six unknowns. The force of a contact of weight 0 is zero. A gain below 1e-6 of the other gain is
     raised to that value, except that a zero gain in the associated law is treated as the limit of small gains
@@ -181,7 +186,7 @@ def lend(problem: FrictionProblem, d: int, count: int, gains: Gains) -> tuple[fl
 def friction_force_flexible(
     problem: FrictionProblem, d: int, internal: float, highest: float, definite: bool, coulomb: bool, restarts: int
 ) -> Answer:
-    """Compute the forces of a flexible problem: K^-1 = [I + sum_k h_k v_k v_k'] / k_i (`cones.mode_equations`).
+    """Compute the forces of a flexible problem: K^-1 = [I + sum_k h_k v_k v_k'] / k_i (`cones.equations`).
 
     Args:
         problem: Problem with its modes v_k and their signs.

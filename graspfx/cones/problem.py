@@ -28,7 +28,7 @@ class ConeContact(Record):
     """Contact of a friction problem. Vectors are in the contact's frame, the normal first."""
 
     weight: float  # w; not read by the square equations
-    coefficient: float  # mu; a negative value selects another cone, if forces have limits (`cut`)
+    coefficient: float  # mu; a negative value selects another cone, if forces have limits (`cone`)
     status: int  # in: NO_FORCE or anything else; out: FREE, STICK or SLIDE, and NO_FORCE stays
     limit: float  # L, read if forces have limits [N]
     compliance: float  # C times w, read if compliances stand in series [m/N]
@@ -63,7 +63,7 @@ class FrictionProblem(Record):
     room: int  # number of unknowns for which there is space: MODES, or all coordinates of a square
     limited: bool  # each force is limited
     compliant: bool  # a compliance stands in series with each contact; not read by the square equations
-    flexible: bool  # the modes define K^-1 (`mode_equations`): vectors v_k of any length with signs, without shares
+    flexible: bool  # the modes define K^-1 (`equations`): vectors v_k of any length with signs, without shares
     modes: int  # number of modes in use; not read by the square equations
     started: int  # number of unknowns with a start value, from the last search or from the caller
     contact_entries: int  # number of entries of one contact

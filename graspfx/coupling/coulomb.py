@@ -6,7 +6,7 @@ import math
 
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Table
-from graspfx.cones.cut import force_size
+from graspfx.cones.cone import force_size
 from graspfx.cones.friction import (
     COULOMB,
     LEAST,
@@ -18,7 +18,7 @@ from graspfx.cones.friction import (
 from graspfx.cones.friction import UNRESOLVED as NONE
 from graspfx.cones.problem import FREE, NO_FORCE, STICK, Answer, FrictionProblem, Gains, dot4, leading, tangent_of
 from graspfx.coupling.contact_frames import assemble, coordinates_of, in_frame, out_of_frame, write_coordinates
-from graspfx.coupling.contacts import UNRESOLVED
+from graspfx.coupling.contacts import UNRESOLVED, set_anchor
 from graspfx.coupling.damping_flexibility import damping_in_columns
 from graspfx.coupling.depth import compliance, is_whole, soften
 from graspfx.coupling.flexibility import pose_elastic
@@ -26,7 +26,6 @@ from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.implicit import assemble_implicitly
 from graspfx.coupling.law import bilateral, keep_elastic
 from graspfx.coupling.recoil import recoil
-from graspfx.coupling.torsion import set_anchor
 from graspfx.spatial import NOTHING, Vector4
 
 RESTARTS = 2  # restarts for Coulomb's law per sample; the last sample's solution is nearly always a good initial guess

@@ -1,30 +1,32 @@
-"""Size and initial contents of a grasped object's block."""
+"""Specification of a grasp, and the block that it defines."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx.compile.memory import zeros
 from graspfx.compile.records import numbers, size_for, size_of, start_of
 from graspfx.cones.friction import LEAST
 from graspfx.cones.problem import MODES, problem_size, set_up
 from graspfx.coupling.contacts import LARGEST
-from graspfx.coupling.fade import release_compliance
 from graspfx.coupling.gains import ALONE, CONTACT, LITERAL, OBJECT, SYMMETRIC, WORLD
-from graspfx.coupling.grasp_state import FingerState, GraspState
+from graspfx.coupling.grasp_state import FingerState, GraspState, RecoilState
 from graspfx.coupling.object_gains import WIDE
-from graspfx.coupling.recoil_state import recoil_size
-from graspfx.coupling.rules import Rules
+from graspfx.coupling.rules import Rules, release_compliance
 from graspfx.errors import InputError
 from graspfx.grasp.impedance import Coupling, per_finger
 from graspfx.grasp.object_impedance import ObjectImpedance
 from graspfx.grasp.rigid_modes import NO_ARM
+from graspfx.numeric import each, real
 from graspfx.objects.body_state import BodyState
 from graspfx.objects.integrators import IMPLICIT
+from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form.proxy import KINDS
 from graspfx.surfaces.triangles.mesh_finger import MeshFinger
 
@@ -59,10 +61,10 @@ class Grip:
         dimensions: Number of dimensions d.
         law: Gains of eq. (4).
         rules: Contact rules.
+        fill_body: Function that writes the object's parameters and initial state into its part of the block.
         shape: Shape of the object; None only with attached contacts.
-        radius: Radii of the ball fingertips, (n,) [m].
-        limit: Largest force of each finger, (n,) [N]; None without limits.
-        body: Parameters and initial state of the object.
+        radius: Radius of the ball fingertips, one or (n,) [m].
+        limit: Largest force of each finger, one or (n,) [N]; None without limits.
         live: Names of fields that may change during a run.
     """
 
@@ -70,17 +72,17 @@ class Grip:
     dimensions: int
     law: Coupling
     rules: Rules
+    fill_body: Callable[[FloatArray], None]
     shape: Shape | None
-    radius: FloatArray
-    limit: FloatArray | None
-    body: FloatArray
+    radius: ArrayLike
+    limit: ArrayLike | None
     live: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         rules, mu = self.rules, self.friction
         if self.soft and self.dimensions != 3:
             raise InputError("patch", rules.patch, "soft fingers in 3-D only", "use hard fingers in 1-D and 2-D")
-        directed = any(np.ndim(each) for each in (self.gains[2:] if self.law.of_object else self.gains))
+        directed = any(np.ndim(gain) for gain in (self.gains[2:] if self.law.of_object else self.gains))
         if self.soft and directed:
             raise InputError("patch", rules.patch, "a number for each gain of soft fingers, or a gain of the object")
         if self.soft and not (rules.attached or rules.stick or mu[self.patch > 0.0].all()):
@@ -114,8 +116,6 @@ class Grip:
             raise InputError("shape", None, "a shape", "give the object a shape, or attach the contacts")
 
     def _check_pads(self) -> None:
-        if not (np.isfinite(self.pad) & (self.pad >= 0.0)).all():
-            raise InputError("pad", self.rules.pad, "zero or more, for all fingers or one for each [N/m^1.5]")
         if self.padded and self.rules.attached:
             raise InputError(
                 "pad", self.rules.pad, "unilateral contacts", "a pad cannot pull, whereas an attached contact can"
@@ -126,20 +126,50 @@ class Grip:
                 "damping is solved together with the motion, which is not supported with pads",
             )  # fmt: skip
 
-    @property
+    @cached_property
     def friction(self) -> FloatArray:
         """The coefficients of friction, (n,)."""
-        return np.broadcast_to(np.asarray(self.rules.friction, dtype=float), self.count)
+        return each("friction", self.rules.friction, self.count, "a coefficient, zero or more, or one for each finger")
 
-    @property
+    @cached_property
     def patch(self) -> FloatArray:
         """The lengths of the contact patches, (n,) [m]."""
-        return np.broadcast_to(np.asarray(self.rules.patch, dtype=float), self.count)
+        return each("patch", self.rules.patch, self.count, "a length, zero or more, or one for each finger [m]")
 
-    @property
+    @cached_property
     def pad(self) -> FloatArray:
         """The stiffnesses of compliant fingertips, (n,) [N/m^1.5]."""
-        return np.broadcast_to(np.asarray(self.rules.pad, dtype=float), self.count)
+        return each("pad", self.rules.pad, self.count, "zero or more, for all fingers or one for each [N/m^1.5]")
+
+    @cached_property
+    def radii(self) -> FloatArray:
+        """The radii of the ball fingertips, (n,) [m]."""
+        return each("radius", self.radius, self.count, f"a finite length, zero or more, or {self.count} of them [m]")
+
+    @cached_property
+    def limits(self) -> FloatArray | None:
+        """The largest forces of the fingers, (n,) [N], infinite for a finger without a limit; None without limits."""
+        if self.limit is None:
+            return None
+        limits = real("limit", self.limit)
+        if limits.shape not in ((), (self.count,)) or not (limits > 0.0).all():
+            expected = f"a force above zero, or {self.count} of them [N]"
+            raise InputError("limit", self.limit, expected, "inf for no limit")
+        return np.broadcast_to(limits, (self.count,))
+
+    @cached_property
+    def body(self) -> FloatArray:
+        """The object's parameters and initial state."""
+        state = np.zeros(size_of(BodyState))
+        self.fill_body(state)
+        return state
+
+    @cached_property
+    def free(self) -> NDArray[np.bool_]:
+        """Mask of the body's six degrees of freedom that are free."""
+        body = BodyState(self.body)
+        free = np.concatenate([body.array(BodyState.free_translation), body.array(BodyState.free_rotation)])
+        return np.asarray(free != 0.0)
 
     @property
     def padded(self) -> bool:
@@ -151,7 +181,7 @@ class Grip:
         """The gains kep, ked, kip and kid."""
         return [gain for part in (self.law.external, self.law.internal) for gain in (part.stiffness, part.damping)]
 
-    @property
+    @cached_property
     def squares(self) -> list[FloatArray]:
         """The gains kep, ked, kip and kid in the block's format, if some are matrices; 6 x 6 for the object."""
         if not self.matrices:
@@ -201,8 +231,7 @@ class Grip:
     @property
     def columns(self) -> int:
         """Largest number of columns of the damped law: modes (twice as many with depth damping) and other levers."""
-        free = _free(self) != 0.0
-        modes, tips = int(free.sum()), 0 if self.rules.at_contact else int(free[3:].sum())
+        modes, tips = int(self.free.sum()), 0 if self.rules.at_contact else int(self.free[3:].sum())
         softened = modes if self.gradual or "gradual" in self.live else 0
         return max(modes + softened + tips + (tips if self.soft else 0), 1)
 
@@ -225,111 +254,54 @@ class Grip:
         return self.slips or (apart and (self.pushes_apart or balls))
 
 
-@dataclass(frozen=True)
-class _Room:
-    """Size of a grasp's block, and offsets of its parts.
-
-    Attributes:
-        sizes: Whole numbers in the state that determine the state's size.
-        state: Number of entries of the state; the friction problems follow the state.
-        unknowns: Number of unknowns of a friction problem.
-        most: Largest number of modes of a friction problem.
-        problem: Number of entries of each of the two problems.
-        walks: Number of entries of the mesh searches; the mesh follows the searches.
-    """
-
-    sizes: dict[str, int]
-    state: int
-    unknowns: int
-    most: int
-    problem: int
-    walks: int
-
-    @classmethod
-    def of(cls, grip: Grip) -> _Room:
-        """Compute the size of the block for a grip."""
-        n, d = grip.count, grip.dimensions
-        coordinates = 4 if grip.soft else d
-        squares = grip.squares
-        sizes = {
-            "count": n,
-            "width": 4 if grip.soft else 3,
-            "coordinates": coordinates,
-            "unknowns": n * coordinates + (int((_free(grip) != 0.0).sum()) if grip.implicit else 0),
-            "components": n * coordinates if grip.matrices else 0,
-            "matrix_entries": sum(matrix.size for matrix in squares),
-            "object_freedoms": WIDE if grip.law.of_object else 0,
-            "padded_count": n if grip.padded else 0,
-            "recoil_entries": recoil_size(grip.columns) if grip.recoils else 0,
-        }
-        most = grip.columns if grip.recoils else MODES
-        unknowns = max(n * coordinates, most) if grip.implicit or grip.matrices else MODES
-        problem = problem_size(n, unknowns, most) if grip.problems else 0
-        walks = n * size_of(MeshFinger) if grip.shape is not None and grip.shape.data is not None else 0
-        return cls(sizes, size_for(GraspState, **sizes), unknowns, most, problem, walks)
-
-
-def block_size(grip: Grip) -> int:
-    """Count the entries of a grasp's block: state, friction problems, mesh searches and mesh."""
-    room = _Room.of(grip)
-    data = None if grip.shape is None else grip.shape.data
-    return room.state + 2 * room.problem + room.walks + (0 if data is None else data.size)
-
-
-def fill_block(block: FloatArray, grip: Grip, period: float) -> None:
-    """Fill the whole block of a grasp, regardless of its previous contents.
-
-    Raises:
-        InputError: If the block's length is wrong.
-    """
-    if block.size != block_size(grip):
-        raise InputError("block", block.size, f"{block_size(grip)} entries", "fill a block of the right size")
-    n, d, room = grip.count, grip.dimensions, _Room.of(grip)
-    end, problem, walks, free = room.state, room.problem, room.walks, _free(grip)
-    squares = grip.squares
-    data = None if grip.shape is None else grip.shape.data
-    block[:] = 0.0
+def make_block(grip: Grip, period: float) -> FloatArray:
+    """Make the block of a grasp: state, friction problems, mesh searches and mesh."""
+    n, d, shape = grip.count, grip.dimensions, grip.shape
+    coordinates = 4 if grip.soft else d
+    sizes = {
+        "count": n,
+        "width": 4 if grip.soft else 3,
+        "coordinates": coordinates,
+        "unknowns": n * coordinates + (int(grip.free.sum()) if grip.implicit else 0),
+        "components": n * coordinates if grip.matrices else 0,
+        "matrix_entries": sum(matrix.size for matrix in grip.squares),
+        "object_freedoms": WIDE if grip.law.of_object else 0,
+        "padded_count": n if grip.padded else 0,
+        "recoil_entries": size_for(RecoilState, most=grip.columns) if grip.recoils else 0,
+    }
+    most = grip.columns if grip.recoils else MODES
+    unknowns = max(n * coordinates, most) if grip.implicit or grip.matrices else MODES
+    end = size_for(GraspState, **sizes)
+    problem = problem_size(n, unknowns, most) if grip.problems else 0
+    walks = end + 2 * problem
+    data = None if shape is None else shape.data
+    mesh = walks + (0 if data is None else n * size_of(MeshFinger))
+    block = zeros(mesh + (0 if data is None else data.size))
     grasp = GraspState(block)
-    for name, size in room.sizes.items():
+    for name, size in sizes.items():
         setattr(grasp, name, size)
     grasp.dimensions, grasp.period = d, period
     block[BODY : BODY + size_of(BodyState)] = grip.body
     _fill_rules(grasp, grip)
-    _fill_freedom(grasp, free != 0.0)
-    _fill_gains(grasp, grip, squares)
+    _fill_freedom(grasp, grip.free)
+    _fill_gains(grasp, grip)
     _fill_fingers(grasp, grip)
     for k, name in enumerate(("problem", "damping_problem")):
         block[start_of(GraspState, name)] = end + k * problem
         if grip.problems:
-            posed = set_up(block, end + k * problem, n, room.unknowns, room.most)
+            posed = set_up(block, end + k * problem, n, unknowns, most)
             posed.flexible = grip.recoils
             posed.limited = grip.limit is not None and not grip.implicit
             posed.compliant = grip.gradual and name == "damping_problem"
-    if grip.shape is not None:
-        grasp.shape = grip.shape.kind
-        block[_entries("parameters")] = grip.shape.parameters
+    if shape is not None:
+        grasp.shape = shape.kind
+        grasp.parameters = Vector(*shape.parameters)
     if data is not None:
-        first = end + 2 * problem
-        block[start_of(GraspState, "mesh")] = first + walks
+        block[start_of(GraspState, "mesh")] = mesh
         own = grasp.fingers.offset + size_of(FingerState) * np.arange(n)
-        grasp.fingers.array(FingerState.walk)[:] = first + size_of(MeshFinger) * np.arange(n) - own
-        block[first + walks :] = data
-
-
-def _free(grip: Grip) -> FloatArray:
-    """List which of the body's six degrees of freedom are free."""
-    body = BodyState(grip.body)
-    return np.concatenate([list_of(body.free_translation), list_of(body.free_rotation)])
-
-
-def _entries(name: str) -> slice:
-    first = start_of(GraspState, name)
-    return slice(first, first + 3)
-
-
-def list_of(value: object) -> list[float]:
-    """List the numbers of a vector."""
-    return list(numbers(value))
+        grasp.fingers.array(FingerState.walk)[:] = walks + size_of(MeshFinger) * np.arange(n) - own
+        block[mesh:] = data
+    return block
 
 
 def _fill_rules(grasp: GraspState, grip: Grip) -> None:
@@ -339,7 +311,7 @@ def _fill_rules(grasp: GraspState, grip: Grip) -> None:
     grasp.force_bound = rules.force_bound
     grasp.limited, grasp.recoils = grip.limit is not None, grip.recoils
     if grip.recoils:
-        tips = bool(_free(grip)[3:].any()) and not rules.at_contact
+        tips = bool(grip.free[3:].any()) and not rules.at_contact
         grasp.recoil.most, grasp.recoil.distant, grasp.recoil.twisted = grip.columns, tips, tips and grip.soft
     grasp.padded = grip.padded
     grasp.gradual, grasp.damping_depth = grip.gradual, rules.damping_depth
@@ -354,14 +326,14 @@ def _fill_freedom(grasp: GraspState, free: NDArray[np.bool_]) -> None:
     shifts, turns = int(free[:3].sum()), int(free[3:].sum())
     freedom.shifts, freedom.turns = shifts, turns
     for k, axis in enumerate(np.vstack([np.eye(3), np.eye(3)])[free]):
-        grasp.buffer[freedom.axes[k].offset : freedom.axes[k].offset + 3] = axis
+        freedom.axes[k].vector = Vector(*axis.tolist())
     # if all or none are free, the directions are the same in any frame; the plane's rotation axis is fixed
     grasp.mixed = d > 1 and (shifts not in (0, d) or turns not in (0, 1 if d == 2 else 3))
 
 
-def _fill_gains(grasp: GraspState, grip: Grip, squares: Sequence[FloatArray]) -> None:
+def _fill_gains(grasp: GraspState, grip: Grip) -> None:
     """Write kep, ked, kip and kid: scalars, or matrices for each finger or for all fingers together."""
-    law, S = grip.law, grasp.buffer
+    law, S, squares = grip.law, grasp.buffer, grip.squares
     grasp.equal, grasp.damped = law.equal, grip.damped
     grasp.singular = any(_least(part.damping) == 0.0 for part in (law.external, law.internal))
     if not squares:
@@ -380,7 +352,7 @@ def _fill_gains(grasp: GraspState, grip: Grip, squares: Sequence[FloatArray]) ->
     directed = any(np.ndim(gain) > 1 for gain in grip.gains[2 if law.of_object else 0 :])
     grasp.axes_of_gains = AXES[grip.rules.axes] if grip.dimensions > 1 and directed else OBJECT
     grasp.release = release_compliance(law, grip.count, grip.dimensions)
-    S[_entries("stiffest")] = [np.linalg.eigvalsh(squares[k]).max() for k in (2, 1, 3)]  # kip, ked, kid
+    grasp.stiffest = Vector(*(float(np.linalg.eigvalsh(squares[k]).max()) for k in (2, 1, 3)))  # kip, ked, kid
 
 
 def whole_gain(gain: FloatArray, d: int) -> FloatArray:
@@ -408,46 +380,15 @@ def _fill_fingers(grasp: GraspState, grip: Grip) -> None:
     fingers.array(FingerState.pad)[:] = grip.pad
     fingers.array(FingerState.face)[:] = -1.0
     fingers.array(FingerState.frame)[:] = EYE
-    fingers.array(FingerState.anchor)[:] = list_of(grasp.body.motion.rotation)
-    fingers.array(FingerState.radius)[:] = grip.radius
+    fingers.array(FingerState.anchor)[:] = list(numbers(grasp.body.motion.rotation))
+    fingers.array(FingerState.radius)[:] = grip.radii
     fingers.array(FingerState.touching)[:] = grip.rules.attached
-    if grip.limit is not None:
+    if grip.limits is not None:
         fingers.array(FingerState.cut)[:] = np.inf
-        fingers.array(FingerState.limit)[:] = grip.limit
+        fingers.array(FingerState.limit)[:] = grip.limits
 
 
 def _least(gain: float | FloatArray) -> float:
     """Compute the smallest gain in any direction; values of rounding size are zero."""
     values = np.linalg.eigvalsh(gain) if np.ndim(gain) > 1 else np.atleast_1d(gain)
     return 0.0 if values.min() <= 1e-12 * values.max() else float(values.min())
-
-
-def body_array(fill_body: Callable[[FloatArray], None]) -> FloatArray:
-    """Return the object's parameters and initial state."""
-    state = np.zeros(size_of(BodyState))
-    fill_body(state)
-    return state
-
-
-def radii(value: ArrayLike, n: int) -> FloatArray:
-    """Return the radii of fingertips, (n,) [m].
-
-    Raises:
-        InputError: If a radius is negative or not finite.
-    """
-    lengths = np.asarray(value, dtype=float)
-    if lengths.shape not in ((), (n,)) or not (np.isfinite(lengths) & (lengths >= 0.0)).all():
-        raise InputError("radius", value, f"a finite length, zero or more, or {n} of them [m]")
-    return np.broadcast_to(lengths, (n,))
-
-
-def largest_forces(value: ArrayLike, n: int) -> FloatArray:
-    """Return the largest forces of fingers, (n,) [N].
-
-    Raises:
-        InputError: If a limit is not above zero.
-    """
-    limits = np.asarray(value, dtype=float)
-    if limits.shape not in ((), (n,)) or not (limits > 0.0).all():
-        raise InputError("limit", value, f"a force above zero, or {n} of them [N]", "inf for no limit")
-    return np.broadcast_to(limits, (n,))

@@ -6,7 +6,7 @@ to the contacts that carry force:
 
     W^1/2 M^-1 W^1/2 = [I + V Y V'] / kip,    Y = diag(kip / kappa_k - 1) + kip T C T'    (elastic, V = Q),
 
-kappa_k = kip + (kep - kip) beta_k, T = Q'sqrt(W) G'. So a friction problem has six unknowns (`cones.mode_equations`).
+kappa_k = kip + (kep - kip) beta_k, T = Q'sqrt(W) G'. So a friction problem has six unknowns (`cones.equations`).
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ from graspfx.cones.factors import factor_definite, factor_signed, lower
 from graspfx.cones.problem import ConeContact, FrictionProblem
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.recoil import inertia, lever
-from graspfx.grasp.contact_state import motion_of
-from graspfx.grasp.rigid_modes import component
+from graspfx.grasp.rigid_modes import component, motion_of
 
 
 @kernel

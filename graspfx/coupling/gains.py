@@ -8,7 +8,7 @@ from graspfx.compile.kernel import inline, kernel
 from graspfx.compile.records import Floats, Table
 from graspfx.coupling.grasp_state import FingerState, Gain, GraspState
 from graspfx.coupling.object_gains import add_object_gain
-from graspfx.grasp.contact_state import motion_of
+from graspfx.grasp.rigid_modes import motion_of
 from graspfx.spatial import IDENTITY, Matrix, Vector
 
 WEIGHT_FLOOR = 1e-12  # a metric must be positive; the cone removes the remaining force of a faded finger

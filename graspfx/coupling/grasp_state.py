@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from graspfx.compile.records import Floats, Many, Record, Ref, Table, floats, many, room, table
 from graspfx.cones.problem import FrictionProblem
-from graspfx.coupling.recoil_state import RecoilState
-from graspfx.grasp.contact_state import FramedContact, Freedom
+from graspfx.grasp.rigid_modes import FramedContact, Freedom
 from graspfx.objects.body_state import BodyState, Motion
 from graspfx.spatial import Matrix, Vector, Vector4
 from graspfx.surfaces.triangles.mesh_finger import MeshFinger
@@ -79,6 +78,40 @@ class PadState(Record):
     moves: bool  # whether the depth is free, not held at zero
 
 
+class RecoilState(Record):
+    """Levers, linear systems and columns of the law, if its forces move the object within the sample (`recoil`).
+
+    Directions are the object's free directions, translations first. Columns are the columns V of a law
+    K = W^1/2 (A - V E V') W^1/2.
+    """
+
+    most: int  # largest number of columns
+    twisted: bool  # torsion acts along axes other than the normals, so elastic levers are not sums of modes
+    distant: bool  # rates and damping levers refer to the fingertips, not the contacts
+    current: bool  # elastic levers belong to the present modes
+    stuck: bool  # all forces of the last sample were inside their cones
+    elastic_share: Table = table("6", "6")  # T = Q'sqrt(W) G', one row per mode
+    elastic_weight: Table = table("6", "6")  # G W G' of rotations
+    damping_share: Table = table("6", "6")  # T with H, the levers of damping, in place of G
+    damping_weight: Table = table("6", "6")
+    system: Table = table("6", "6")  # C^-1 + G K G' + H D H' / T
+    motion: Floats = floats("6")  # u, along the free directions [m], [rad]
+    stretch: Floats = floats("most")  # V'e
+    rate: Floats = floats("most")  # V'e'
+    near: Table = table("most", "most")  # V'V of the elastic columns
+    far: Table = table("most", "most")  # V'R^-1 V of the damping columns
+    gram: Table = table("most", "most")  # V'A^-1 V
+    elastic_part: Table = table("most", "most")  # k_i E of stiffness; then of damping
+    damping_part: Table = table("most", "most")
+    whole: Table = table("most", "most")  # E of stiffness and damping, with the object's motion eliminated
+    levers: Table = table("most", "6")  # coefficients of K G' + D H' / T on the columns
+    products: Table = table("most", "6")  # work
+    turned: Table = table("6", "6")  # work
+    work: Table = table("most", "most")
+    signs: Floats = floats("most")
+    row: Floats = floats("most")
+
+
 class GraspState(Record):
     """An object, its coupling and its shape; switches are 0.0 or 1.0."""
 
@@ -139,7 +172,7 @@ class GraspState(Record):
     release: float  # 1/2 |Kep^-1 - Kip^-1| of matrix gains [m/N]
     limited: bool  # some device has a largest force
     guarded: bool  # forces pass a safety chain
-    squeeze: float  # lambda of `scaling` in this sample, with a safety chain
+    squeeze: float  # lambda of `limit.scale` in this sample, with a safety chain
     outer: float
     gradual: bool  # damping grows with depth (`depth`)
     damping_depth: float  # depth at which damping reaches its full value [m]
@@ -176,7 +209,7 @@ class GraspState(Record):
     free_gain: Table = table("object_freedoms", "object_freedoms")  # K_o or D_o on the free degrees of freedom
     modal_gain: Table = table("object_freedoms", "object_freedoms")  # A of `object_gains`
     held: Floats = floats("object_freedoms")  # mode of each degree of freedom, -1 if no mode holds it
-    directions: Table = table("6", "1 + 4 * count")  # directions with a wrench: length, forces (`scaling`)
+    directions: Table = table("6", "1 + 4 * count")  # directions with a wrench: length, forces (`limit`)
     skewest_stiffness: Table = table("components", "components")  # K with the largest skew part so far
     skewest_damping: Table = table("components", "components")
     matrices: Floats = floats("matrix_entries")  # kep, ked, kip, kid

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.compile.memory import zeros
 from graspfx.compile.records import Many, size_of, start_of
 from graspfx.coupling.block_entries import (
+    contradiction,
     gain_entries,
     matrix_entries,
     recorded_entries,
@@ -19,14 +19,12 @@ from graspfx.coupling.block_entries import (
 )
 from graspfx.coupling.contacts import EXCESSIVE, NOT_FINITE, UNRESOLVED, approach, refactor, turn_axes
 from graspfx.coupling.depth import compliance
-from graspfx.coupling.fade import release_compliance
-from graspfx.coupling.fill import Grip, Shape, block_size, body_array, fill_block, largest_forces, radii
-from graspfx.coupling.gain_switches import contradiction
+from graspfx.coupling.fill import Grip, Shape, make_block
 from graspfx.coupling.gains import V, W, fill_gains, fill_rows
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.law import normal_force
 from graspfx.coupling.object_gains import WIDE, add_object_gain
-from graspfx.coupling.rules import Rules
+from graspfx.coupling.rules import Rules, release_compliance
 from graspfx.coupling.sample import let_go, sample
 from graspfx.coupling.two_forces import SplitRule
 from graspfx.grasp.impedance import Coupling
@@ -66,7 +64,7 @@ class GraspedObject:
         radius: Radius of the ball fingertips, one or (n,) [m]; zero for point fingertips.
         limit: Largest force of each finger, one or (n,) [N], infinite for a finger without a limit; None without
             limits.
-        live: Names of fields of `GraspState` that may change during a run; programs do not fold them as constants.
+        live: Names of fields of `GraspState` that may change during a run.
 
     Raises:
         InputError: If unilateral contact has no shape or a stiffness of zero; a radius is not a length; or soft fingers
@@ -89,23 +87,19 @@ class GraspedObject:
     ) -> None:
         n, d = fingers, dimensions
         self.live = frozenset(live)
-        grip = _grip(n, d, law, rules, fill_body, shape, radius, limit, self.live)
+        grip = Grip(n, d, law, rules, fill_body, shape, radius, limit, self.live)
         self.fingers, self.dimensions, self.law = n, d, law
         self.matrices, self.soft = grip.matrices, grip.soft
-        self.block = zeros(block_size(grip))
-        fill_block(self.block, grip, period)
+        self.block = make_block(grip, period)
         self.state = GraspState(self.block)
         self._fades = _Fades(self.state.fade_start)
         self._grasp = GraspState(memoryview(self.block))  # Python floats, twice as fast as array items
-        self.coordinates = self.state.coordinates
         self._shaped = shape is not None
         self._walks: Many[MeshFinger] | None = None
         if shape is not None and shape.data is not None:
             self._walks = Many(MeshFinger, self.block, self.state.fingers[0].walk.offset, n)
         o = start_of(GraspState, "body")
         self.body_state = self.block[o : o + size_of(BodyState)]
-        o = start_of(GraspState, "fingers")
-        self.rows = self.block[o : o + n * size_of(FingerState)].reshape(n, size_of(FingerState))
         self.finger_position = self.array(FingerState.position)[:, :d]
         self.finger_velocity = self.array(FingerState.velocity)[:, :d]
         self.contact_position = self.array(FingerState.contact_world)[:, :d]
@@ -114,15 +108,9 @@ class GraspedObject:
         self.touching = self.array(FingerState.touching)
         self.limit = None if limit is None else self.array(FingerState.limit)
         self.where = recorded_entries(self.state)
-        self._walk_anew()
-
-    def _walk_anew(self) -> None:
-        """Limit the range of mesh searches to the range of the fade; without a fade, searches have no limit."""
-        if self._walks is None:
-            return
-        self._walks.array(MeshFinger.reach)[:] = np.inf
-        if self.state.fade:
-            self.set_fade(self.state.fade_start, self.state.fade_end)
+        if self._walks is not None:  # searches extend as far as the fade; without a fade, they have no limit
+            end = self.state.fade_end if self.state.fade else np.inf
+            self._walks.array(MeshFinger.reach)[:] = end + self.array(FingerState.radius)
 
     def adopt(self, other: GraspedObject) -> None:
         """Adopt the law and fade range of another grasped object, whose values this block already contains."""
@@ -326,21 +314,6 @@ def share_of_object(grasp: GraspState, name: str) -> FloatArray:
 
 def _needed(start: float, shortfall: float) -> float:
     return start + shortfall if shortfall else 0.0
-
-
-def _grip(
-    fingers: int,
-    dimensions: int,
-    law: Coupling,
-    rules: Rules,
-    fill_body: Callable[[FloatArray], None],
-    shape: Shape | None,
-    radius: ArrayLike,
-    limit: ArrayLike | None,
-    live: frozenset[str],
-) -> Grip:
-    largest = None if limit is None else largest_forces(limit, fingers)
-    return Grip(fingers, dimensions, law, rules, shape, radii(radius, fingers), largest, body_array(fill_body), live)
 
 
 def fault_text(fault: int, fingers: Sequence[str], grasped: GraspedObject) -> str:

@@ -2,31 +2,51 @@
 
 A limit only at the device would generate energy, because the object would receive forces that are not displayed. The
 limit is normally part of the projection: the cones are cut off at |f_i| <= L_i and the sample is solved again. The
-elastic force then remains the gradient of a convex function (`graspfx.cones.cut`). Forces that are still too large are
-scaled (`graspfx.coupling.scaling`).
+elastic force then remains the gradient of a convex function (`graspfx.cones.cone`). Forces that are still too large are
+scaled: first the internal force alone, then the whole force.
+
+Scaled forces stay in their cones, and the direction of the wrench does not change. Let a = P f be the smallest contact
+forces with the same wrench, and b = f - a the remaining internal force. The scaled force is alpha (a + lambda b).
+lambda is the largest number in [lambda_c, 1] for which every |a_i + lambda b_i| <= L_i, with alpha = 1. If no such
+number exists, lambda minimises the largest |a_i + lambda b_i| / L_i, and alpha < 1. For lambda >= lambda_c all forces
+are in their cones; below lambda_c a finger would slip or pull. P is the projector for the points where the forces act.
+It contains only the force components that contacts transmit: without friction, the normal components.
 """
 
 from __future__ import annotations
 
 import math
 
-from graspfx.compile.kernel import kernel
-from graspfx.cones.cut import HALF_SPACE, NO_CONE, force_size, shorten
+from graspfx.compile.kernel import inline, kernel
+from graspfx.compile.records import Floats, Record
+from graspfx.cones.cone import HALF_SPACE, NO_CONE, force_size, shorten
 from graspfx.cones.friction import UNRESOLVED as NONE
 from graspfx.cones.problem import FrictionProblem, Gains
 from graspfx.coupling.contact_frames import in_frame, out_of_frame
 from graspfx.coupling.contacts import UNRESOLVED
-from graspfx.coupling.conventional import damp_alone
 from graspfx.coupling.coulomb import force_of_modes, force_with_friction, pose_compliances, pose_problem
 from graspfx.coupling.frictionless import frictionless_force
-from graspfx.coupling.grasp_state import GraspState
-from graspfx.coupling.law import bilateral, keep_elastic
+from graspfx.coupling.grasp_state import FingerState, GraspState
+from graspfx.coupling.law import bilateral, keep_elastic, react
 from graspfx.coupling.pad import press, relax
-from graspfx.coupling.react import react
-from graspfx.coupling.scaling import LIMIT_MARGIN, scale
-from graspfx.spatial import NOTHING, ZERO
+from graspfx.coupling.unilateral import damp_alone
+from graspfx.spatial import NOTHING, ZERO, Vector, Vector4, cross, dot, orthogonalise, with_torsion
 
 NEARLY = 1.0 - 1e-12  # fraction of a limit from which a force counts as limited
+LIMIT_MARGIN = 1.0 - 1e-14  # used fraction of a limit, so that rounding never activates the device's own limit
+ROUNDING = 1e-15  # tolerance of a finger's cone, relative to the finger's force
+LEAST = 1e-14  # fraction of the longest wrench direction, below which a direction counts as zero
+TOUCHING = 1.0 + 4e-15  # factor on a limit with its margin, so that projected forces count as within the limit
+HALVINGS = 60  # bisections of an interval, down to rounding
+GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+SECTIONS = 80  # golden-section steps
+NORMAL_ONLY = 1  # force that a contact transmits: 0 none, 1 along the normal, 2 in all directions
+
+
+class DirectionPart(Record):
+    """A finger's part of a contact-force direction; for a contact without tangential force, only the first entry."""
+
+    force: Vector4
 
 
 @kernel
@@ -198,3 +218,216 @@ def force_in_ball(grasp: GraspState, problem: FrictionProblem, gains: Gains, ela
     for i, finger in enumerate(grasp.fingers):
         finger.local = out_of_frame(grasp, finger, problem.contacts[i].force)
     return UNRESOLVED if law == NONE else 0
+
+
+@kernel
+def scale(grasp: GraspState, elastic: bool) -> None:
+    """Scale the forces into the limits; with `elastic`, scale the elastic forces by the same two factors."""
+    if not largest_load(grasp) > TOUCHING:
+        return
+    count = wrench_modes(grasp)
+    project(grasp, False, count)
+    low = least_squeeze(grasp)
+    best = lightest(grasp, low)
+    squeeze = best
+    if overload(grasp, best) <= 1.0:
+        squeeze = most_squeeze(grasp, best)
+    load = overload(grasp, squeeze)
+    alpha = 1.0 / load if load > 1.0 else 1.0
+    if grasp.guarded:
+        grasp.squeeze *= squeeze
+        grasp.outer *= alpha
+    for finger in grasp.fingers:
+        finger.local = alpha * (finger.carried + squeeze * (finger.local - finger.carried))
+    if elastic:
+        project(grasp, True, count)
+        for finger in grasp.fingers:
+            finger.elastic = alpha * (finger.carried + squeeze * (finger.elastic - finger.carried))
+
+
+@kernel
+def largest_load(grasp: GraspState) -> float:
+    """Compute max |f_i| / L_i."""
+    most = 0.0
+    for finger in grasp.fingers:
+        most = max(most, length(finger.local.vector) / (LIMIT_MARGIN * finger.limit))
+    return most
+
+
+@kernel
+def overload(grasp: GraspState, squeeze: float) -> float:
+    """Compute max |a_i + lambda b_i| / L_i."""
+    most = 0.0
+    for finger in grasp.fingers:
+        most = max(most, length(squeezed(finger, squeeze).vector) / (LIMIT_MARGIN * finger.limit))
+    return most
+
+
+@inline
+def squeezed(finger: FingerState, squeeze: float) -> Vector4:
+    """Compute a_i + lambda (f_i - a_i)."""
+    return finger.carried + squeeze * (finger.local - finger.carried)
+
+
+@inline
+def length(v: Vector) -> float:
+    """Compute |v|."""
+    return math.sqrt(0.0 + v.x * v.x + v.y * v.y + v.z * v.z)
+
+
+@kernel
+def capacity(grasp: GraspState, finger: FingerState) -> int:
+    """Return the force that a contact transmits: 0 none, 1 along the normal, 2 in all directions."""
+    if grasp.attached:
+        return 2
+    if not finger.touching:
+        return 0
+    return 2 if grasp.stick or finger.coefficient > 0.0 else NORMAL_ONLY
+
+
+@kernel
+def wrench_modes(grasp: GraspState) -> int:
+    """Write orthonormal directions of transmitted contact forces whose wrench is not zero; return their number.
+
+    The directions span G' of the free degrees of freedom, with the arms of the points where forces act. A contact that
+    transmits no tangential force has one coordinate, the first of its four, so that small directions have no rounding
+    errors in its tangents.
+    """
+    shifts, turns = grasp.freedom.shifts, grasp.freedom.turns
+    for k in range(shifts + turns):
+        axis = grasp.freedom.axes[k].vector
+        for i, finger in enumerate(grasp.fingers):
+            kind = capacity(grasp, finger)
+            force, torsion = axis, 0.0
+            if k >= shifts:
+                arm = finger.contact
+                if not grasp.at_contact:
+                    arm += finger.displacement.vector
+                force = cross(axis, arm)
+                if grasp.coordinates > 3:
+                    torsion = finger.patch * dot(axis, finger.twist_axis)
+            part = with_torsion(force, torsion)
+            if kind == NORMAL_ONLY:
+                part = Vector4(dot(finger.normal, force), 0.0, 0.0, 0.0)
+            if kind == 0:
+                part = NOTHING
+            part_of(grasp.directions[k], i).force = part
+    orthogonalise(grasp.directions, 0, shifts + turns)
+    return normalise_directions(grasp, shifts + turns)
+
+
+@inline
+def part_of(direction: Floats, i: int) -> DirectionPart:
+    """Return finger i's part of a direction."""
+    return DirectionPart(direction.buffer, direction.offset + (1 + 4 * i))
+
+
+@kernel
+def normalise_directions(grasp: GraspState, count: int) -> int:
+    """Normalise all directions that exceed rounding, move them to the front and return their number."""
+    size = grasp.directions.columns
+    longest = 0.0
+    for k in range(count):
+        direction = grasp.directions[k]
+        square = 0.0
+        for j in range(1, size):
+            square += direction[j] * direction[j]
+        direction[0] = math.sqrt(square)
+        longest = max(longest, direction[0])
+    used = 0
+    for k in range(count):
+        norm = grasp.directions[k, 0]
+        if norm > LEAST * longest:
+            for j in range(1, size):
+                grasp.directions[used, j] = grasp.directions[k, j] / norm
+            used += 1
+    return used
+
+
+@kernel
+def project(grasp: GraspState, elastic: bool, count: int) -> None:
+    """Compute a = P f of the forces or the elastic forces, twice, so that f - a has no wrench up to rounding."""
+    for finger in grasp.fingers:
+        finger.carried = NOTHING
+    for _ in range(2):
+        for k in range(count):
+            direction = grasp.directions[k]
+            along = 0.0
+            for i, finger in enumerate(grasp.fingers):
+                u, a = part_of(direction, i).force, finger.carried
+                f = finger.elastic if elastic else finger.local
+                if capacity(grasp, finger) == NORMAL_ONLY:
+                    along += u.x * (dot(finger.normal, f.vector) - a.x)
+                else:
+                    along += u.x * (f.x - a.x)
+                    along += u.y * (f.y - a.y)
+                    along += u.z * (f.z - a.z)
+                    along += u.t * (f.t - a.t)
+            for i, finger in enumerate(grasp.fingers):
+                finger.carried += along * part_of(direction, i).force
+    for finger in grasp.fingers:
+        if capacity(grasp, finger) == NORMAL_ONLY:
+            finger.carried = with_torsion(finger.carried.x * finger.normal, finger.carried.t)
+
+
+@kernel
+def depth_in_cone(grasp: GraspState, finger: FingerState, squeeze: float) -> float:
+    """Compute the distance of a_i + lambda b_i inside its cone, mu f_n - |f_t| or f_n, plus a rounding tolerance."""
+    f, x = finger.local, squeezed(finger, squeeze)
+    normal = dot(x.vector, finger.normal)
+    slack = ROUNDING * math.sqrt(f.x * f.x + f.y * f.y + f.z * f.z + f.t * f.t)
+    if grasp.stick or finger.coefficient == 0.0:
+        return normal + slack
+    tangent = x.vector - normal * finger.normal
+    along = math.sqrt(tangent.x * tangent.x + tangent.y * tangent.y + tangent.z * tangent.z + x.t * x.t)
+    return finger.coefficient * normal - along + slack
+
+
+@kernel
+def least_squeeze(grasp: GraspState) -> float:
+    """Find lambda_c, the zero of the concave `depth_in_cone`; for lambda in [lambda_c, 1] all forces are in cones."""
+    least = 0.0
+    if grasp.attached:
+        return least
+    for finger in grasp.fingers:
+        if capacity(grasp, finger) != 0 and depth_in_cone(grasp, finger, least) < 0.0:
+            low, high = least, 1.0
+            for _ in range(HALVINGS):
+                middle = 0.5 * (low + high)
+                if depth_in_cone(grasp, finger, middle) < 0.0:
+                    low = middle
+                else:
+                    high = middle
+            least = high
+    return least
+
+
+@kernel
+def lightest(grasp: GraspState, low: float) -> float:
+    """Find the lambda in [low, 1] with the smallest overload, which is convex in lambda."""
+    high = 1.0
+    left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
+    at_left, at_right = overload(grasp, left), overload(grasp, right)
+    for _ in range(SECTIONS):
+        if at_left <= at_right:
+            high, right, at_right = right, left, at_left
+            left = high - GOLDEN * (high - low)
+            at_left = overload(grasp, left)
+        else:
+            low, left, at_left = left, right, at_right
+            right = low + GOLDEN * (high - low)
+            at_right = overload(grasp, right)
+    return left if at_left <= at_right else right
+
+
+@kernel
+def most_squeeze(grasp: GraspState, low: float) -> float:
+    """Find the largest lambda in [low, 1] without overload; `low` itself must be without overload."""
+    high = 1.0
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        if overload(grasp, middle) <= 1.0:
+            low = middle
+        else:
+            high = middle
+    return low

@@ -8,7 +8,7 @@ from graspfx import elementary
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Floats, Table
 from graspfx.coupling.grasp_state import Gain, GraspState
-from graspfx.grasp.contact_state import motion_of
+from graspfx.grasp.rigid_modes import motion_of
 from graspfx.spatial import Vector, cross, dot
 
 NOTHING_HELD = 1e-13  # relative bound below which a stiffness pivot of unheld degrees of freedom is rounding

@@ -18,16 +18,15 @@ from __future__ import annotations
 import math
 
 from graspfx.compile.kernel import kernel
-from graspfx.cones.cut import shorten
-from graspfx.cones.elimination import eliminate
+from graspfx.cones.cone import shorten
+from graspfx.cones.factors import eliminate
 from graspfx.coupling.contact_frames import assemble
 from graspfx.coupling.contacts import UNRESOLVED
-from graspfx.coupling.conventional import separate
 from graspfx.coupling.coulomb import elastic_in_cones
 from graspfx.coupling.frictionless import elastic_without_friction
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.law import normal_force
-from graspfx.coupling.unilateral import project
+from graspfx.coupling.unilateral import project, separate
 from graspfx.spatial import inner, with_torsion
 
 PASSES = 100  # largest number of passes per sample

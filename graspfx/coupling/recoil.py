@@ -17,7 +17,7 @@ from graspfx.compile.kernel import inline, kernel
 from graspfx.compile.records import Table
 from graspfx.cones.factors import factor_definite, solve_factored
 from graspfx.coupling.grasp_state import FingerState, GraspState
-from graspfx.grasp.contact_state import motion_of
+from graspfx.grasp.rigid_modes import motion_of
 from graspfx.spatial import ZERO, Vector, Vector4, cross, dot, with_torsion
 
 

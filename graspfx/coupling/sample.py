@@ -9,18 +9,17 @@ from graspfx.compile.records import Floats
 from graspfx.coupling.contact_frames import coordinates_of, out_of_frame
 from graspfx.coupling.contacts import AGAIN, EXCESSIVE, approach, fade, refactor, turn_axes
 from graspfx.coupling.coulomb import force_with_friction, move_anchors
-from graspfx.coupling.fade import compliance_of_numbers
 from graspfx.coupling.frictionless import frictionless_force
 from graspfx.coupling.gains import fill_gains
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.implicit import assemble_implicitly
-from graspfx.coupling.law import bilateral, keep_elastic, normal_force
+from graspfx.coupling.law import FINE, bilateral, keep_elastic, normal_force, react
 from graspfx.coupling.limit import forget_limits, limit
 from graspfx.coupling.pad import press, relax
-from graspfx.coupling.react import FINE, react
 from graspfx.coupling.recoil import recoil
+from graspfx.coupling.rules import compliance_of_numbers
 from graspfx.coupling.unilateral import unilateral
-from graspfx.grasp.contact_state import motion_of
+from graspfx.grasp.rigid_modes import motion_of
 from graspfx.spatial import NOTHING, ZERO, dot
 
 

@@ -1,4 +1,8 @@
-"""Unilateral contact: forces projected on pushing forces (eqs. 24-26) by principal pivoting."""
+"""Unilateral contact: forces projected on pushing forces (eqs. 24-26) by principal pivoting.
+
+Equal scalar gains need neither a projector nor matrices: the conventional method (eqs. 1 and 7-8) computes each finger
+separately.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +11,12 @@ from graspfx.compile.records import Floats
 from graspfx.cones.complement import Contacts, complement, release, settle
 from graspfx.coupling.contact_frames import assemble, coordinates_of, in_frame, out_of_frame, write_coordinates
 from graspfx.coupling.contacts import AGAIN, UNRESOLVED, displace, touch
-from graspfx.coupling.conventional import damp_alone, separate
-from graspfx.coupling.depth import is_whole, soften
+from graspfx.coupling.depth import damping_share, is_whole, soften
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.implicit import assemble_implicitly, carries
 from graspfx.coupling.law import bilateral, keep_elastic, normal_force
 from graspfx.coupling.recoil import recoil
-from graspfx.spatial import NOTHING
+from graspfx.spatial import NOTHING, inner, with_torsion
 
 LEAST = 1e-8  # fraction of a coordinate's damping to add if some direction has no damping
 
@@ -40,6 +43,38 @@ def unilateral(grasp: GraspState, again: bool) -> int:
         else:
             fault = damp(grasp)
     return fault
+
+
+@kernel
+def separate(grasp: GraspState) -> None:
+    """Compute f_i = w_i k e_i of every finger inside the object; the force is normal unless the finger sticks."""
+    for finger in grasp.fingers:
+        depth = inner(finger.normal, finger.displacement.vector)
+        k = finger.weight * grasp.internal_stiffness
+        for a in range(grasp.dimensions):
+            e = 0.0
+            if depth > 0.0:
+                e = finger.displacement[a] if grasp.stick else depth * finger.normal[a]
+            finger.local[a] = k * e
+        if grasp.coordinates > 3:
+            torsion = k * finger.displacement.t if depth > 0.0 else 0.0
+            finger.local = with_torsion(finger.local.vector, torsion)
+
+
+@kernel
+def damp_alone(grasp: GraspState) -> None:
+    """Add b_i e_i' to every touching finger's force, only along the normal unless it sticks; the sum never pulls."""
+    for finger in grasp.fingers:
+        if not finger.touching:
+            continue
+        b = finger.weight * grasp.internal_damping
+        if grasp.gradual:
+            b *= damping_share(grasp, finger, normal_force(finger))
+        speed = inner(finger.normal, finger.rate.vector)
+        f = max(b * speed, -normal_force(finger)) * finger.normal
+        if grasp.stick:
+            f += b * (finger.rate.vector - speed * finger.normal)
+        finger.local += with_torsion(f, b * finger.rate.t)
 
 
 @kernel

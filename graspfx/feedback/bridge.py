@@ -38,8 +38,7 @@ from graspfx.feedback.host_record import (
     HostRecord,
     make_record,
 )
-from graspfx.grasp.direct import couple_points
-from graspfx.grasp.point_grasp import PointGrasp
+from graspfx.grasp.direct import PointGrasp, couple_points
 from graspfx.spatial import NOTHING, dot
 
 FloatArray = NDArray[np.float64]

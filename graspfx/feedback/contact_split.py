@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from graspfx.compile.kernel import inline, kernel
 from graspfx.compile.records import Floats, Record, Table, floats, room, table
-from graspfx.grasp.direct import couple_points
-from graspfx.grasp.point_grasp import PointGrasp
+from graspfx.grasp.direct import PointGrasp, couple_points
 from graspfx.spatial import Vector, cross, dot
 
 FloatArray = NDArray[np.float64]

@@ -15,7 +15,7 @@ from graspfx.compile.records import size_for
 from graspfx.errors import InputError, MissingPackageError
 from graspfx.feedback.contact_split import ContactSplitState, Shown, divide_contacts
 from graspfx.feedback.host_limits import gain_limits
-from graspfx.grasp.point_grasp import PointGrasp
+from graspfx.grasp.direct import PointGrasp
 from graspfx.numeric import finite, number
 
 if TYPE_CHECKING:

@@ -21,15 +21,20 @@ def turned_gain(gain: Gain, R: FloatArray) -> Gain:
     if K.ndim < 2:
         return gain
     if K.ndim == 2 and K.shape != (d, d):
-        n = K.shape[0] // d
-        whole = np.zeros(K.shape)
-        whole.reshape(n, d, n, d)[np.arange(n), :, np.arange(n), :] = R
-        return _even(whole @ K @ whole.T)
-    return _even(R @ K @ np.swapaxes(R, -1, -2))
+        R = block_diagonal(R, K.shape[0] // d)
+    return even(R @ K @ np.swapaxes(R, -1, -2))
 
 
-def _even(K: FloatArray) -> FloatArray:
-    """Remove the skew part of a rotated matrix, which is due to rounding."""
+def block_diagonal(blocks: FloatArray, n: int) -> FloatArray:
+    """Assemble one matrix (d, d) for all fingers, or n matrices (n, d, d), into a block-diagonal matrix (n d, n d)."""
+    d = blocks.shape[-1]
+    whole = np.zeros((n * d, n * d))
+    whole.reshape(n, d, n, d)[np.arange(n), :, np.arange(n), :] = blocks
+    return whole
+
+
+def even(K: FloatArray) -> FloatArray:
+    """Remove the skew part of a symmetric matrix, which is due to rounding."""
     return np.asarray(0.5 * (K + np.swapaxes(K, -1, -2)))
 
 

@@ -14,9 +14,9 @@ from graspfx.grasp.split import Split
 
 if TYPE_CHECKING:
     from graspfx.grasp.quality.closure import ForceClosure, Limit
+    from graspfx.grasp.quality.internal import VirtualLinkage
     from graspfx.grasp.quality.margin import Bound, Margin
     from graspfx.grasp.quality.measures import Measures
-    from graspfx.grasp.quality.virtual_linkage import VirtualLinkage
 
 MOST = 6  # largest number of points shown on a card
 
@@ -81,7 +81,7 @@ class Grasp(Carded, GraspMatrix):
         self, actuators: Sequence[tuple[int, int]] | None = None, tolerance: float = 1e-6
     ) -> VirtualLinkage:
         """Split by a virtual linkage with actuators between pairs of fingers; see `VirtualLinkage`."""
-        from graspfx.grasp.quality.virtual_linkage import VirtualLinkage
+        from graspfx.grasp.quality.internal import VirtualLinkage
 
         self.require_one("virtual_linkage")
         return VirtualLinkage(self, actuators=actuators, tolerance=tolerance)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Literal, cast, get_args
+from functools import cached_property
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,9 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from graspfx import log
 from graspfx.card import Card, Carded
 from graspfx.errors import InputError, UnknownNameError
-from graspfx.grasp.gain import SYMMETRIC, Gain, checked_gain, equal_gains, gain_text, turned_gain
+from graspfx.grasp.gain import SYMMETRIC, Gain, block_diagonal, checked_gain, equal_gains, gain_text, turned_gain
+from graspfx.grasp.matrix import transposed
 from graspfx.grasp.object_impedance import ObjectImpedance, object_gain
-from graspfx.grasp.point_sets import Numbers, point_force, point_forces, point_head
+from graspfx.grasp.point_sets import Numbers, point_force, point_forces
 from graspfx.grasp.split import Split, fits
 from graspfx.numeric import FEW, LARGEST, finite
 
@@ -24,7 +26,6 @@ Pair = Literal["stiffness", "damping"]
 
 LOOP_RADIUS = 0.005  # radius of the closed motion whose energy the warning states [m]
 FLOAT = np.dtype(np.float64)
-MOST_HEADS = 64  # largest number of pairs of grasp size and tolerance that a coupling caches
 GROWN = 10.0  # growth that causes another warning; while a finger fades in, the skew part grows from a small value
 
 
@@ -96,8 +97,6 @@ class Coupling(Carded):
     _warned: dict[Pair, float] = field(default_factory=dict, init=False, repr=False)
     _matrices: dict[Pair, tuple[Split, FloatArray]] = field(default_factory=dict, init=False, repr=False)
 
-    _heads: dict[tuple[int, int, float], FloatArray] = field(default_factory=dict, init=False, repr=False)
-
     def __post_init__(self) -> None:
         if str(self.form) not in get_args(Form):
             raise UnknownNameError("form of the coupling", str(self.form), get_args(Form))
@@ -164,36 +163,24 @@ class Coupling(Carded):
         _require_split(split)
         x = _motion("e", e, split)
         dx = None if de is None else _motion("de", de, split)
-        if split.of_points:
-            owner, head = split.head
-            if owner is not self:
-                split.head = self, (head := self._head_for(split))
-            if head is not None:
-                return _point_force(split, head, x, dx)
-        part = self._part("stiffness", split, x)
-        if dx is None:
-            return part[0] if part[1] is None else part[0] + split.project(part[1])
-        rate = self._part("damping", split, dx)
-        f = part[0] + rate[0]
-        if part[1] is not None and rate[1] is not None:
-            return f + split.project(part[1] + rate[1])
-        difference = part[1] if rate[1] is None else rate[1]
-        return f if difference is None else f + split.project(difference)
+        if split.of_points and self._numbers is not None:
+            return _point_force(split, self._numbers, x, dx)
+        f, external = self._part("stiffness", split, x)
+        if dx is not None:
+            more, also = self._part("damping", split, dx)
+            f = f + more
+            external = also if external is None else external if also is None else external + also
+        return f if external is None else f + split.project(external)
 
-    def _head_for(self, split: Split) -> FloatArray | None:
-        """Return the sizes, gains and tolerance for a kernel of point contacts; None if a gain is not a number."""
-        grasp = split.points
-        key = grasp.fingers, grasp.dimensions, split.point_tolerance
-        head = self._heads.get(key)
-        if head is None:
-            outer, inner = self.external, self.internal
-            gains = outer.stiffness, outer.damping, inner.stiffness, inner.damping
-            if not all(isinstance(gain, float) for gain in gains):
-                return None
-            if len(self._heads) >= MOST_HEADS:
-                self._heads.clear()
-            head = self._heads[key] = point_head(*key[:2], cast("Numbers", gains), key[2])
-        return head
+    @cached_property
+    def _numbers(self) -> Numbers | None:
+        """Gains kep, ked, kip and kid if all of them are numbers, else None."""
+        kep, ked, kip, kid = (
+            gain for part in (self.external, self.internal) for gain in (part.stiffness, part.damping)
+        )
+        if isinstance(kep, float) and isinstance(ked, float) and isinstance(kip, float) and isinstance(kid, float):
+            return kep, ked, kip, kid
+        return None
 
     def rule(self, pair: Pair) -> Literal["equal", "literal", "symmetric"]:
         """Return the rule for combining a pair of gains.
@@ -237,8 +224,8 @@ class Coupling(Carded):
         else:
             A, B, E = spread(outer, split), spread(inner, split), split.external
             if rule == "symmetric":
-                K = E @ A @ _transposed(E) + split.internal @ B @ _transposed(split.internal)
-                K = (K + _transposed(K)) / 2 + share
+                K = E @ A @ transposed(E) + split.internal @ B @ transposed(split.internal)
+                K = (K + transposed(K)) / 2 + share
             else:
                 K = B + E @ (A - B) + share
                 self.warn_if_active(pair, K)
@@ -249,10 +236,10 @@ class Coupling(Carded):
     def warn_if_active(self, pair: Pair, K: FloatArray) -> None:
         """Warn of a stiffness or damping that can create energy: once, and again when the energy has grown tenfold."""
         limit = GROWN * self._warned.get(pair, 0.0)
-        if limit > 0.0 and float(np.linalg.norm(K - _transposed(K))) <= 2.0 * limit:
+        if limit > 0.0 and float(np.linalg.norm(K - transposed(K))) <= 2.0 * limit:
             return  # this bound is at least the spectral norm, and cheap
         size = float(np.abs(K).max())
-        skew, lowest = skew_part(K), float(np.linalg.eigvalsh((K + _transposed(K)) / 2).min())
+        skew, lowest = skew_part(K), float(np.linalg.eigvalsh((K + transposed(K)) / 2).min())
         worst = max(skew if pair == "stiffness" else 0.0, -lowest)
         if worst <= limit:
             return
@@ -287,14 +274,8 @@ def spread(gain: Gain, split: Split) -> FloatArray:
     n = 0 if grasp is None else grasp.fingers
     if grasp is not None and gain.shape == (n,):
         K = np.diag(gain[grasp.finger_of_column])
-    elif (
-        grasp is not None
-        and gain.ndim >= 2
-        and _fits_each_finger(gain, grasp.finger_of_column, n, grasp.torsion_columns)
-    ):
-        d = gain.shape[-1]
-        K = np.zeros((m, m))
-        K.reshape(n, d, n, d)[np.arange(n), :, np.arange(n), :] = gain
+    elif grasp is not None and gain.shape in ((d := grasp.forces_of_each, d), (n, d, d)):
+        K = block_diagonal(gain, n)
     elif gain.shape == (m, m):
         return gain.copy()
     else:
@@ -332,19 +313,12 @@ def per_finger(gain: Gain, fingers: int, dimensions: int) -> FloatArray:
 
 def skew_part(K: FloatArray) -> float:
     """Compute |(K - K')/2|, the largest singular value [N/m]; for many matrices (..., m, m), the maximum."""
-    return float(np.linalg.norm((K - _transposed(K)) / 2, 2, axis=(-2, -1)).max())
+    return float(np.linalg.norm((K - transposed(K)) / 2, 2, axis=(-2, -1)).max())
 
 
 def loop_energy(K: FloatArray, radius: float) -> float:
     """Compute 2 pi r^2 |(K - K')/2|, the largest work of f = K e on a circle of displacements of radius r [J]."""
     return 2.0 * math.pi * radius**2 * skew_part(K)
-
-
-def _fits_each_finger(gain: FloatArray, finger: NDArray[np.int64], n: int, torsion: NDArray[np.bool_]) -> bool:
-    d = gain.shape[-1]
-    return (
-        gain.shape in ((d, d), (n, d, d)) and not torsion.any() and bool((np.bincount(finger, minlength=n) == d).all())
-    )
 
 
 def _require_split(value: object) -> None:
@@ -363,8 +337,7 @@ def _motion(name: str, value: ArrayLike, split: Split) -> FloatArray:
     x = finite(name, value)
     if x.shape == (m,):
         return x
-    n = split.grasp.fingers if split.grasp is not None else 0
-    if n and x.ndim >= 2 and x.shape[-2] == n and x.shape[-2] * x.shape[-1] == m and _has_points(split):
+    if split.grasp is not None and x.shape[-2:] == (split.grasp.fingers, split.grasp.forces_of_each):
         x = x.reshape(*x.shape[:-2], m)
         if fits(x.shape[:-1], split.sets):
             return x
@@ -376,27 +349,14 @@ def _motion(name: str, value: ArrayLike, split: Split) -> FloatArray:
     raise InputError(name, x, f"{shapes}, or (..., n, d) where each contact has d forces")
 
 
-def _has_points(split: Split) -> bool:
-    """True if the components of each contact are d forces."""
-    grasp = split.grasp
-    if split.of_points or grasp is None:
-        return split.of_points
-    counts = np.bincount(grasp.finger_of_column, minlength=grasp.fingers)
-    return not grasp.torsion_columns.any() and bool((counts == split.components // grasp.fingers).all())
-
-
-def _point_force(split: Split, head: FloatArray, x: FloatArray, dx: FloatArray | None) -> FloatArray:
+def _point_force(split: Split, gains: Numbers, x: FloatArray, dx: FloatArray | None) -> FloatArray:
     """Compute forces of hard contacts on free objects by a kernel, for one set of contacts or many."""
-    points = split.points.points
+    points, tolerance = split.points, split.point_tolerance
     if not split.sets and x.ndim == 1 and (dx is None or dx.ndim == 1):
-        return point_force(points, head, x, dx)
+        return point_force(points, gains, tolerance, x, dx)
     sets = np.broadcast_shapes(split.sets, x.shape[:-1], () if dx is None else dx.shape[:-1])
     n, d = points.shape[-2:]
     every = np.broadcast_to(points, (*sets, n, d)).reshape(-1, n, d)
     rows, rates = (None if y is None else np.broadcast_to(y, (*sets, n * d)).reshape(-1, n * d) for y in (x, dx))
     assert rows is not None
-    return point_forces(every, head, rows, rates).reshape(*sets, n * d)
-
-
-def _transposed(A: FloatArray) -> FloatArray:
-    return np.swapaxes(A, -1, -2)
+    return point_forces(every, gains, tolerance, rows, rates).reshape(*sets, n * d)

@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from graspfx.card import Card, Carded
 from graspfx.errors import InputError
 from graspfx.grasp.contact import MOMENTS
-from graspfx.grasp.gain import checked_gain, gain_text
-from graspfx.grasp.split import ContactSet, Split
+from graspfx.grasp.gain import checked_gain, even, gain_text
+from graspfx.grasp.matrix import GraspMatrix
+from graspfx.grasp.split import Split
 from graspfx.numeric import finite
 
 FloatArray = NDArray[np.float64]
@@ -88,7 +89,7 @@ class ObjectImpedance(Carded):
         if d == 3:
             T[3:, 3:] = R
         point = None if self.point is None else R @ self.point
-        return ObjectImpedance(_even(T @ self.stiffness @ T.T), _even(T @ self.damping @ T.T), point)
+        return ObjectImpedance(even(T @ self.stiffness @ T.T), even(T @ self.damping @ T.T), point)
 
     def about(self, origin: ArrayLike) -> ObjectImpedance:
         """Return the impedance at another point (d,) [m], S'K S and S'D S, where S x is the motion at `point`."""
@@ -100,7 +101,7 @@ class ObjectImpedance(Carded):
             S[:2, 2] = -r[1], r[0]
         elif d == 3:
             S[:3, 3:] = [[0.0, r[2], -r[1]], [-r[2], 0.0, r[0]], [r[1], -r[0], 0.0]]
-        return ObjectImpedance(_even(S.T @ self.stiffness @ S), _even(S.T @ self.damping @ S))
+        return ObjectImpedance(even(S.T @ self.stiffness @ S), even(S.T @ self.damping @ S))
 
 
 def object_gain(impedance: ObjectImpedance, pair: str, split: Split) -> FloatArray:
@@ -111,7 +112,7 @@ def object_gain(impedance: ObjectImpedance, pair: str, split: Split) -> FloatArr
     """
     m, sets = split.components, split.sets
     grasp = split.grasp
-    origin = np.zeros(1) if grasp is None else np.asarray(getattr(grasp, "origin", 0.0))
+    origin = np.zeros(1) if grasp is None else grasp.origin
     LU = split.stretch(np.swapaxes(split.modes, -1, -2))  # (..., r, m)
     G = np.broadcast_to(split.matrix, (*sets, *split.matrix.shape[-2:])).reshape(-1, split.matrix.shape[-2], m)
     out = np.zeros((len(G), m, m))
@@ -121,7 +122,7 @@ def object_gain(impedance: ObjectImpedance, pair: str, split: Split) -> FloatArr
     for k, (each, rows) in enumerate(zip(G, np.asarray(LU).reshape(len(G), -1, m), strict=True)):
         K = _of_freedoms(getattr(impedance.about(origins[k]), pair), grasp, len(each))
         used = rows[: ranks[k]]
-        out[k] = _even(used.T @ modal_gain(K, each @ used.T, moments) @ used)
+        out[k] = even(used.T @ modal_gain(K, each @ used.T, moments) @ used)
     return out.reshape(*sets, m, m)
 
 
@@ -146,14 +147,14 @@ def modal_gain(K: FloatArray, T: FloatArray, moments: NDArray[np.bool_]) -> Floa
     N = U[:, r:]
     if N.size:
         KN = K @ N
-        K = K - KN @ np.linalg.pinv(_even(N.T @ KN), rcond=ROUNDING, hermitian=True) @ KN.T
+        K = K - KN @ np.linalg.pinv(even(N.T @ KN), rcond=ROUNDING, hermitian=True) @ KN.T
     back = V.T / values @ U[:, :r].T
     return np.asarray(back @ K @ back.T)
 
 
-def _of_freedoms(K: FloatArray, grasp: ContactSet | None, w: int) -> FloatArray:
+def _of_freedoms(K: FloatArray, grasp: GraspMatrix | None, w: int) -> FloatArray:
     """Omit rows and columns of locked degrees of freedom."""
-    free = getattr(grasp, "free", np.ones(w, dtype=bool))
+    free = np.ones(w, dtype=bool) if grasp is None else grasp.free
     if len(K) == len(free):
         return np.asarray(K[np.ix_(free, free)])
     if len(K) == w:
@@ -170,7 +171,3 @@ def _square(name: str, argument: ArrayLike) -> FloatArray:
             name, value.shape, "a number, (w,) or (w, w) for w = 1, 3 or 6 degrees of freedom of the object"
         )
     return np.array(checked_gain(name, value))
-
-
-def _even(K: FloatArray) -> FloatArray:
-    return np.asarray(0.5 * (K + np.swapaxes(K, -1, -2)))

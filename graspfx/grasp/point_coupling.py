@@ -18,8 +18,8 @@ from graspfx.compile.machine import compiled
 from graspfx.compile.records import size_for
 from graspfx.errors import InputError, MissingPackageError, UnknownNameError
 from graspfx.grasp import direct
+from graspfx.grasp.direct import PointGrasp
 from graspfx.grasp.impedance import Impedance
-from graspfx.grasp.point_grasp import PointGrasp
 
 FloatArray = NDArray[np.float64]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,14 +13,15 @@ from graspfx import log
 from graspfx.card import Card, Carded, counted, span
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.grasp.gain import SYMMETRIC
-from graspfx.grasp.matrix import GraspMatrix
-from graspfx.numeric import finite, number
+from graspfx.grasp.matrix import GraspMatrix, transposed
+from graspfx.numeric import finite, fraction
 
 if TYPE_CHECKING:
     from graspfx.grasp.quality.internal import InternalCoordinates
 
 FloatArray = NDArray[np.float64]
 Kind = Literal["pseudoinverse", "mass", "weights", "stiffness"]
+AnyKind = Literal["pseudoinverse", "mass", "weights", "stiffness", "virtual-linkage"]  # the last for analysis only
 
 CALLS = ".divide(f), .external, .internal, .internal_basis, .internal_coordinates(names)"
 EPS = float(np.finfo(float).eps)
@@ -30,32 +31,6 @@ COARSE = 1e-3  # up to this tolerance an arm about the line through two contacts
 
 class UnitDependentSplitWarning(UserWarning):
     """Warning that a split adds squares of forces and of moments, and therefore depends on the unit of length."""
-
-
-@runtime_checkable
-class ContactSet(Protocol):
-    """Protocol of a set of contacts to be split, implemented by `grasp.matrix.GraspMatrix`."""
-
-    fingers: int
-
-    @property
-    def matrix(self) -> FloatArray:
-        """G, (w, m)."""
-
-    @property
-    def finger_of_column(self) -> NDArray[np.int64]:
-        """Index of the contact of each column, (m,)."""
-
-    @property
-    def torsion_columns(self) -> NDArray[np.bool_]:
-        """Mask of the columns that are moments, (m,)."""
-
-    @property
-    def moment_rows(self) -> NDArray[np.bool_]:
-        """Mask of the rows that are moments of the wrench, (w,)."""
-
-    def unit_free(self) -> tuple[FloatArray, FloatArray]:
-        """Return a matrix with the row space of G, its torsion columns multiplied by a length, and that length."""
 
 
 class Split(Carded):
@@ -107,7 +82,7 @@ class Split(Carded):
 
     def __init__(
         self,
-        G: ContactSet | ArrayLike,
+        G: GraspMatrix | ArrayLike,
         *,
         metric: ArrayLike | None = None,
         tolerance: float = 1e-6,
@@ -117,18 +92,13 @@ class Split(Carded):
     ) -> None:
         self._tolerance = fraction("tolerance", tolerance)
         metric = metric_of(G, kind, metric, weights, stiffness)
-        self.grasp: ContactSet | None = None
+        self.grasp: GraspMatrix | None = None
         self._root: FloatArray | None = None
-        self.head: tuple[object, FloatArray | None] = (None, None)  # last coupling, and its input to kernels
         if isinstance(G, GraspMatrix):
-            self.grasp, self.sets = G, G.sets
-            self.components = G.components
+            self.grasp, self.sets, self.components = G, G.sets, G.components
             self.of_points = metric is None and G.point_contacts and self._tolerance <= COARSE
             if self.of_points:  # nothing to check
                 return
-        elif isinstance(G, ContactSet):
-            self.grasp, self.sets, self.of_points = G, (), False
-            self.components = len(G.finger_of_column)
         else:
             self.of_points = False
             self._bare = finite("G", G)
@@ -175,7 +145,7 @@ class Split(Carded):
         """Orthonormal motions in the metric's own coordinates, L x with M = L L."""
         if self._root is None and (self.grasp is None or self.of_points or not self.grasp.torsion_columns.any()):
             return self._motions
-        Q = np.linalg.qr(_transposed(self.stretch(_transposed(self._motions))))[0]
+        Q = np.linalg.qr(transposed(self.stretch(transposed(self._motions))))[0]
         return Q * (np.arange(Q.shape[-1]) < np.asarray(self.rank)[..., None])[..., None, :] if self.sets else Q
 
     @property
@@ -188,19 +158,19 @@ class Split(Carded):
         """Modes and rank of point contacts, computed by a kernel."""
         from graspfx.grasp.point_sets import modes_of_one, point_modes
 
-        points = self.points.points
+        points = self.points
         if not self.sets:
             return modes_of_one(points, self.point_tolerance)
         modes, ranks = point_modes(points.reshape(-1, *points.shape[-2:]), self.point_tolerance)
-        return _transposed(modes.reshape(*self.sets, *modes.shape[-2:])), ranks.reshape(self.sets)
+        return transposed(modes.reshape(*self.sets, *modes.shape[-2:])), ranks.reshape(self.sets)
 
     @property
-    def points(self) -> GraspMatrix:
-        """Grasp of the point contacts."""
-        assert isinstance(self.grasp, GraspMatrix)
-        return self.grasp
+    def points(self) -> FloatArray:
+        """Contact points of a `Grasp`, (..., n, d) [m]."""
+        assert self.grasp is not None
+        return self.grasp.points
 
-    @property
+    @cached_property
     def point_tolerance(self) -> float:
         """Tolerance for point contacts, at least the rounding error."""
         return max(self._tolerance, max(self.components, MOST_ROWS) * EPS)
@@ -245,8 +215,8 @@ class Split(Carded):
     def external(self) -> FloatArray:
         """Projector P on forces, (m, m), or (..., m, m) for many sets."""
         if self._root is None:
-            return np.asarray(self.modes @ _transposed(self.modes))
-        return _transposed(self._project_rows(np.eye(self.components)))
+            return np.asarray(self.modes @ transposed(self.modes))
+        return transposed(self._project_rows(np.eye(self.components)))
 
     @cached_property
     def internal(self) -> FloatArray:
@@ -256,7 +226,7 @@ class Split(Carded):
     @cached_property
     def displacement_external(self) -> FloatArray:
         """Projector Q = P' on displacements, (..., m, m): the best-fitting rigid motion in the metric."""
-        return _transposed(self.external)
+        return transposed(self.external)
 
     @cached_property
     def internal_basis(self) -> FloatArray:
@@ -285,7 +255,7 @@ class Split(Carded):
         """
         from graspfx.grasp.quality.internal import internal_coordinates
 
-        if not isinstance(self.grasp, GraspMatrix):
+        if self.grasp is None:
             raise InputError("split", self.grasp, "the split of a Grasp", "a matrix has no information about contacts")
         self.grasp.require_one("internal_coordinates")
         return internal_coordinates(self.grasp, self, self.rank, names)
@@ -311,8 +281,8 @@ class Split(Carded):
         """Project rows (..., k, m) of each set."""
         U = self.modes
         if self._root is None:
-            return np.asarray((forces @ U) @ _transposed(U))
-        return self.stretch((self.stretch(forces, inverse=True) @ U) @ _transposed(U))
+            return np.asarray((forces @ U) @ transposed(U))
+        return self.stretch((self.stretch(forces, inverse=True) @ U) @ transposed(U))
 
     def stretch(self, x: FloatArray, *, inverse: bool = False) -> FloatArray:
         """Compute L x, or L^-1 x, for rows x (..., m), where L = M^(1/2) is symmetric."""
@@ -331,8 +301,8 @@ class Split(Carded):
 
     def modal_metric(self) -> FloatArray:
         """Compute M Q = L U U' L, (..., m, m), symmetric to the last bit: the stiffness of a unit external gain."""
-        LU = self.stretch(_transposed(self.modes))
-        return np.asarray(_transposed(LU) @ LU)
+        LU = self.stretch(transposed(self.modes))
+        return np.asarray(transposed(LU) @ LU)
 
     def _checked(self, metric: ArrayLike | None) -> FloatArray:
         m = self.components
@@ -395,7 +365,7 @@ def metric_of(
         return metric
     if metric is not None:
         raise InputError("metric", metric, f"None with kind={kind!r}, which defines a metric")
-    if not isinstance(G, ContactSet):
+    if not isinstance(G, GraspMatrix):
         raise InputError(
             "G", G, f"a Grasp for kind={kind!r}", "a matrix has no information about contacts: pass a Grasp"
         )
@@ -413,16 +383,6 @@ def metric_of(
         raise InputError(needed, M, expected, f"pass {do}")
     size = float((np.diag(M) if M.ndim == 2 else M)[slice(None) if per_finger else ~torsion].mean())
     return M / size if size > 0.0 else M
-
-
-def fraction(name: str, argument: float) -> float:
-    """Check a relative tolerance in [0, 1)."""
-    if type(argument) is float and 0.0 <= argument < 1.0:
-        return argument
-    value = number(name, argument, "a relative tolerance in [0, 1)")
-    if value >= 1.0:
-        raise InputError(name, argument, "a relative tolerance in [0, 1)")
-    return value
 
 
 def fits(shape: tuple[int, ...], sets: tuple[int, ...]) -> bool:
@@ -454,8 +414,57 @@ def _row_space(A: FloatArray, absolute: float = 0.0, relative: float = 0.0) -> t
         # lengths of rows differ greatly; each row is accurate relative to its length, and unit rows keep that accuracy
         unit = np.where(independent, 1.0 / np.where(independent, lengths, 1.0), 0.0)[..., None] * A
         rows = np.where(graded[..., None, None], np.linalg.svd(unit, full_matrices=False)[2], rows)
-    return _transposed(rows * counting[..., None]), values * counting
+    return transposed(rows * counting[..., None]), values * counting
 
 
-def _transposed(A: FloatArray) -> FloatArray:
-    return np.swapaxes(A, -1, -2)
+def divide(
+    grasp: GraspMatrix | ArrayLike,
+    force: ArrayLike,
+    kind: AnyKind = "pseudoinverse",
+    *,
+    weights: ArrayLike | None = None,
+    stiffness: ArrayLike | None = None,
+    metric: ArrayLike | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Divide contact forces f into external and internal parts, f = P f + (I - P) f, G (I - P) = 0.
+
+    | kind | P on forces | source | conservative as a coupling |
+    |---|---|---|---|
+    | pseudoinverse | G^+ G | Kawai and Yoshikawa, eq. 3 | yes |
+    | mass, weights | M G'(G M G')^+ G, M a number per finger | Erhart and Hirche 2015 | yes |
+    | stiffness | the same, M the springs of fingers and pads | | yes |
+    | virtual-linkage | only forces exert the wrench | Williams and Khatib 1993 | not with moments |
+
+    Args:
+        grasp: `Grasp`; or for "pseudoinverse" a matrix (w, m), whose columns are all forces or all moments.
+        force: Contact forces (m,) or (..., m); (..., n, d) for contacts with d forces each [N, N m].
+        kind: Kind of the split, from the table.
+        weights, stiffness: Weights and stiffness, as for `Split`.
+        metric: Metric M, for "pseudoinverse": `grasp.metric(torsion_length=...)` if contacts have moments.
+
+    Returns:
+        External and internal forces, with the shape of `force`.
+
+    Raises:
+        InputError: If an argument is invalid for `Split`, or is not used by the kind.
+        UnknownNameError: If the kind is unknown.
+    """
+    if kind not in get_args(AnyKind):
+        raise UnknownNameError("kind of split", str(kind), get_args(AnyKind))
+    f = np.asarray(force, dtype=float)
+    flat = f
+    if isinstance(grasp, GraspMatrix) and f.shape[-2:] == grasp.points.shape[-2:] and f.shape[-1] != grasp.components:
+        flat = f.reshape(*f.shape[:-2], -1)
+    if kind == "virtual-linkage":
+        from graspfx.grasp.quality.internal import VirtualLinkage
+
+        if not isinstance(grasp, GraspMatrix):
+            raise InputError("grasp", grasp, "a Grasp for kind='virtual-linkage'")
+        if not (weights is stiffness is metric is None):
+            raise InputError("weights", weights, "no weights, stiffness or metric for kind='virtual-linkage'")
+        grasp.require_one("divide")
+        parts = VirtualLinkage(grasp).divide(flat)
+    else:
+        named: Kind = kind
+        parts = Split(grasp, kind=named, weights=weights, stiffness=stiffness, metric=metric).divide(flat)
+    return parts[0].reshape(f.shape), parts[1].reshape(f.shape)

@@ -18,7 +18,7 @@ from graspfx.cones.friction import ASSOCIATED, LEAST, RESTARTS, UNRESOLVED, fric
 from graspfx.cones.problem import SLIDE, STICK, ConeContact, problem_size, set_up
 from graspfx.errors import InputError
 from graspfx.grasp.contact import unit_normals
-from graspfx.numeric import SMALLEST, finite
+from graspfx.numeric import SMALLEST, each, finite
 from graspfx.spatial import Vector
 
 FloatArray = NDArray[np.float64]
@@ -119,7 +119,8 @@ def unilateral_force(
             f"its smallest eigenvalue is {values[0]:g} N/m",
         )
     stick = isinstance(friction, str) and friction == "stick"
-    mu = np.zeros(n) if friction is None or stick else coefficients(friction, n)
+    expected = f"None, 'stick', or a coefficient >= 0: one or {n}"
+    mu = np.zeros(n) if friction is None or stick else each("friction", friction, n, expected)
 
     F = np.zeros((m, m))
     for i, normal in enumerate(n_.tolist()):
@@ -166,15 +167,6 @@ def pushing(K: FloatArray, e: FloatArray, contacts: Contacts) -> tuple[FloatArra
         unresolved = attempt(False)
     settle(M, q, Floats(memoryview(e)), engaged, contacts)
     return vector.reshape(contacts.count, contacts.coordinates), bool(unresolved)
-
-
-def coefficients(friction: object, n: int) -> FloatArray:
-    """Return the coefficient mu of each finger, (n,)."""
-    expected = f"None, 'stick', or a coefficient >= 0: one or {n}"
-    mu = finite("friction", friction, expected)
-    if mu.shape not in ((), (n,)) or (mu < 0.0).any():
-        raise InputError("friction", friction, expected)
-    return np.broadcast_to(mu, n)
 
 
 def slipping(

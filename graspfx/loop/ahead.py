@@ -16,13 +16,13 @@ from graspfx.compile.library import build
 from graspfx.compile.llvm.llvm import LlvmProgram, llvm_program
 from graspfx.compile.machine import request_of
 from graspfx.compile.own_sources import all_imports
-from graspfx.grasp import direct, direct_modes
+from graspfx.grasp import direct
 from graspfx.loop import step_program
 from graspfx.loop.realtime import beat
 from graspfx.loop.realtime.pacing import arrive, set_deadline
 from graspfx.loop.realtime.readings import take_sample
 
-BY_THEMSELVES = (direct.couple, direct_modes.couple_rows, direct_modes.mode_rows, set_deadline, arrive, take_sample)
+BY_THEMSELVES = (direct.couple, direct.couple_rows, direct.mode_rows, set_deadline, arrive, take_sample)
 
 
 def programs() -> dict[str, tuple[str, LlvmProgram]]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.cones.problem import SLIDE
-from graspfx.coupling.fade import BAND
+from graspfx.coupling.rules import BAND
 
 if TYPE_CHECKING:
     from graspfx.recording.record import Recording

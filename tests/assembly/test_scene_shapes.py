@@ -18,7 +18,7 @@ from graspfx.__main__ import main
 from graspfx.assembly.build import build
 from graspfx.assembly.meshes import scene_mesh
 from graspfx.certificate.plan import plan
-from graspfx.coupling import block as at
+from graspfx.coupling.grasp_state import FingerState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.errors import InputError, SceneError
@@ -127,7 +127,7 @@ def test_a_lone_finger_feels_stiffness_times_depth(
         start = x + (surface + radius + 0.005) * n
         with grasped(table(d, shape, [start.tolist()], radius=radius, gains=gains, **pose)) as g:
             assert np.array_equal(respond(g, start), np.zeros((1, d)))
-            assert g.rows[0, at.GAP] == pytest.approx(0.005, abs=1e-15)
+            assert g.array(FingerState.gap)[0] == pytest.approx(0.005, abs=1e-15)
             for depth in (0.0005, 0.002, 0.003):
                 p = x + (surface + radius - depth) * n
                 np.testing.assert_allclose(respond(g, p), [-k * depth * n], atol=1e-12)
@@ -212,11 +212,11 @@ def test_a_finger_that_leaves_may_touch_the_other_side(radius: float) -> None:
         for a, b in itertools.pairwise(way):
             for p in np.linspace(a, b, 100):
                 forces.append(respond(g, p)[0])
-                gaps.append(g.rows[0, at.GAP])
+                gaps.append(g.array(FingerState.gap)[0])
         np.testing.assert_allclose(forces[0], [0.0, 0.0, -0.15], atol=1e-12)
         np.testing.assert_allclose(forces[-1], [0.0, 0.0, 0.15], atol=1e-12)
         assert np.abs(forces[10:490]).max() == 0.0 and min(gaps[10:490]) > 0.0
-        assert g.rows[0, at.WEIGHT] == 1.0
+        assert g.array(FingerState.weight)[0] == 1.0
 
 
 @pytest.mark.parametrize("reaction", ["fingertip", "contact"])

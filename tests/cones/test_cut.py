@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from graspfx.compile.machine import compiled
-from graspfx.cones.cut import HALF_SPACE, NO_CONE
+from graspfx.cones.cone import HALF_SPACE, NO_CONE
 from graspfx.cones.friction import (
     ASSOCIATED,
     COULOMB,

@@ -7,9 +7,9 @@ import pytest
 
 from graspfx.compile.records import Floats, Many, Table
 from graspfx.cones import complement as complementarity
-from graspfx.cones import cone, cut, friction
+from graspfx.cones import cone, friction
 from graspfx.cones.complement import Contacts
-from graspfx.cones.cut import HALF_SPACE, NO_CONE
+from graspfx.cones.cone import HALF_SPACE, NO_CONE
 from graspfx.cones.problem import ConeContact, FrictionProblem, Gains, ModePart, Unknown, problem_size, set_up
 from graspfx.spatial import Matrix, Vector, Vector4
 from tests.support.written import plain_python
@@ -117,13 +117,13 @@ def test_values() -> None:
         for x, status, k in draws:
             normal, d = Vector(*x[:3]), k + 1
             force, other = Vector4(*x[3:7]), Vector4(*x[7:11])
-            face = cut.Face(status, normal, abs(x[11]))
+            face = cone.Face(status, normal, abs(x[11]))
             found += [
                 cone.contact_frame(normal, min(d, 3)),
-                cut.force_size(force, d),
-                cut.shorten(force, d, abs(x[11])),
-                cut.cone_slope(face, abs(x[0]), float(k % 2), other),
-                cut.ball_slope(force, d, abs(x[11]), other),
+                cone.force_size(force, d),
+                cone.shorten(force, d, abs(x[11])),
+                cone.cone_slope(face, abs(x[0]), float(k % 2), other),
+                cone.ball_slope(force, d, abs(x[11]), other),
             ]
         return found
 

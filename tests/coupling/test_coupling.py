@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.coupling import block as at
 from graspfx.coupling.contacts import LOST, NOT_FINITE
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
@@ -206,7 +205,7 @@ def test_equal_gains_finger_by_finger_are_the_projection(rules: Rules) -> None:
         gains = law(70.0 * np.eye(2), 70.0 * np.eye(2), 0.4 * np.eye(2), 0.4 * np.eye(2))
         whole = grasped(3, 2, gains, rules, shape=Box((0.05, 0.05)))
         np.testing.assert_allclose(respond(whole, p, v), respond(short, p, v), atol=1e-14)
-        assert not short.block[at.SPLIT_KNOWN] and not whole.block[at.SPLIT_KNOWN]
+        assert not short.state.split_known and not whole.state.split_known
 
 
 @pytest.mark.parametrize(("ked", "kid"), [(0.7, 0.1), (0.01, 0.5)])

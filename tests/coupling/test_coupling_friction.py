@@ -10,7 +10,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.certificate.plan import plan
-from graspfx.coupling import block as at
+from graspfx.coupling.grasp_state import FingerState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.errors import InputError, SceneError
@@ -67,11 +67,11 @@ def test_forces_are_those_of_the_public_law(d: int, integrator: str) -> None:
         K, e = stiffness(g, gains, share), (p - g.contact_position).ravel()
         touch = gx.unilateral_force(K, e, g.inward(), mu)
         np.testing.assert_allclose(f, touch.force, rtol=0.0, atol=2e-14 * np.abs(K @ e).max())
-        assert g.block[at.RESIDUAL] <= 2e-14 * np.abs(K @ e).max()
+        assert g.state.residual <= 2e-14 * np.abs(K @ e).max()
         if touch.law in ("frictionless", "stick"):
             continue
-        assert touch.law == ("coulomb", "associated")[int(g.block[at.LAW])]
-        status = [("free", "stick", "slide")[int(s)] for s in g.rows[:, at.STATUS]]
+        assert touch.law == ("coulomb", "associated")[int(g.state.law)]
+        status = [("free", "stick", "slide")[int(s)] for s in g.array(FingerState.status)]
         if (np.abs(f) > 1e-12).any():
             assert status == list(touch.status)
         seen.update(status)
@@ -102,7 +102,7 @@ def test_gains_as_far_apart_as_they_may_be(mu: float, kep: float, kip: float) ->
     size = np.abs(e).max()
     for i in range(3):
         if pushes[i] > 0.0:
-            lift = mu * np.linalg.norm(across[i]) if g.block[at.LAW] else 0.0  # that of the associated law
+            lift = mu * np.linalg.norm(across[i]) if g.state.law else 0.0  # that of the associated law
             assert slip[i] @ inward[i] == pytest.approx(lift, abs=1e-6 * size)
             tangent = f[i] - pushes[i] * inward[i]
             if np.linalg.norm(tangent) < (1.0 - 1e-9) * mu * pushes[i]:
@@ -169,12 +169,12 @@ def test_damping_is_passive_and_stays_in_the_cones(damping: tuple[float, float],
         respond(g, rng.uniform(-0.028, 0.028, size=(n, d)))
         p, v = g.finger_position + rng.normal(size=(n, d)) * 1e-3, rng.normal(size=(n, d)) * 0.1
         before = g.block.copy()
-        g.block[at.DAMPED] = 0.0
+        g.state.damped = False
         respond(g, p, v)
-        f0 = g.rows[:, at.LOCAL : at.LOCAL + 4].copy()
+        f0 = g.array(FingerState.local).copy()
         g.block[:] = before
         respond(g, p, v)
-        f, rate, normal = (g.rows[:, o : o + w] for o, w in ((at.LOCAL, 4), (at.RATE, 4), (at.NORMAL, 3)))
+        f, rate, normal = (g.array(field) for field in (FingerState.local, FingerState.rate, FingerState.normal))
         push = (f[:, :3] * normal).sum(axis=1)
         tangent = np.hypot(np.linalg.norm(f[:, :3] - push[:, None] * normal, axis=1), f[:, 3])
         size = np.abs(f).max() + 1e-300
@@ -198,7 +198,7 @@ def test_force_is_continuous_through_touch_slip_and_release(d: int, mu: float, b
     for t in np.linspace(0.0, 0.25, 600):
         deep = 0.002 * np.sin(2 * np.pi * rate * t + rate) - 0.001 * rate / n
         p = out * (0.025 + deep)[:, None] + side * (0.002 * np.sin(2 * np.pi * (rate + 0.5) * t))[:, None]
-        f, status = respond(g, p), g.rows[:, at.STATUS].copy()
+        f, status = respond(g, p), g.array(FingerState.status).copy()
         if last is not None and t > 0.001:  # the first sample finds contacts, the second lets them slip
             assert np.abs(f - last[0]).max() <= bound * np.abs(p - last[1]).max()
             changes += int((status != last[2]).sum())
@@ -212,7 +212,7 @@ def test_twenty_fingers_are_many_but_not_too_many_unknowns() -> None:
     p = rng.normal(size=(20, 3))
     p *= 0.0235 / np.abs(p).max(axis=1, keepdims=True)
     smooth, pivoted, rough = (held(20, 3, law(40.0, 160.0, 0.3, 0.8), mu) for mu in (0.0, 0.0, 0.5))
-    pivoted.block[at.RAYS] = 0.0
+    pivoted.state.rays = False
     for _ in range(2):
         p, v = p + rng.normal(size=p.shape) * 1e-4, rng.normal(size=p.shape) * 0.01
         f = respond(smooth, p, v)

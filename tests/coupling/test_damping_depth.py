@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.surfaces.closed_form.shape import Box, Sphere
 from tests.support.grasps import MU, finger_grasp, law, respond
@@ -123,7 +122,7 @@ def damper(g: GraspedObject, position: np.ndarray, speed: float = 1e-7) -> np.nd
 def elastic(g: GraspedObject, position: np.ndarray) -> np.ndarray:
     """Give the force without damping, and leave everything else as it was."""
     before = g.block.copy()
-    g.block[at.DAMPED] = 0.0
+    g.state.damped = False
     f0 = respond(g, position)
     g.block[:] = before
     return f0

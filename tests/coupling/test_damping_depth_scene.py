@@ -13,7 +13,7 @@ import graspfx as gx
 from graspfx.assembly.build import build
 from graspfx.certificate.plan import plan
 from graspfx.commands.output import doubts
-from graspfx.coupling import block as at
+from graspfx.coupling.grasp_state import FingerState
 from graspfx.coupling.rules import Rules
 from graspfx.errors import InputError, SceneError
 from graspfx.loop.tick_listing import used
@@ -106,13 +106,13 @@ def _responses(g: Any, p: np.ndarray, rates: list[np.ndarray]) -> np.ndarray:
     from graspfx.coupling.sample import respond as sample_forces
 
     respond(g, p)
-    f0 = g.rows[:, at.LOCAL : at.LOCAL + 4].copy()
+    f0 = g.array(FingerState.local).copy()
     columns = []
     for rate in rates:
         before = g.block.copy()
-        g.rows[:, at.RATE : at.RATE + 4] = rate
+        g.array(FingerState.rate)[:] = rate
         assert sample_forces(g._grasp, False) == 0
-        columns.append((g.rows[:, at.LOCAL : at.LOCAL + 4] - f0).ravel() / 1e-7)
+        columns.append((g.array(FingerState.local) - f0).ravel() / 1e-7)
         g.block[:] = before
     return np.array(columns).T
 

@@ -13,9 +13,7 @@ from graspfx.assembly.grasps import grasps
 from graspfx.assembly.resolve import resolve
 from graspfx.certificate.certificate import lines
 from graspfx.certificate.notes import arms, blend_notes
-from graspfx.coupling import block as at
-from graspfx.coupling.fade import release_compliance
-from graspfx.coupling.rules import Rules
+from graspfx.coupling.rules import Rules, release_compliance
 from graspfx.errors import SceneError
 from graspfx.show.summary_table import remarks
 from tests.support.grasps import grasped, law
@@ -54,7 +52,7 @@ def held(
 
 def gaps(scene: gx.Scene) -> tuple[float, float]:
     (one,) = grasps(resolve(scene))
-    return float(one.grasped.block[at.NEAR]), float(one.grasped.block[at.FAR])
+    return float(one.grasped.state.fade_start), float(one.grasped.state.fade_end)
 
 
 def test_auto_begins_where_the_squeeze_asks_for_it() -> None:

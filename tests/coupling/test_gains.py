@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 import graspfx as gx
-from graspfx.coupling import block as at
+from graspfx.coupling.grasp_state import FingerState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.errors import InputError
@@ -156,7 +156,7 @@ def test_equal_gains_are_taken_as_they_stand() -> None:
     A = positive(rng, 3, 3)
     g = grasped(2, 3, law(A, np.stack([A, A])), RIGID, contacts=rng.normal(size=(2, 3)), inertia=4e-5)
     assert np.array_equal(sampled(g, np.zeros((2, 3)))[0], np.kron(np.eye(2), A))
-    assert g.block[at.SPLIT_KNOWN] == 0.0
+    assert g.state.split_known == 0.0
 
 
 @pytest.mark.parametrize(
@@ -175,9 +175,9 @@ def test_they_are_made_anew_where_something_has_changed(outer: str, axes: Any, t
         return bool(g.block[o] != 12345.0)
 
     assert made() and not made()
-    g.rows[1, at.CONTACT] += 1e-9
+    g.array(FingerState.contact)[1, 0] += 1e-9
     assert made() and not made()
-    g.rows[2, at.WEIGHT] = 0.5
+    g.array(FingerState.weight)[2] = 0.5
     assert made() and not made()
     c, s = np.cos(0.1), np.sin(0.1)
     g.body_state[body.ROTATION : body.ROTATION + 5] = [c, -s, 0.0, s, c]

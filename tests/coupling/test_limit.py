@@ -12,13 +12,12 @@ from graspfx.compile.machine import compiled
 from graspfx.compile.native import compiled as machine_code
 from graspfx.compile.program import Program
 from graspfx.cones.problem import STICK
-from graspfx.coupling import block as at
 from graspfx.coupling.grasp_state import FingerState
 from graspfx.coupling.grasped import GraspedObject
-from graspfx.coupling.react import react
+from graspfx.coupling.law import react
+from graspfx.coupling.limit import scale
 from graspfx.coupling.rules import Rules
 from graspfx.coupling.sample import sample
-from graspfx.coupling.scaling import scale
 from graspfx.surfaces.closed_form.shape import Box
 from tests.support.closed_paths import gain_per_loop
 from tests.support.grasps import ON_A_LINE, RIGID, grasped, law
@@ -45,9 +44,9 @@ def test_scaling_keeps_cones_limits_and_the_wrench(kind: str) -> None:
         G = wrench_rows(g, rules)
         for _ in range(20):
             push(rng, g, rules)
-            before = g.rows[:, at.LOCAL : at.LOCAL + 4].copy()
+            before = g.array(FingerState.local).copy()
             kernel(g.block, 0, False)
-            f = g.rows[:, at.LOCAL : at.LOCAL + 4]
+            f = g.array(FingerState.local)
             size = np.linalg.norm(before[:, :3], axis=1)
             if (size <= limits * (1.0 - 1e-13)).all():
                 assert np.array_equal(f, before)
@@ -68,14 +67,14 @@ def test_scaling_keeps_cones_limits_and_the_wrench(kind: str) -> None:
 def test_scaling_gives_up_squeezing_first() -> None:
     """Two fingers on a line at 1.5 N and 0.6 N, at most 1 N: 1.0 and 0.1 N move the object with the same 0.9 N."""
     g = grasped(2, 1, law(40.0, 160.0), Rules(stick=True), shape=Box((0.05,)), limit=1.0, **ON_A_LINE)
-    g.rows[:, at.NORMAL] = 1.0, -1.0
+    g.array(FingerState.normal)[:, 0] = 1.0, -1.0
     g.touching[:] = 1.0
-    g.rows[:, at.LOCAL] = 1.5, -0.6
+    g.array(FingerState.local)[:, 0] = 1.5, -0.6
     scale(g.state, False)
-    np.testing.assert_allclose(g.rows[:, at.LOCAL], [1.0, -0.1], rtol=0.0, atol=1e-13)
-    g.rows[:, at.LOCAL] = 1.5, -0.1  # 1.4 N of wrench is more than one finger has: the other stops pushing first
+    np.testing.assert_allclose(g.array(FingerState.local)[:, 0], [1.0, -0.1], rtol=0.0, atol=1e-13)
+    g.array(FingerState.local)[:, 0] = 1.5, -0.1  # 1.4 N of wrench exceeds one finger: the other stops pushing first
     scale(g.state, False)
-    np.testing.assert_allclose(g.rows[:, at.LOCAL], [1.0, 0.0], rtol=0.0, atol=1e-13)
+    np.testing.assert_allclose(g.array(FingerState.local)[:, 0], [1.0, 0.0], rtol=0.0, atol=1e-13)
 
 
 # Inside the projection --------------------------------------------------------------------------------------------
@@ -96,7 +95,7 @@ def test_fingers_that_stick_at_their_limits_make_no_energy(kep: float, kip: floa
     def ask(g: GraspedObject) -> int:
         fault = run()
         shares.append(g.array(FingerState.saturated).mean())
-        sticks.append(((g.rows[:, at.STATUS] == STICK) | rules.stick).all() and g.touching.all())
+        sticks.append(((g.array(FingerState.status) == STICK) | rules.stick).all() and g.touching.all())
         return fault
 
     for share in np.linspace(1.5, 1.0, 50):
@@ -135,7 +134,7 @@ def test_saturated_closed_motions_make_no_energy(kep: float, kip: float) -> None
 
     def clamp(g: GraspedObject) -> int:
         run_free()
-        f = g.rows[:, at.LOCAL : at.LOCAL + 3]
+        f = g.array(FingerState.local)[:, :3]
         f *= np.minimum(1.0, limit / np.linalg.norm(f, axis=1).clip(1e-300))[:, None]
         return again()
 

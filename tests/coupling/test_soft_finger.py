@@ -10,7 +10,7 @@ import pytest
 import graspfx as gx
 from graspfx.certificate.plan import plan
 from graspfx.compile.records import numbers
-from graspfx.coupling import block as at
+from graspfx.coupling.grasp_state import FingerState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.errors import InputError, SceneError
@@ -60,7 +60,7 @@ def test_attached_torsion_is_the_analysis_with_its_metric(n: int, kip: float) ->
     g.body_state[body.ANGULAR_VELOCITY : body.ANGULAR_VELOCITY + 3] = spin
     p = c + np.random.default_rng(n).normal(size=(n, 3)) * 1e-3
     f = respond(g, p)
-    assert not g.rows[:, at.DISPLACEMENT + 3].any()
+    assert not g.array(FingerState.displacement)[:, 3].any()
     turn(g, *angles)
     respond(g, p)
     R = g.body_state[body.ROTATION : body.ROTATION + 9].reshape(3, 3)
@@ -70,7 +70,7 @@ def test_attached_torsion_is_the_analysis_with_its_metric(n: int, kip: float) ->
     theta = -2 * np.arctan2(np.sin(half) * (-OUT[:n] @ axis), np.cos(half))  # swing and twist, by hand
     grasp = gx.Grasp(here, normals, model="soft")
     split = grasp.split(metric=grasp.metric(torsion_length=RHO))
-    swung = g.rows[:, at.TWIST_AXIS : at.TWIST_AXIS + 3] @ R.T
+    swung = g.array(FingerState.twist_axis) @ R.T
     rate = -np.cross(spin, p)
     e = np.column_stack([p - here, theta]).ravel()
     de = np.column_stack([rate, -swung @ spin]).ravel()
@@ -99,18 +99,18 @@ def test_friction_fulfils_coulombs_law_with_torsion(integrator: str) -> None:
             if step == 0:
                 p = p + rng.normal(size=p.shape) * 5e-4
                 turn(g, *(rng.normal(size=3) * 0.1))
-        c, normals = g.rows[:, at.CONTACT : at.CONTACT + 3], g.rows[:, at.NORMAL : at.NORMAL + 3]
+        c, normals = g.array(FingerState.contact), g.array(FingerState.normal)
         grasp = gx.Grasp(c, normals, model="soft")
         K = scaled(gains.stiffness(grasp.split(metric=grasp.metric(torsion_length=RHO))), n)
         if g.implicit:
             G = gx.grasp_matrix(c, normals, model="soft").copy()
-            G[3:, 3::4] = RHO * g.rows[:, at.TWIST_AXIS : at.TWIST_AXIS + 3].T  # swung by half the object's turn
+            G[3:, 3::4] = RHO * g.array(FingerState.twist_axis).T  # swung by half the object's turn
             give = np.diag([0.005**2 / 0.1] * 3 + [0.005**2 / (j + 0.005 * 1e-4) for j in INERTIA])
             K = np.linalg.inv(np.linalg.inv(K) + G.T @ give @ G)
-        f, e = g.rows[:, at.LOCAL : at.LOCAL + 4], g.rows[:, at.DISPLACEMENT : at.DISPLACEMENT + 4]
+        f, e = g.array(FingerState.local), g.array(FingerState.displacement)
         s = (np.linalg.solve(K, f.ravel()) - e.ravel()).reshape(n, 4)
         for i in range(n):
-            status, normal = int(g.rows[i, at.STATUS]), np.append(normals[i], 0.0)
+            status, normal = int(g.array(FingerState.status)[i]), np.append(normals[i], 0.0)
             push, deep = f[i] @ normal, s[i] @ normal
             drag, slip = f[i] - push * normal, s[i] - deep * normal
             seen.add(status)
@@ -139,11 +139,11 @@ def test_a_turned_pinch_slips_at_rho_mu_times_the_squeeze() -> None:
         expected = -min(100.0 * RHO**2 * turned, limit)
         np.testing.assert_allclose(g.moment, [[expected, 0.0, 0.0]] * 2, rtol=1e-10, atol=1e-16)
         assert g.wrench[3] == pytest.approx(2 * expected, rel=1e-10)
-    assert g.rows[:, at.STATUS].tolist() == [2.0, 2.0]
+    assert g.array(FingerState.status).tolist() == [2.0, 2.0]
     turn(g, -0.02, 0.0, 0.0)  # back: it sticks, from where it slipped to
     respond(g, p)
     np.testing.assert_allclose(g.moment[:, 0], -(limit - 100.0 * RHO**2 * 0.02), rtol=1e-10)
-    assert g.rows[:, at.STATUS].tolist() == [1.0, 1.0]
+    assert g.array(FingerState.status).tolist() == [1.0, 1.0]
 
 
 def test_sticking_torsion_counts_whole_turns() -> None:
@@ -208,7 +208,7 @@ def test_implicit_force_and_torsion_are_solved_with_the_objects_motion(kip: floa
     G = gx.grasp_matrix(c, -OUT, model="soft") @ np.diag(np.tile([1.0, 1.0, 1.0, RHO], 4))
     give = np.diag([0.005**2 / 0.1] * 3 + [0.005**2 / (j + 0.005 * 1e-4) for j in INERTIA])
     expected = np.linalg.solve(np.linalg.inv(K) + G.T @ give @ G, np.column_stack([e, np.zeros(4)]).ravel())
-    np.testing.assert_allclose(g.rows[:, at.LOCAL : at.LOCAL + 4].ravel(), expected, rtol=0.0, atol=1e-13)
+    np.testing.assert_allclose(g.array(FingerState.local).ravel(), expected, rtol=0.0, atol=1e-13)
 
 
 # Scenes -----------------------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from graspfx.grasp.arms import add, centred_arms, multiply, two_product, two_sum
+from graspfx.grasp.matrix import add, centred_arms, multiply, two_product, two_sum
 
 
 def exact_fields(points, axes):

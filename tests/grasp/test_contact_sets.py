@@ -191,8 +191,7 @@ def test_machine_code_and_interpreter_give_the_same_bits(monkeypatch: pytest.Mon
         for name in ("COUPLE", "COUPLE_ROWS", "MODE_ROWS"):
             kernel = getattr(point_sets, name).kernel
             monkeypatch.setattr(point_sets, name, KernelOnDemand(kernel, few=most, load=most, make=most))
-        monkeypatch.setattr(point_sets, "FORCES", point_sets.Workspaces(point_sets.Workspace))
-        monkeypatch.setattr(point_sets, "MODES", point_sets.Workspaces(point_sets.ModeSpace))
+        monkeypatch.setattr(point_sets, "SPACES", point_sets.Workspaces())
         split = gx.Grasp(points).split()
         alone = [LAW.force(gx.Grasp(points[i]).split(), e[i]) for i in np.ndindex(3, 4)]
         answers.append([LAW.force(split, e), np.array(alone), split.external])

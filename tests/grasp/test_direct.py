@@ -14,7 +14,7 @@ import graspfx as gx
 from graspfx.compile.records import size_for
 from graspfx.errors import InputError, MissingPackageError, UnknownNameError
 from graspfx.grasp import direct
-from graspfx.grasp.point_grasp import PointGrasp
+from graspfx.grasp.direct import PointGrasp
 from tests.support.exact import DIGITS, distance, exact_force
 from tests.support.optional import require
 

@@ -11,8 +11,7 @@ import pytest
 from graspfx.compile.records import Floats, Many, Record, Table, many, numbers, size_for, table
 from graspfx.cones.complement import pivot
 from graspfx.cones.cone import contact_frame
-from graspfx.grasp.contact_state import Contact, Freedom
-from graspfx.grasp.rigid_modes import rigid_modes, smoothstep
+from graspfx.grasp.rigid_modes import Contact, Freedom, rigid_modes, smoothstep
 from graspfx.spatial import Vector
 
 

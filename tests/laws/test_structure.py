@@ -8,9 +8,8 @@ import pytest
 import graspfx as gx
 from graspfx import plugins
 from graspfx.assembly.build import build
-from graspfx.compile.records import start_of
-from graspfx.coupling import block as at
-from graspfx.coupling.grasp_state import FingerState
+from graspfx.compile.records import entries_of, start_of
+from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.recording.header import Header
 from graspfx.recording.recorder import Recorder
 from graspfx.surfaces.closed_form.proxy import MESH
@@ -39,15 +38,16 @@ def test_what_a_finger_lacks_is_structure_and_what_it_has_is_not() -> None:
         soft = servo.objects[0].grasped
     with build(gx.load("paper-waving")) as servo:
         hard = servo.objects[0].grasped
-    row = at.ROW + at.STRIDE
-    assert {row + at.PATCH, row + at.COEFFICIENT, row + at.RADIUS} <= set(hard.structure.tolist())
-    assert not {row + at.PATCH, row + at.COEFFICIENT} & set(soft.structure.tolist())
+    row = hard.state.fingers[1].offset
+    patch, coefficient, radius = entries_of(FingerState, "patch", "coefficient", "radius", at=row)
+    assert {patch, coefficient, radius} <= set(hard.structure.tolist())
+    assert not {patch, coefficient} & set(soft.structure.tolist())
 
 
 def test_offsets_of_a_mesh_are_structure() -> None:
     with build(gx.load("thin-plate")) as servo:
         thing = servo.objects[0].grasped
-    assert thing.block[at.SHAPE] == MESH
-    start = int(thing.block[at.MESH])
+    assert thing.state.shape == MESH
+    start = thing.state.mesh.offset
     walks = [finger.offset + start_of(FingerState, "walk") for finger in thing.state.fingers]
-    assert {at.MESH, *walks, *mesh_tree.choices(start)} <= set(thing.structure.tolist())
+    assert {start_of(GraspState, "mesh"), *walks, *mesh_tree.choices(start)} <= set(thing.structure.tolist())

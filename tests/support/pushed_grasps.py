@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from graspfx.coupling import block as at
+from graspfx.coupling.grasp_state import FingerState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.objects import integrators as body
@@ -32,11 +32,11 @@ def random_grasp(rng: np.random.Generator, n: int, d: int, rules: Rules) -> Gras
     g = GraspedObject(
         n, d, 0.001, law(40.0, 160.0), rules, fill, shape=Box((0.05,) * d), limit=rng.uniform(1.5, 6.0, n)
     )
-    g.rows[:, at.CONTACT : at.CONTACT + d] = rng.uniform(-0.03, 0.03, (n, d))
-    g.rows[:, at.DISPLACEMENT : at.DISPLACEMENT + d] = rng.uniform(-0.005, 0.005, (n, d))
+    g.array(FingerState.contact)[:, :d] = rng.uniform(-0.03, 0.03, (n, d))
+    g.array(FingerState.displacement)[:, :d] = rng.uniform(-0.005, 0.005, (n, d))
     normals = rng.normal(size=(n, d))
-    g.rows[:, at.NORMAL : at.NORMAL + d] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-    g.rows[:, at.TWIST_AXIS : at.TWIST_AXIS + d] = g.rows[:, at.NORMAL : at.NORMAL + d]
+    g.array(FingerState.normal)[:, :d] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    g.array(FingerState.twist_axis)[:, :d] = g.array(FingerState.normal)[:, :d]
     return g
 
 
@@ -44,10 +44,10 @@ def push(rng: np.random.Generator, g: GraspedObject, rules: Rules) -> None:
     """Random forces in the cones, on their edge for one finger in three; one finger in five is free."""
     n, d = g.fingers, g.dimensions
     c = 4 if g.soft else d
-    g.rows[:, at.LOCAL : at.LOCAL + 4] = 0.0
+    g.array(FingerState.local)[:] = 0.0
     g.touching[:] = 1.0 if rules.attached else rng.random(n) < 0.8
     for i in range(n):
-        row, normal = g.rows[i], g.rows[i, at.NORMAL : at.NORMAL + d]
+        normal = g.array(FingerState.normal)[i, :d]
         f = np.zeros(4)
         f[:d] = rng.normal(size=d)
         f[3] = rng.normal() if c > 3 else 0.0
@@ -55,32 +55,32 @@ def push(rng: np.random.Generator, g: GraspedObject, rules: Rules) -> None:
             f[:d] -= (f[:d] @ normal) * normal
             pushed = abs(rng.normal())
             if not rules.stick:
-                mu, size = float(row[at.COEFFICIENT]), float(np.linalg.norm(f))
+                mu, size = float(g.array(FingerState.coefficient)[i]), float(np.linalg.norm(f))
                 f *= mu * pushed * (1.0 if rng.random() < 0.3 else rng.random()) / size if size > 0.0 else 0.0
             f[:d] += pushed * normal
-        row[at.LOCAL : at.LOCAL + 4] = 3.0 * f * g.touching[i]
+        g.array(FingerState.local)[i] = 3.0 * f * g.touching[i]
 
 
 def wrench_rows(g: GraspedObject, rules: Rules) -> np.ndarray:
     """G of the free freedoms on the forces' four entries, moments over 30 mm, by numpy."""
-    n, e = g.fingers, g.rows[:, at.DISPLACEMENT : at.DISPLACEMENT + 3]
-    r = g.rows[:, at.CONTACT : at.CONTACT + 3] + (0.0 if rules.at_contact else 1.0) * e
+    n, e = g.fingers, g.array(FingerState.displacement)[:, :3]
+    r = g.array(FingerState.contact) + (0.0 if rules.at_contact else 1.0) * e
     G = np.zeros((6, n, 4))
     for i in range(n):
         G[:3, i, :3] = np.eye(3)
         G[3:, i, :3] = np.cross(r[i], np.eye(3)).T / 0.03
-        G[3:, i, 3] = g.rows[i, at.PATCH] * g.rows[i, at.TWIST_AXIS : at.TWIST_AXIS + 3] / 0.03
-    free = g.block[at.BODY + body.FREE : at.BODY + body.FREE + 6] != 0.0
+        G[3:, i, 3] = g.array(FingerState.patch)[i] * g.array(FingerState.twist_axis)[i] / 0.03
+    free = g.body_state[body.FREE : body.FREE + 6] != 0.0
     return G[free].reshape(int(free.sum()), -1)
 
 
 def depth(g: GraspedObject, rules: Rules, f: np.ndarray) -> float:
     """The least mu f_n - |f_t| of any finger, or f_n where it sticks or has no friction."""
-    normals = g.rows[:, at.NORMAL : at.NORMAL + 3]
+    normals = g.array(FingerState.normal)
     pushed = (f[:, :3] * normals).sum(axis=1)
     if rules.attached:
         return 0.0
     if rules.stick:
         return float(pushed.min())
     along = np.column_stack([f[:, :3] - pushed[:, None] * normals, f[:, 3]])
-    return float(min(pushed.min(), (g.rows[:, at.COEFFICIENT] * pushed - np.linalg.norm(along, axis=1)).min()))
+    return float(min(pushed.min(), (g.array(FingerState.coefficient) * pushed - np.linalg.norm(along, axis=1)).min()))

@@ -12,7 +12,7 @@ from graspfx.assembly.build import build
 from graspfx.assembly.provenance import header_of
 from graspfx.assembly.resolve import resolve
 from graspfx.compile.records import numbers, start_of
-from graspfx.coupling import block as at
+from graspfx.coupling.grasp_state import FingerState
 from graspfx.loop.velocity import VelocityEstimate
 from graspfx.objects import integrators as body
 from graspfx.objects.body_state import BodyState
@@ -63,7 +63,7 @@ class RestedRun:
             array[:] = rest
 
     def set_external(self, stiffness: float) -> None:
-        self.grasped.block[at.EXTERNAL_STIFFNESS] = stiffness
+        self.grasped.state.external_stiffness = stiffness
 
     def growth(self, external: float, skip: int, ticks: int, speed: float) -> float:
         """Push the fingers a little, wait, and measure the growth of the force's swing per sample."""
@@ -96,7 +96,7 @@ class RestedRun:
         self.restore()
         if external is not None:
             self.set_external(external)
-        self.grasped.rows[:, at.COEFFICIENT] *= 1e3
+        self.grasped.array(FingerState.coefficient)[:] *= 1e3
         rough = [array.copy() for array in self._arrays]
         columns = []
         for i in range(self._size()):

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError, UnknownNameError
-from graspfx.grasp.contact import SELECTION
-from graspfx.grasp.matrix import GraspMatrix
+from graspfx.grasp.contact import MOMENTS, SELECTION
+from graspfx.grasp.matrix import GraspMatrix, moments
 from graspfx.grasp.quality.measures import moment_length, reference_point
-from graspfx.numeric import finite
+from graspfx.numeric import each
 
 FloatArray = NDArray[np.float64]
 Limit = Literal["elliptic", "independent"]
@@ -65,8 +65,9 @@ class PushingWrenches:
         soft = np.array([name == "soft" and d == 3 for name in models])
         rough = np.array([name != "frictionless" for name in models])
         self.normals = grasp.contacts.normals  # (n, d)
-        self.friction = _coefficients("friction", friction, n) * rough
-        self.torsion = _coefficients("torsion", torsion, n) * soft
+        expected = f"a number that is not negative, or {n} of them, one per contact"
+        self.friction = each("friction", friction, n, expected) * rough
+        self.torsion = each("torsion", torsion, n, expected) * soft
         if (soft & (self.torsion == 0.0)).any():
             raise InputError(
                 "torsion",
@@ -76,14 +77,11 @@ class PushingWrenches:
             )
         self.elliptic, self.length = limit == "elliptic", moment_length(grasp, length)
         arms = grasp.points - reference_point(grasp, about)
-        turns = 1 if d == 2 else d * (d - 1) // 2
-        maps = np.zeros((d + turns, n, d + 1))  # wrench of a unit force along each world axis, and of a unit torsion
+        maps = np.zeros((d + MOMENTS[d], n, d + 1))  # wrench of a unit force along each world axis, and a unit torsion
         maps[:d, :, :d] = np.eye(d)[:, None, :]
+        maps[d:, :, :d] = np.moveaxis(moments(arms[:, None, :], np.eye(d)), 2, 0) / self.length
         if d == 3:
-            maps[3:, :, :3] = np.moveaxis(np.cross(arms[:, None, :], np.eye(3)[None]), 2, 0) / self.length
             maps[3:, :, 3] = self.normals.T / self.length
-        elif d == 2:
-            maps[2, :, 0], maps[2, :, 1] = -arms[:, 1] / self.length, arms[:, 0] / self.length
         self.maps = maps[grasp.free]  # (w, n, d + 1)
         self.grasp = grasp
 
@@ -229,13 +227,6 @@ def closure_of(cones: PushingWrenches) -> tuple[ForceClosure, FloatArray]:
         forces = np.vstack([forces, worst[0, beyond]])
         contact = np.append(contact, beyond)
     return ForceClosure(False, None, None, 0.0), generators
-
-
-def _coefficients(name: str, argument: ArrayLike, n: int) -> FloatArray:
-    value = finite(name, argument)
-    if value.shape not in ((), (n,)) or (value < 0.0).any():
-        raise InputError(name, argument, f"a number that is not negative, or {n} of them, one per contact")
-    return np.broadcast_to(value, (n,)).copy()
 
 
 def _safe(x: FloatArray) -> FloatArray:

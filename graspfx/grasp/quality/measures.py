@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
-from graspfx.grasp.matrix import GraspMatrix
+from graspfx.grasp.matrix import GraspMatrix, moments
 from graspfx.numeric import finite, number
 
 FloatArray = NDArray[np.float64]
@@ -75,7 +75,7 @@ def measures(
     d = grasp.dimensions
     arms = (grasp.points - reference_point(grasp, about))[grasp.finger_of_column]
     a = grasp.contacts.force_axes
-    turns = turning(arms, a) / L + grasp.contacts.moment_axes * (ell / L)
+    turns = moments(arms, a) / L + grasp.contacts.moment_axes * (ell / L)
     G = np.hstack([a, turns]).T[grasp.free]  # (w, m)
     w = len(G)
     if not w:
@@ -115,16 +115,6 @@ def reference_point(grasp: GraspMatrix, about: ArrayLike | None) -> FloatArray:
         return grasp.origin
     first = grasp.points[0]
     return np.asarray(first + (grasp.points - first).mean(axis=0))
-
-
-def turning(arms: FloatArray, forces: FloatArray) -> FloatArray:
-    """Compute r x a for each row of arrays (k, d); the result is (k, 0), (k, 1) or (k, 3)."""
-    d = arms.shape[1]
-    if d == 3:
-        return np.asarray(np.cross(arms, forces))
-    if d == 2:
-        return (arms[:, 0] * forces[:, 1] - arms[:, 1] * forces[:, 0])[:, None]
-    return np.zeros((len(arms), 0))
 
 
 def _positive(name: str, value: float) -> float:

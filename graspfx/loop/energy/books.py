@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from graspfx.compile.records import Floats, Many, Record, Ref, Table, floats, many, table
-from graspfx.grasp.contact_state import Contact
+from graspfx.grasp.rigid_modes import Contact
 from graspfx.loop.energy.leak import Accounts, ModeSplit, Sum
 from graspfx.objects.energy import SampleStart
 from graspfx.spatial import Matrix, Vector, Vector4

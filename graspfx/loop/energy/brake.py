@@ -6,8 +6,8 @@ import math
 
 from graspfx.compile.kernel import kernel
 from graspfx.coupling.grasp_state import FingerState, GraspState
+from graspfx.coupling.law import react
 from graspfx.coupling.limit import limit_again
-from graspfx.coupling.react import react
 from graspfx.loop.energy.books import FingerBooks, LedgerState
 from graspfx.loop.energy.leak import add_damping, balance
 from graspfx.spatial import NOTHING, ZERO, dot, with_torsion

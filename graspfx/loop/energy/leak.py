@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Floats, Many, Record, Table, floats, many, table
-from graspfx.grasp.contact_state import Contact
+from graspfx.grasp.rigid_modes import Contact
 from graspfx.spatial import Vector, Vector4
 
 INTERNAL, TRANSLATION, ROTATION = 0, 1, 2  # indices of the accounts, in the order of all vectors of three

@@ -26,10 +26,9 @@ import math
 from graspfx import elementary
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Many
-from graspfx.cones.elimination import eliminate
+from graspfx.cones.factors import eliminate
 from graspfx.coupling.grasp_state import GraspState
-from graspfx.grasp.contact_state import Contact
-from graspfx.grasp.rigid_modes import rigid_modes
+from graspfx.grasp.rigid_modes import Contact, rigid_modes
 from graspfx.loop.energy.books import FingerBooks, ForceByMode, LedgerState
 from graspfx.loop.energy.leak import ROTATION, TRANSLATION, ModeSplit, Sum, balance, book, spend, squares
 from graspfx.objects.energy import keep, kinetic, settle

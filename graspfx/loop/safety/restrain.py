@@ -10,7 +10,7 @@ import math
 
 from graspfx.compile.kernel import kernel
 from graspfx.coupling.grasp_state import FingerState, GraspState
-from graspfx.coupling.react import react
+from graspfx.coupling.law import react
 from graspfx.loop.safety.safety_state import FingerLimits, Pace, SafetyState
 from graspfx.loop.safety.trust import NOT_FINITE
 from graspfx.spatial import NOTHING, ZERO, Vector, dot, total

@@ -12,8 +12,7 @@ import graspfx as gx
 from graspfx.compile.kernel import written
 from graspfx.compile.machine import compiled
 from graspfx.compile.records import Many, Record, many, numbers, size_for
-from graspfx.grasp.contact_state import Contact, Freedom
-from graspfx.grasp.rigid_modes import rigid_modes
+from graspfx.grasp.rigid_modes import Contact, Freedom, rigid_modes
 from graspfx.loop.energy import leak as po
 from graspfx.spatial import Vector, Vector4
 

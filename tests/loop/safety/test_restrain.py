@@ -7,11 +7,10 @@ import pytest
 
 from graspfx.compile.machine import compiled
 from graspfx.compile.records import start_of
-from graspfx.coupling import block as at
 from graspfx.coupling.grasp_state import FingerState
 from graspfx.coupling.grasped import GraspedObject
-from graspfx.coupling.react import react
-from graspfx.coupling.scaling import scale
+from graspfx.coupling.law import react
+from graspfx.coupling.limit import scale
 from graspfx.loop.safety.chain import SafetyChain, SafetyLimits
 from graspfx.loop.safety.restrain import BAND, growth_share, restrain
 from graspfx.loop.safety.safety_state import FingerLimits, SafetyState
@@ -84,11 +83,11 @@ def sweep(kind: str, grasps: int, states: int, seed: int) -> np.ndarray:
         lower, upper = own.array(FingerLimits.lower), own.array(FingerLimits.upper)
         for _ in range(states):
             push(rng, g, rules)
-            before = g.rows[:, at.LOCAL : at.LOCAL + 4].copy()
+            before = g.array(FingerState.local).copy()
             g.finger_position[:] = rng.uniform(-0.03, 0.03, g.finger_position.shape)
             last = bench.last().copy()
             assert bench.run(float(rng.choice([1.0, 0.3]))) == 0
-            f, local = g.array(FingerState.force), g.rows[:, at.LOCAL : at.LOCAL + 4]
+            f, local = g.array(FingerState.force), g.array(FingerState.local)
             size = np.linalg.norm(f, axis=1)
             scale_of = float(np.abs(before).max()) or 1.0
             worst[0] = max(worst[0], float((size / limits).max()) - 1.0)
@@ -219,8 +218,8 @@ def test_a_wall_lets_through_what_points_inward_alone() -> None:
         (0.02, -1.5, 0.0), (0.02, 1.5, 1.5), (0.0, -9.0, -2.0),
     ):  # fmt: skip
         g.finger_position[:] = x
-        g.rows[:, at.LOCAL : at.LOCAL + 4] = 0.0
-        g.rows[:, at.LOCAL] = force
+        g.array(FingerState.local)[:] = 0.0
+        g.array(FingerState.local)[:, 0] = force
         assert bench.run(1.0) == 0
-        assert g.rows[0, at.LOCAL] == pytest.approx(out, rel=1e-12)  # on the object: the operator feels its opposite
+        assert g.array(FingerState.local)[0, 0] == pytest.approx(out, rel=1e-12)  # the operator feels its opposite
         g.limit[:] = np.inf  # type: ignore[index]
