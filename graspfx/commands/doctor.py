@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from graspfx.commands.arguments import add_options, add_overrides
-from graspfx.commands.destination import add_destination, require_room
-from graspfx.commands.output import REFUSED, SUCCESS, is_quiet, name_files, note, print_json, require_place
+from graspfx.commands.destination import add_destination, name_files, require_room
+from graspfx.commands.output import REFUSED, SUCCESS, is_quiet, note, print_json
 from graspfx.errors import InputError
 from graspfx.machine.findings import Finding
 from graspfx.machine.system_checks import machine_kind, system_findings
@@ -41,7 +41,6 @@ def execute(options: Namespace) -> int:
     if options.period is not None and not 1e-5 <= options.period <= 1.0:
         raise InputError("--period", options.period, "a period from 1e-5 to 1 s")
     if options.out is not None:
-        require_place(options.out)
         require_room(options, [options.out])
     subject = _Subject(options)
     findings = list(system_findings())
