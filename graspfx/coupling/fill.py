@@ -26,7 +26,7 @@ from graspfx.grasp.rigid_modes import NO_ARM
 from graspfx.objects.body_state import BodyState
 from graspfx.objects.integrators import IMPLICIT
 from graspfx.surfaces.closed_form.proxy import KINDS
-from graspfx.surfaces.triangles.mesh_finger import MeshFinger
+from graspfx.surfaces.triangles.mesh_tree import MeshFinger
 
 FloatArray = NDArray[np.float64]
 

@@ -8,8 +8,7 @@ from graspfx.coupling.recoil_state import RecoilState
 from graspfx.grasp.contact_state import FramedContact, Freedom
 from graspfx.objects.body_state import BodyState, Motion
 from graspfx.spatial import Matrix, Vector, Vector4
-from graspfx.surfaces.triangles.mesh_finger import MeshFinger
-from graspfx.surfaces.triangles.mesh_tree import MeshTree
+from graspfx.surfaces.triangles.mesh_tree import MeshFinger, MeshTree
 
 
 class FingerState(FramedContact):
