@@ -11,8 +11,7 @@ from graspfx.commands.arguments import add_options, add_overrides
 from graspfx.commands.destination import add_destination, name_files, require_room
 from graspfx.commands.output import REFUSED, SUCCESS, is_quiet, note, print_json
 from graspfx.errors import InputError
-from graspfx.machine.findings import Finding
-from graspfx.machine.system_checks import machine_kind, system_findings
+from graspfx.machine.system_checks import Finding, machine_kind, system_findings
 from graspfx.progress import waiting
 from graspfx.recording.files import placing
 
@@ -53,7 +52,7 @@ def execute(options: Namespace) -> int:
             note([f"opening {', '.join(name for name, _ in subject.features)} at zero force: do not move the handles"])
         findings += subject.round_trips()
     if options.out is not None:
-        from graspfx.machine.findings import lab_report
+        from graspfx.machine.system_checks import lab_report
 
         with placing(options.out) as file:
             file.write_text(lab_report(machine_kind(), findings, subject.features, subject.settings))
