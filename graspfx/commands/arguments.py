@@ -162,8 +162,8 @@ def override(text: str) -> tuple[str, Any]:
     """
     import tomllib
 
-    from graspfx.scene.budget import excess
     from graspfx.scene.overrides import toml_value
+    from graspfx.scene.toml_text import excess
 
     key, equals, value = text.partition("=")
     if not key.strip() or not equals:
