@@ -54,9 +54,9 @@ from graspfx.numeric import LARGEST, SMALLEST, finite, number
 from graspfx.objects.body import BlockBody, Body, NativeBody, fill_body
 from graspfx.objects.body_state import BodyState
 from graspfx.objects.guest import Guest
-from graspfx.program_lock import ProgramLock
 from graspfx.screen.touch_screen import TouchScreen, approach
 from graspfx.serial_port import SerialPort
+from graspfx.system.file_lock import ProgramLock
 
 __all__ = [  # noqa: RUF022 (in reading order: common names first, then by kind)
     "Device",

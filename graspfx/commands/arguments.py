@@ -1,11 +1,19 @@
-"""Arguments that several commands share: a scene, overrides of its values, the format of a figure."""
+"""Arguments that several commands share: a scene, overrides of its values, a recording, the format of a figure."""
 
 from __future__ import annotations
 
+import math
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from graspfx.commands.output import doubts, note
+from graspfx.errors import InputError
+from graspfx.progress import waiting
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
 
 SET = "--set"
 LISTS = (SET, "--operators", "--over")  # options that take several values
@@ -68,6 +76,30 @@ def add_style(parser: ArgumentParser) -> None:
     parser.add_argument("--width", choices=WIDTHS, default="screen", help=widths)
 
 
+def load_scene(options: Namespace) -> Scene:
+    """Load the scene of SCENE, --preset and --set."""
+    from graspfx.scene.load import load
+
+    with waiting(f"reading {options.scene}"):
+        return load(options.scene, dict(options.overrides), preset=options.preset)
+
+
+def checked_scene(options: Namespace) -> Scene:
+    """Load the scene, and print notes about likely mistakes."""
+    scene = load_scene(options)
+    with waiting(f"checking {options.scene}"):
+        notes = doubts(scene)
+    note(notes)
+    return scene
+
+
+def seconds_of(options: Namespace) -> float:
+    """Return --seconds, a time above zero; infinite if it is not given."""
+    if options.seconds is not None and not options.seconds > 0.0:
+        raise InputError("--seconds", options.seconds, "a time above zero")
+    return math.inf if options.seconds is None else float(options.seconds)
+
+
 def picture_name(stem: str, options: Namespace) -> str:
     """Return the file name of a figure in the chosen format."""
     return f"{stem}.{options.format or FORMATS[0]}"
@@ -93,6 +125,24 @@ def recording(text: str) -> Path:
     return path
 
 
+def recorded(options: Namespace) -> Path | None:
+    """Return the path of a recording or of its folder, given as SCENE; None if it is a scene, whose name has no slash.
+
+    Raises:
+        InputError: If a recording is given with --set or --preset.
+    """
+    from graspfx.recording.files import NAME, is_part, recording_file
+
+    path = Path(options.scene)
+    is_file = path.suffix == ".h5" or is_part(path)
+    if path.suffix in (".toml", ".py") or not (is_file or path.parent != Path() or recording_file(path).is_file()):
+        return None
+    for option, value in (("--set", dict(options.overrides)), ("--preset", options.preset)):
+        if value:
+            raise InputError(option, value, "a scene instead of a recording", f"{path} is a recording")
+    return path if is_file or path.exists() else path / NAME
+
+
 def separate(words: Sequence[str]) -> Iterator[str]:
     """Repeat an option such as --set before each of its values: a word without `=` ends the list."""
     last, option = "", ""
@@ -112,9 +162,8 @@ def override(text: str) -> tuple[str, Any]:
     """
     import tomllib
 
-    from graspfx.errors import InputError
-    from graspfx.scene.budget import excess
     from graspfx.scene.overrides import toml_value
+    from graspfx.scene.toml_text import excess
 
     key, equals, value = text.partition("=")
     if not key.strip() or not equals:

@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from graspfx.commands.arguments import add_options, add_overrides, add_style, picture_name
-from graspfx.commands.destination import add_destination, destination, require_room
-from graspfx.commands.output import SUCCESS, name_files, print_json, require_place
+from graspfx.commands.destination import add_destination, destination, drawing, name_files, require_room
+from graspfx.commands.output import SUCCESS, print_json, print_result
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.progress import waiting
-from graspfx.recording.files import make_folder, placing
 
 if TYPE_CHECKING:
     from graspfx.bench.timing import Row
@@ -103,21 +102,15 @@ def bench_scene(name: str, options: Namespace) -> int:
         scene.require_reach()
     with destination(options, Path(name).stem) as folder:
         picture = folder / picture_name(PICTURE, options)
-        require_place(picture)
         require_room(options, [picture])
         tradeoff = trade_off(scene, duration=options.duration, quick=options.quick)
-        if options.json:
-            print_json(tradeoff.to_dict())
-        else:
-            print(*tradeoff.lines(), sep="\n", flush=True)
+        print_result(tradeoff)
         if not tradeoff.best:
             return SUCCESS
-        make_folder(folder)
-        with waiting(f"drawing {picture.name}"), placing(picture) as file:
+        with drawing(picture) as file:
             from graspfx.bench.choices_figure import tradeoff_sheet
             from graspfx.show import style
 
             style.save(tradeoff_sheet(tradeoff, width=options.width), file, options.format or "png")
-        if not options.json:
-            name_files([picture])
+        name_files([picture])
     return SUCCESS

@@ -6,10 +6,10 @@ import sys
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from graspfx.commands.arguments import add_options, add_scene
-from graspfx.commands.output import SUCCESS, name_files
+from graspfx.commands.arguments import add_options, add_scene, load_scene
+from graspfx.commands.destination import name_files
+from graspfx.commands.output import SUCCESS, tell
 from graspfx.errors import InputError
-from graspfx.progress import waiting
 
 EXAMPLE = """  graspfx calibrate my-rig.toml --out my-rig-measures.toml"""
 
@@ -29,26 +29,18 @@ def add_arguments(parser: ArgumentParser) -> None:
 def execute(options: Namespace) -> int:
     from graspfx.assembly.calibration.device_calibration import calibrate, require_hardware
     from graspfx.assembly.resolve import resolve
-    from graspfx.scene.load import load
 
     file = options.out or Path(f"{Path(options.scene).stem}-measures.toml")
     if file.exists() and not options.overwrite:
         raise InputError("--out", str(file), "a new file", "choose another name, or add --overwrite")
-    with waiting(f"reading {options.scene}"):
-        scene = load(options.scene, dict(options.overrides), preset=options.preset)
+    scene = load_scene(options)
     require_hardware(resolve(scene))
     if not options.yes:
         if not sys.stdin.isatty():
             raise InputError("--yes", False, "True without a terminal", "add --yes, or start the command in a terminal")
         input("The devices will move by themselves, a few millimetres. Clear the space around them, then press Enter. ")
-    result = calibrate(
-        scene, pulses=options.pulses, share=options.share, prompt=None if options.yes else _prompt
-    )  # fmt: skip
+    result = calibrate(scene, pulses=options.pulses, share=options.share, prompt=None if options.yes else tell)
     print(*result.lines(), sep="\n")
     file.write_text(result.toml(), encoding="utf-8")
     name_files([file])
     return SUCCESS
-
-
-def _prompt(text: str) -> None:
-    print(text, flush=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
-from graspfx.commands.arguments import add_operators, add_options, add_scene, add_style, picture_name
-from graspfx.commands.destination import add_destination, require_room
-from graspfx.commands.output import REFUSED, SUCCESS, is_quiet, name_files, print_json, require_place
+from graspfx.commands.arguments import add_operators, add_options, add_scene, add_style, load_scene, picture_name
+from graspfx.commands.destination import add_destination, drawing, name_files, require_room
+from graspfx.commands.output import REFUSED, SUCCESS, is_quiet, print_json, print_result
 from graspfx.errors import InputError
 from graspfx.progress import waiting
 
@@ -48,11 +48,10 @@ def execute(options: Namespace) -> int:
     with waiting(f"reading {options.scene}"):
         from graspfx.assembly.scene_cache import SceneMemory
         from graspfx.certificate.report import report
-        from graspfx.scene.load import load
         from graspfx.scene.table_memory import remembering
 
         with remembering(SceneMemory()):
-            scene = load(options.scene, dict(options.overrides), preset=options.preset)
+            scene = load_scene(options)
     if options.tick:
         lines = _tick(scene)
         if options.json:
@@ -62,46 +61,32 @@ def execute(options: Namespace) -> int:
         return SUCCESS
     with waiting(f"finding the limits of {options.scene}"):
         answer = report(scene)
-    if options.json:
-        print_json(answer.to_dict())
-    else:
-        print(*(answer.head() if options.brief else answer.lines(plan=bool(options.verbose))), sep="\n")
-        if not (options.brief or options.verbose or is_quiet()):
-            runs = sum(row.runs for row in answer.plan)
-            print(f"a tick runs {runs} steps and skips {len(answer.plan) - runs}: -v lists them, with the reasons")
+    print_result(answer, answer.head() if options.brief else answer.lines(plan=bool(options.verbose)))
+    if not (options.json or options.brief or options.verbose or is_quiet()):
+        runs = sum(row.runs for row in answer.plan)
+        print(f"a tick runs {runs} steps and skips {len(answer.plan) - runs}: -v lists them, with the reasons")
     return SUCCESS if answer.ok or not options.strict else REFUSED
 
 
 def _operators(options: Namespace) -> int:
     """Certify the scene for a set of operators; draw the figures if a folder is given."""
     from graspfx.certificate.certify_operators import SAMPLES, certify_operators
-    from graspfx.recording.files import make_folder, placing
-    from graspfx.scene.load import load
     from graspfx.show.certificate_figures import gains_sheet, operators_sheet
     from graspfx.show.style import save
 
     files = (
         [] if options.out is None else [options.out / picture_name(name, options) for name in ("operators", "gains")]
     )
-    for file in files:
-        require_place(file)
     require_room(options, files)
-    with waiting(f"reading {options.scene}"):
-        scene = load(options.scene, dict(options.overrides), preset=options.preset)
+    scene = load_scene(options)
     ranges = [text for text in options.operators if text]
     samples = SAMPLES if options.samples is None else options.samples
     answer = certify_operators(scene, ranges or None, samples=samples, seed=options.seed)
-    if options.json:
-        print_json(answer.to_dict())
-    else:
-        print(*([answer.sentence] if options.brief else answer.lines()), sep="\n")
-    if files:
-        make_folder(options.out)
-        for file, draw in zip(files, (operators_sheet, gains_sheet), strict=True):
-            with placing(file) as place:
-                save(draw(answer, options.width), place, options.format or "")
-        if not options.json:
-            name_files(files)
+    print_result(answer, [answer.sentence] if options.brief else None)
+    for file, sheet in zip(files, (operators_sheet, gains_sheet), strict=False):
+        with drawing(file) as place:
+            save(sheet(answer, options.width), place, options.format or "")
+    name_files(files)
     return SUCCESS if answer.stable or not options.strict else REFUSED
 
 

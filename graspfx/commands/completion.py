@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 
+from graspfx.commands.destination import OUT
 from graspfx.commands.output import SUCCESS, add_loudness
 
 EXAMPLE = """  graspfx completion fish > ~/.config/fish/completions/graspfx.fish
@@ -98,7 +99,6 @@ def _subjects(kind: str) -> Iterator[str]:
         yield from names()
         yield from (str(path) for path in Path().glob("*.toml"))
     if "RECORDING" in kind:
-        from graspfx.commands.destination import OUT
         from graspfx.recording.files import NAME
 
         yield from (str(path.parent) for path, _ in zip(sorted(OUT.glob(f"*/{NAME}")), range(MOST), strict=False))

@@ -1,18 +1,24 @@
-"""Output folder of a command: a new folder in out/, or the folder of --out. Existing files are not overwritten."""
+"""Output files of a command: in a new folder in out/, or at --out. Existing files are not overwritten."""
 
 from __future__ import annotations
 
 import os
 from argparse import ArgumentParser, Namespace
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from graspfx.commands.output import note
-from graspfx.recording.files import LATEST, make_folder, new_folder, require_vacancy, require_vacancy_of
+from graspfx.commands.output import is_json, is_quiet, note
+from graspfx.errors import RecordingError
+from graspfx.progress import waiting
+from graspfx.recording.files import LATEST, make_folder, new_folder, placing, require_vacancy, require_vacancy_of
+
+if TYPE_CHECKING:
+    from graspfx.recording.record import Recording
 
 OUT = Path("out")
-REMEDY = "choose another --out, or overwrite it with --overwrite"
+REMEDY = "choose another {}, or overwrite it with --overwrite"
 
 
 def add_destination(parser: ArgumentParser, metavar: str, meaning: str, kind: type[Path] | type[str] = Path) -> None:
@@ -34,14 +40,16 @@ def file_in(options: Namespace, home: Path, name: str) -> Path:
     return path / name if options.out.endswith(("/", os.sep)) or path.is_dir() else path
 
 
-def require_room(options: Namespace, files: Iterable[Path]) -> None:
-    """Require that no output file exists, unless --overwrite is given.
+def require_room(options: Namespace, files: Sequence[Path], option: str = "--out") -> None:
+    """Require that no output file exists, unless --overwrite is given, and that none is a folder.
 
     Raises:
-        RecordingError: If one exists.
+        RecordingError: If one exists; the message names the option that chooses another file.
     """
+    for file in files:
+        _require_no_folder(file, option)
     if not options.overwrite:
-        require_vacancy(files, REMEDY)
+        require_vacancy(files, REMEDY.format(option))
 
 
 def require_room_of(options: Namespace, recording: Path) -> None:
@@ -51,7 +59,7 @@ def require_room_of(options: Namespace, recording: Path) -> None:
         RecordingError: If one exists.
     """
     if not options.overwrite:
-        require_vacancy_of(recording, REMEDY)
+        require_vacancy_of(recording, REMEDY.format("--out"))
 
 
 @contextmanager
@@ -108,3 +116,39 @@ def _target(link: Path) -> Path | None:
     if link.is_symlink():
         return OUT / link.readlink()
     return OUT / link.read_text(encoding="utf-8").strip() if link.is_file() else None
+
+
+@contextmanager
+def drawing(picture: Path, otherwise: str = "") -> Iterator[Path]:
+    """Yield the place of a draft, which becomes the picture when it is complete; make the picture's folder.
+
+    Args:
+        picture: Path of the picture.
+        otherwise: Text appended to the error message if the picture cannot be written.
+
+    Raises:
+        RecordingError: If the path is a folder, or the picture cannot be written.
+    """
+    _require_no_folder(picture, "--out")
+    make_folder(picture.parent)
+    with waiting(f"drawing {picture.name}"), placing(picture, otherwise) as file:
+        yield file
+
+
+def draw(recordings: Sequence[Recording], picture: Path, otherwise: str = "", **options: Any) -> None:
+    """Draw recordings with `graspfx.show.run_figures.figure`, which receives the options."""
+    with drawing(picture, otherwise) as file:
+        from graspfx.show.run_figures import figure
+
+        figure(recordings, file, **options)
+
+
+def name_files(paths: Iterable[Path]) -> None:
+    """Print the names of written files, unless -q or --json is given."""
+    for path in () if is_quiet() or is_json() else paths:
+        print(f"wrote {path}")
+
+
+def _require_no_folder(file: Path, option: str) -> None:
+    if file.is_dir():
+        raise RecordingError(f"{file} is a folder, but the file needs this name; choose another {option}")

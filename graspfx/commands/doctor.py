@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from graspfx.commands.arguments import add_options, add_overrides
-from graspfx.commands.destination import add_destination, require_room
-from graspfx.commands.output import REFUSED, SUCCESS, is_quiet, name_files, note, print_json, require_place
+from graspfx.commands.destination import add_destination, name_files, require_room
+from graspfx.commands.output import REFUSED, SUCCESS, is_quiet, note, print_json
 from graspfx.errors import InputError
-from graspfx.machine.findings import Finding
-from graspfx.machine.system_checks import machine_kind, system_findings
+from graspfx.machine.system_checks import Finding, machine_kind, system_findings
 from graspfx.progress import waiting
 from graspfx.recording.files import placing
 
@@ -41,7 +40,6 @@ def execute(options: Namespace) -> int:
     if options.period is not None and not 1e-5 <= options.period <= 1.0:
         raise InputError("--period", options.period, "a period from 1e-5 to 1 s")
     if options.out is not None:
-        require_place(options.out)
         require_room(options, [options.out])
     subject = _Subject(options)
     findings = list(system_findings())
@@ -54,7 +52,7 @@ def execute(options: Namespace) -> int:
             note([f"opening {', '.join(name for name, _ in subject.features)} at zero force: do not move the handles"])
         findings += subject.round_trips()
     if options.out is not None:
-        from graspfx.machine.findings import lab_report
+        from graspfx.machine.system_checks import lab_report
 
         with placing(options.out) as file:
             file.write_text(lab_report(machine_kind(), findings, subject.features, subject.settings))

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 from argparse import ArgumentParser, Namespace
 from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack
+from math import exp
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from graspfx.commands.arguments import add_options
 from graspfx.commands.destination import OUT
-from graspfx.commands.output import FAULTS, INTERRUPTED, SUCCESS, interruptible, is_quiet
+from graspfx.commands.output import FAULTS, INTERRUPTED, SUCCESS, interruptible, is_quiet, tell
 from graspfx.errors import InputError
 
 if TYPE_CHECKING:
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 EXAMPLE = """  graspfx experiment stiffness-jnd --simulate
   graspfx experiment mine.toml --participant 03 --page
   graspfx experiment mine.toml --participant 03 --resume"""
-FACTOR = 2.718281828459045
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -85,8 +84,8 @@ def _run(
         presenter = Simulated(experiment.scene, experiment.duration)
     else:
         watchers: list[Watcher] = []
-        tellers.append(_say)
-        answerer = keys = Keys(lambda text: [tell(text) for tell in tellers], stop)
+        tellers.append(tell)
+        answerer = keys = Keys(lambda text: [each(text) for each in tellers], stop)
         if options.page:
             page = _page(experiment, keys, options, stack)
             watchers.append(page)
@@ -95,7 +94,7 @@ def _run(
             from graspfx.live.state_stream import stream_of
 
             stream, address = stream_of(stack)
-            _say(address)
+            tell(address)
             watchers.append(stream)
         if options.lsl:
             listen, rows = _streams(experiment, stack)
@@ -104,7 +103,7 @@ def _run(
         presenter = RealTime(experiment.scene, experiment.duration, watchers)
     trials = experiment.session(
         stack, files, presenter, answerer, mode=SIMULATED if options.simulate else REAL_TIME, resume=options.resume,
-        stop=stop, tell=lambda text: [tell(text) for tell in tellers], listeners=listeners,
+        stop=stop, tell=lambda text: [each(text) for each in tellers], listeners=listeners,
         is_paced=not options.simulate,
     )  # fmt: skip
     if keys is not None:
@@ -115,12 +114,12 @@ def _run(
     for row in trials.trials():
         faults += bool(row.fault)
         if options.simulate and not is_quiet() and row.trial.number % 20 == 0:
-            _say(f"{row.trial.number} of {total} trials")
+            tell(f"{row.trial.number} of {total} trials")
         elif row.fault:
-            _say(f"fault: {row.fault}")
+            tell(f"fault: {row.fault}")
     _sum_up(experiment, files)
     if trials.plan.done < total:
-        _say(_farewell(trials.plan.done, total, trials.reason))
+        tell(_farewell(trials.plan.done, total, trials.reason))
         return INTERRUPTED
     return FAULTS if faults else SUCCESS
 
@@ -138,7 +137,7 @@ def _page(experiment: Experiment, keys: Keys, options: Namespace, stack: ExitSta
     answers = table.question.keys if table.question is not None else {}
     scene = experiment.scene if table.page == "scene" else None
     page = stack.enter_context(AnswerPage(experiment.title, answers, keys.press, scene, port=options.port))
-    _say(f"{page.server.url}  (this machine only)")
+    tell(f"{page.server.url}  (this machine only)")
     return page
 
 
@@ -158,7 +157,7 @@ def _sum_up(experiment: Experiment, files: SessionFiles) -> None:
     if experiment.table.staircase is not None and rows:
         for each in thresholds(experiment, rows):
             if each.trials:
-                low, high = (100.0 * each.value * FACTOR ** (sign * each.spread) for sign in (-1.0, 1.0))
+                low, high = (100.0 * each.value * exp(sign * each.spread) for sign in (-1.0, 1.0))
                 print(f"{each.condition}: threshold {100.0 * each.value:.1f} % ({low:.1f} to {high:.1f} %)")
     print(f"wrote {files.table}" if table else f"{files.table} has no trial yet")
 
@@ -184,8 +183,3 @@ def _streams(experiment: Experiment, stack: ExitStack) -> tuple[Callable[[Event]
 
 def _nothing() -> None:
     """Do nothing: a session with a page continues when the terminal closes."""
-
-
-def _say(text: str) -> None:
-    print(text)
-    sys.stdout.flush()

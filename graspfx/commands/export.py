@@ -7,8 +7,8 @@ from pathlib import Path
 
 from graspfx.commands.arguments import add_options
 from graspfx.commands.arguments import recording as recording_argument
-from graspfx.commands.destination import add_file, file_in, require_room
-from graspfx.commands.output import SUCCESS, name_files, require_place, say_source
+from graspfx.commands.destination import add_file, file_in, name_files, require_room
+from graspfx.commands.output import SUCCESS, say_source
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.recording.files import placing
 
@@ -35,7 +35,6 @@ def execute(options: Namespace) -> int:
     kind = _format(options)
     path = file_in(options, source.parent, f"recording{FORMATS[kind]}")
     _require_ending(path, kind)
-    require_place(path)
     require_room(options, [path])
     recording = Recording.load(source)
     say_source(options.recording, source, recording)

@@ -1,4 +1,4 @@
-"""Messages and exit codes of commands: -v and -q, Ctrl-C, notes, faults, names of written files."""
+"""Messages, answers and exit codes of commands: -v and -q, Ctrl-C, notes, faults."""
 
 from __future__ import annotations
 
@@ -6,17 +6,15 @@ import signal
 import sys
 import threading
 from argparse import ArgumentParser, Namespace
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from graspfx.errors import RecordingError
 from graspfx.log import DEBUG, INFO
 from graspfx.log import NAME as LOGGER
-from graspfx.progress import waiting
-from graspfx.recording.files import PART, is_part, part_of, placing
+from graspfx.recording.files import PART, is_part, part_of
 
 if TYPE_CHECKING:
     from graspfx.recording.record import Recording
@@ -31,6 +29,7 @@ CODES = f"""exit codes:
   {INTERRUPTED}  interrupted by Ctrl-C; the recording holds the rows so far"""
 
 _quiet: ContextVar[bool] = ContextVar("quiet", default=False)
+_json: ContextVar[bool] = ContextVar("json", default=False)
 
 
 def add_loudness(parser: ArgumentParser) -> None:
@@ -47,15 +46,22 @@ def is_quiet() -> bool:
     return _quiet.get()
 
 
+def is_json() -> bool:
+    """Tell whether the running command has --json."""
+    return _json.get()
+
+
 @contextmanager
 def loudness(options: Namespace) -> Iterator[None]:
-    """Apply -v and -q within the block."""
-    token = _quiet.set(bool(getattr(options, "quiet", False)))
+    """Apply -v, -q and --json within the block."""
+    quiet = _quiet.set(bool(getattr(options, "quiet", False)))
+    json = _json.set(bool(getattr(options, "json", False)))
     try:
         with _listening(int(getattr(options, "verbose", 0))):
             yield
     finally:
-        _quiet.reset(token)
+        _quiet.reset(quiet)
+        _json.reset(json)
 
 
 @contextmanager
@@ -126,9 +132,17 @@ def say_faults(recording: Recording) -> int:
     return FAULTS if recording.faults else SUCCESS
 
 
-def name_files(paths: Sequence[Path]) -> None:
-    for path in () if is_quiet() else paths:
-        print(f"wrote {path}")
+def tell(text: str) -> None:
+    """Print a line now, also where standard output is a pipe."""
+    print(text, flush=True)
+
+
+def print_result(result: Any, lines: Iterable[str] | None = None) -> None:
+    """Print a result by lines (default: those of its method `lines`), or with --json what its `to_dict` returns."""
+    if is_json():
+        print_json(result.to_dict())
+    else:
+        print(*(result.lines() if lines is None else lines), sep="\n", flush=True)
 
 
 def print_json(value: object) -> None:
@@ -137,30 +151,10 @@ def print_json(value: object) -> None:
     print(json.dumps(value, indent=2, allow_nan=False))
 
 
-def draw(recordings: Sequence[Recording], picture: Path, otherwise: str = "", **options: Any) -> None:
-    """Draw recordings with `graspfx.show.run_figures.figure`, which receives the options."""
-    require_place(picture)
-    with waiting(f"drawing {picture.name}"), placing(picture, otherwise) as file:
-        from graspfx.show.run_figures import figure
-
-        figure(recordings, file, **options)
-
-
 def say_source(request: Path, file: Path, recording: Recording) -> None:
     """Print a note if the file that was read is a part file, or if a newer part file exists beside it."""
     if is_part(file):
-        seconds = recording.end
-        text = f"read {seconds:g} s from {file}; the run has not finished or was killed"
-        note([text + _instead_of(request, file)])
+        instead = "" if request == file else f"; {file.name.removesuffix(PART)} does not exist yet"
+        note([f"read {recording.end:g} s from {file}; the run has not finished or was killed{instead}"])
     elif part_of(file).is_file():
         note([f"read {file}; {part_of(file).name} beside it is from a later run that has not finished or was killed"])
-
-
-def _instead_of(request: Path, file: Path) -> str:
-    return "" if request == file else f"; {file.name.removesuffix(PART)} does not exist yet"
-
-
-def require_place(picture: Path) -> None:
-    """Require, before the run, that the picture's path is not a folder."""
-    if picture.is_dir():
-        raise RecordingError(f"{picture} is a folder, but the picture needs this name; choose another --out")

@@ -5,9 +5,9 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from graspfx.commands.arguments import add_overrides
-from graspfx.commands.destination import add_file, file_in, require_room
-from graspfx.commands.output import SUCCESS, doubts, name_files, note
+from graspfx.commands.arguments import add_overrides, checked_scene
+from graspfx.commands.destination import add_file, file_in, name_files, require_room
+from graspfx.commands.output import SUCCESS
 from graspfx.progress import waiting
 
 EXAMPLE = """  graspfx page paper-waving --out waving.html
@@ -22,12 +22,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def execute(options: Namespace) -> int:
     from graspfx.live.page.document import require_page_name
-    from graspfx.scene.load import load
 
     path = require_page_name(file_in(options, Path(), f"{Path(options.scene).stem}.html"))
     require_room(options, [path])
-    scene = load(options.scene, dict(options.overrides), preset=options.preset)
-    note(doubts(scene))
+    scene = checked_scene(options)
     with waiting(f"writing {path}"):
         written = scene.to_html(path, overwrite=options.overwrite)
     name_files([written])

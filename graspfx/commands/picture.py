@@ -6,12 +6,11 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from graspfx.commands.arguments import add_options, add_overrides, add_style, picture_name
-from graspfx.commands.destination import add_file, destination, file_in, require_room
-from graspfx.commands.output import name_files, note, require_place, say_faults, say_source
+from graspfx.commands.arguments import add_options, add_overrides, add_style, load_scene, picture_name, recorded
+from graspfx.commands.destination import add_file, destination, drawing, file_in, name_files, require_room
+from graspfx.commands.output import note, say_faults, say_source
 from graspfx.errors import GraspFXError, InputError
-from graspfx.progress import waiting
-from graspfx.recording.files import NAME, is_part, make_folder, placing, recording_file
+from graspfx.recording.files import recording_file
 
 if TYPE_CHECKING:
     from graspfx.recording.header import Header
@@ -23,7 +22,7 @@ EXAMPLE = """  graspfx picture pick-and-place --time 1.7 --view -60 25"""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("recording", metavar="RECORDING_OR_SCENE", help="recording, its folder, or a scene to run")
+    parser.add_argument("scene", metavar="RECORDING_OR_SCENE", help="recording, its folder, or a scene to run")
     add_overrides(parser)
     add_options(parser, ("--time S", "time of the instant [s] (default: when the forces are largest)", float))
     parser.add_argument(
@@ -43,27 +42,20 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    subject = Path(options.recording)
-    if subject.suffix not in (".toml", ".py"):
-        folder = subject.parent != Path()  # a scene's name has no slashes
-        if subject.suffix == ".h5" or is_part(subject) or recording_file(subject).is_file() or folder:
-            return _draw_recording(subject, options)
+    if (source := recorded(options)) is not None:
+        return _draw_recording(source, options)
     if options.out is not None:
         path = file_in(options, Path(), picture_name(PICTURE, options))
         _require_room(path, options)
         return _draw_scene(path, options)
-    with destination(options, subject.stem) as home:
+    with destination(options, Path(options.scene).stem) as home:
         return _draw_scene(home / picture_name(PICTURE, options), options)
 
 
 def _draw_recording(source: Path, options: Namespace) -> int:
     from graspfx.recording.record import Recording
 
-    if options.overrides:
-        raise InputError("--set", dict(options.overrides), "a scene instead of a recording", f"{source} is a recording")
-    if options.preset:
-        raise InputError("--preset", options.preset, "a scene with this preset", f"{source} is a recording")
-    file = recording_file(source if source.suffix == ".h5" or is_part(source) or source.is_dir() else source / NAME)
+    file = recording_file(source)
     path = file_in(options, file.parent, picture_name(PICTURE, options))
     _require_room(path, options)
     recording = Recording.load(file)
@@ -73,9 +65,8 @@ def _draw_recording(source: Path, options: Namespace) -> int:
 
 def _draw_scene(path: Path, options: Namespace) -> int:
     from graspfx.assembly.run_scene import run
-    from graspfx.scene.load import load
 
-    scene = load(options.recording, dict(options.overrides), preset=options.preset)
+    scene = load_scene(options)
     if options.time is not None and not 0.0 <= options.time <= scene.duration:
         remedy = "--set duration=... extends the run"
         raise InputError(
@@ -89,15 +80,13 @@ def _require_room(path: Path, options: Namespace) -> None:
     from graspfx.show.style import require_form
 
     require_form(options.format or path.suffix[1:].lower(), path)
-    require_place(path)
     require_room(options, [path])
 
 
 def _draw(recording: Recording, path: Path, meshes: Path | None, options: Namespace) -> int:
     from graspfx.show.picture.portrait import picture
 
-    make_folder(path.parent)
-    with waiting(f"drawing {path.name}"), placing(path) as file:
+    with drawing(path) as file:
         notes = picture(
             recording,
             file,

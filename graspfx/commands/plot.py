@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from graspfx.commands.arguments import add_options, add_style, picture_name, recording
-from graspfx.commands.destination import add_destination, require_room
-from graspfx.commands.output import SUCCESS, draw, is_quiet, name_files, say_source
+from graspfx.commands.destination import add_destination, draw, name_files, require_room
+from graspfx.commands.output import SUCCESS, is_quiet, say_source
 from graspfx.progress import waiting
 
 EXAMPLE = """  graspfx plot out/conventional out/proposed --out out --format pdf --width page"""
@@ -24,7 +24,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    from graspfx.recording.files import make_folder, recording_file
+    from graspfx.recording.files import recording_file
     from graspfx.recording.record import Recording
     from graspfx.show.summary_table import BRIEF, ROWS, print_summary
 
@@ -36,7 +36,6 @@ def execute(options: Namespace) -> int:
         recordings = [Recording.load(path) for path in paths]
     for request, path, each in zip(options.recordings, paths, recordings, strict=True):
         say_source(request, path, each)
-    make_folder(folder)
     labels = _labels(paths)
     draw(recordings, picture, brief=options.brief, width=options.width, labels=labels if len(paths) > 1 else None)
     if not is_quiet():

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from graspfx.commands.arguments import add_options, add_values
 from graspfx.commands.arguments import recording as recording_argument
-from graspfx.commands.destination import add_destination, require_room_of
-from graspfx.commands.output import REFUSED, SUCCESS, is_quiet, name_files, note, print_json, say_source
+from graspfx.commands.destination import add_destination, name_files, require_room_of
+from graspfx.commands.output import REFUSED, SUCCESS, is_quiet, note, print_json, say_source
 from graspfx.recording.files import NAME, make_folder, recording_file
 
 if TYPE_CHECKING:
@@ -46,8 +46,7 @@ def execute(options: Namespace) -> int:
     if out is not None:
         file: Path = make_folder(out) / NAME
         replay.recording.save(file, overwrite=options.overwrite)
-        if not options.json:
-            name_files([file])
+        name_files([file])
     if replay.is_open_loop or not replay.differences:
         return SUCCESS
     note(_reasons(replay))

@@ -9,19 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from graspfx import log
-from graspfx.commands.arguments import add_options, add_scene, add_style, picture_name
-from graspfx.commands.destination import add_destination, destination, require_room, require_room_of
-from graspfx.commands.output import (
-    INTERRUPTED,
-    doubts,
-    draw,
-    is_quiet,
-    name_files,
-    note,
-    print_json,
-    require_place,
-    say_faults,
-)
+from graspfx.commands.arguments import add_options, add_scene, add_style, load_scene, picture_name
+from graspfx.commands.destination import add_destination, destination, draw, name_files, require_room, require_room_of
+from graspfx.commands.output import INTERRUPTED, doubts, interruptible, is_quiet, note, print_json, say_faults
 from graspfx.loop.realtime.process import NAMES as SIGNALS
 from graspfx.progress import waiting
 from graspfx.recording.files import NAME
@@ -51,8 +41,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 def execute(options: Namespace) -> int:
     from graspfx.assembly.scene_cache import cached, place
 
-    if options.out is not None:
-        _require_room(options.out, options)
+    if options.out is not None:  # before anything is loaded
+        if not options.no_figure:
+            require_room(options, [options.out / picture_name(PICTURE, options)])
+        require_room_of(options, options.out / NAME)
     where = place(options.scene, dict(options.overrides), options.preset)
     entry = cached(where) if where is not None else None
     scene, notes = entry or (_checked(options) if where is not None else _from_python(options))
@@ -66,24 +58,13 @@ def execute(options: Namespace) -> int:
     return code
 
 
-def _require_room(folder: Path, options: Namespace) -> None:
-    """Require that no output file exists, before anything is loaded."""
-    if not options.no_figure:
-        picture = folder / picture_name(PICTURE, options)
-        require_place(picture)
-        require_room(options, [picture])
-    require_room_of(options, folder / NAME)
-
-
 def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool]:
     """Run a scene and write its files into a folder; return the exit code, and whether the run is complete."""
     from graspfx.assembly.run_scene import run
-    from graspfx.commands.output import interruptible
-    from graspfx.show.summary_table import remarks
+    from graspfx.show.summary_table import print_summary, remarks
 
     if log.is_heard():
         _log_plan(scene)
-    picture = folder / picture_name(PICTURE, options)
     with interruptible() as stop:
         recording = run(
             scene, duration=options.duration, out=folder, overwrite=options.overwrite, stop=stop,
@@ -99,8 +80,6 @@ def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool
     if options.json:
         print_json(recording.summary())
     elif not is_quiet():
-        from graspfx.show.summary_table import print_summary
-
         print_summary([recording])
         name_files([file])
     note(remarks(recording))
@@ -115,9 +94,9 @@ def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool
         note(["no figure: the package 'matplotlib' is not installed; pip install matplotlib, or add --no-figure"])
     else:  # last, because loading matplotlib takes longer than most runs
         sys.stdout.flush()
+        picture = folder / picture_name(PICTURE, options)
         draw([recording], picture, f"; the recording is in {file}", width=options.width)
-        if not options.json:
-            name_files([picture])
+        name_files([picture])
     return code, True
 
 
@@ -134,12 +113,11 @@ def _from_python(options: Namespace) -> tuple[Scene, list[str]]:
     """Load a scene from a Python file, with its warnings. A scene that was checked before is not checked again."""
     with waiting(f"checking {options.scene}"):
         from graspfx.assembly.scene_cache import SceneMemory
-        from graspfx.scene.load import load
         from graspfx.scene.table_memory import remembering
 
         memory = SceneMemory()
         with remembering(memory):
-            scene = load(options.scene, dict(options.overrides), preset=options.preset)
+            scene = load_scene(options)
         notes = memory.notes(scene)
         if notes is None:
             notes = doubts(scene)
@@ -150,7 +128,5 @@ def _from_python(options: Namespace) -> tuple[Scene, list[str]]:
 def _checked(options: Namespace) -> tuple[Scene, list[str]]:
     """Load the scene; return it with warnings about likely mistakes."""
     with waiting(f"checking {options.scene}"):
-        from graspfx.scene.load import load
-
-        scene = load(options.scene, dict(options.overrides), preset=options.preset)
+        scene = load_scene(options)
         return scene, doubts(scene)

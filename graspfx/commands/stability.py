@@ -6,12 +6,11 @@ from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from graspfx.commands.arguments import add_options, add_scene, add_style, picture_name
-from graspfx.commands.destination import add_destination, destination, require_room
-from graspfx.commands.output import SUCCESS, name_files, print_json, require_place
+from graspfx.commands.arguments import add_options, add_scene, add_style, load_scene, picture_name
+from graspfx.commands.destination import add_destination, destination, drawing, name_files, require_room
+from graspfx.commands.output import SUCCESS, print_json, print_result
 from graspfx.errors import GraspFXError, UnknownNameError
 from graspfx.progress import waiting
-from graspfx.recording.files import placing
 
 if TYPE_CHECKING:
     from graspfx.certificate.limit_sweep import Sweep
@@ -65,12 +64,10 @@ def diagram(text: str) -> str:
 
 def execute(options: Namespace) -> int:
     from graspfx.certificate.limit_sweep import Sweep, limits_of_scene
-    from graspfx.scene.load import load
 
     sweeps = [Sweep.read(text) for text in options.sweep]
-    with waiting(f"reading {options.scene}"):
-        scene = load(options.scene, dict(options.overrides), preset=options.preset)
-        scene.require_reach()
+    scene = load_scene(options)
+    scene.require_reach()
     if options.plot:
         with destination(options, Path(options.scene).stem) as folder:
             _draw_loops(folder, scene, options)
@@ -103,48 +100,37 @@ def _draw_loops(folder: Path, scene: Scene, options: Namespace) -> None:
     """Draw the diagrams of --plot for the scene's loop at rest; the Z-width belongs to the scene's first device."""
     from graspfx.analysis.passivity.walls import z_width
     from graspfx.analysis.stability.loci import loci
-    from graspfx.recording.files import make_folder
     from graspfx.show import certificate_figures
     from graspfx.show.style import plain
 
     pictures = {name: folder / picture_name(name, options) for name in dict.fromkeys(options.plot)}
-    for picture in pictures.values():
-        require_place(picture)
-    require_room(options, pictures.values())
+    require_room(options, [*pictures.values()])
     linear = scene.linearise()
-    make_folder(folder)
     response = loci(linear) if {"bode", "nyquist"} & pictures.keys() else None
     for name, picture in pictures.items():
         if response is not None and name != "z-width":
             draw = certificate_figures.bode if name == "bode" else certificate_figures.nyquist
-            drawing = draw(response, options.width, plain(scene.title))
+            sheet = draw(response, options.width, plain(scene.title))
         else:
             mass, damping, delay = float(linear.mass[0]), float(linear.friction[0]), int(linear.delay[0])
             latency = float(linear.latency[0])
             region = z_width(damping, linear.period, mass=mass, delay=delay, latency=latency)
-            drawing = certificate_figures.z_width(region, options.width, plain(scene.title))
-        with placing(picture) as file:
-            drawing.save(file, options.format)
-    if not options.json:
-        name_files([*pictures.values()])
+            sheet = certificate_figures.z_width(region, options.width, plain(scene.title))
+        with drawing(picture) as file:
+            sheet.save(file, options.format)
+    name_files(pictures.values())
 
 
 def _draw_into(folder: Path, scene: Scene, sweeps: list[Sweep], options: Namespace) -> int:
     from graspfx.certificate.limit_sweep import swept_limits
-    from graspfx.recording.files import make_folder
     from graspfx.show.certificate_figures import limits_figure
 
     picture = folder / picture_name("stability", options)
-    require_place(picture)
     require_room(options, [picture])
     with waiting(f"finding the limits of {options.scene}"):
         limits = swept_limits(scene, sweeps)
-    make_folder(folder)
-    with placing(picture) as file:
+    with drawing(picture) as file:
         limits_figure(limits, file, scene.title, width=options.width)
-    if options.json:
-        print_json(limits.to_dict())
-        return SUCCESS
-    print(*limits.lines(), sep="\n")
+    print_result(limits)
     name_files([picture])
     return SUCCESS

@@ -10,9 +10,9 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Literal
 
-from graspfx.commands.arguments import add_options, add_scene
-from graspfx.commands.destination import add_destination, require_room_of
-from graspfx.commands.output import FAULTS, SUCCESS, doubts, interruptible, name_files, note, warn_of_hardware
+from graspfx.commands.arguments import add_options, add_scene, checked_scene, seconds_of
+from graspfx.commands.destination import add_destination, name_files, require_room_of
+from graspfx.commands.output import FAULTS, SUCCESS, interruptible, tell, warn_of_hardware
 from graspfx.errors import InputError
 from graspfx.progress import waiting
 from graspfx.recording.files import NAME
@@ -35,20 +35,6 @@ def add_arguments(parser: ArgumentParser) -> None:
         parser,
         ("--rate HZ", "rate of states [Hz], 1 to 120 (default: 60)", float, RATE),
         ("--goals", "allow clients to move the hands of simulated fingers"),
-    )
-    add_stream(parser)
-    add_options(
-        parser,
-        ("--lsl", "also stream rows over the Lab Streaming Layer"),
-        ("--seconds S", "time after which the command ends [s]", float),
-    )
-    add_destination(parser, "DIR", f"folder of {NAME} (default: record nothing)")
-
-
-def add_stream(parser: ArgumentParser) -> None:
-    """Add --port, --lan, --token and --origin."""
-    add_options(
-        parser,
         ("--port N", "port of the stream (default: the first free one from 8770)", int),
         ("--lan", "accept programs on other machines in the network"),
         (
@@ -58,25 +44,26 @@ def add_stream(parser: ArgumentParser) -> None:
     )
     pages = "origin of a web page that may open the stream, such as http://localhost:5000"
     parser.add_argument("--origin", metavar="URL", action="append", default=[], help=pages)
+    add_options(
+        parser,
+        ("--lsl", "also stream rows over the Lab Streaming Layer"),
+        ("--seconds S", "time after which the command ends [s]", float),
+    )
+    add_destination(parser, "DIR", f"folder of {NAME} (default: record nothing)")
 
 
 def execute(options: Namespace) -> int:
     from graspfx.assembly.resolve import resolve
     from graspfx.live.live_run import LiveRun
     from graspfx.live.state_stream import stream_of
-    from graspfx.scene.load import load
     from graspfx.screen.claim_server import require_websockets
 
-    if options.seconds is not None and not options.seconds > 0.0:
-        raise InputError("--seconds", options.seconds, "a time above zero")
+    seconds = seconds_of(options)
     require_websockets("a stream")
     if options.out is not None:
         require_room_of(options, options.out / NAME)
-    with waiting(f"checking {options.scene}"):
-        scene = load(options.scene, dict(options.overrides), preset=options.preset)
-        parts = resolve(scene)
-        notes = doubts(scene)
-    note(notes)
+    scene = checked_scene(options)
+    parts = resolve(scene)
     if options.goals and parts.hardware:
         do = "clients must not move a finger that a person holds"
         raise InputError("--goals", "a scene with hardware", "simulated fingers only", do)
@@ -91,13 +78,13 @@ def execute(options: Namespace) -> int:
         with waiting(f"starting {options.scene}"):
             run = stack.enter_context(LiveRun(scene, out=options.out, guide=guide if options.goals else None))
         if run.has_hardware:
-            _tell("HARDWARE IS ARMED")
+            tell("HARDWARE IS ARMED")
         stream.attach(run)
         stack.callback(stream.detach)
         if options.lsl:
             _stream_rows(scene, run, stack)
-        _tell(f"{address}\nanyone with the token can open the stream; Ctrl-C ends it")
-        _wait(run, stop, options.seconds)
+        tell(f"{address}\nanyone with the token can open the stream; Ctrl-C ends it")
+        _wait(run, stop, seconds)
         fault = str(run.fault.message) if run.fault is not None else run.cause
     if options.out is not None:
         name_files([options.out / NAME])
@@ -112,15 +99,10 @@ def _stream_rows(scene: Scene, run: LiveRun, stack: ExitStack) -> None:
     rows = stack.enter_context(RowStream(f"GraspFX {scene.source.name}"))
     rows.attach(run)
     stack.callback(rows.detach)
-    _tell(f"LSL: {len(rows.channels)} channels at {rows.rate:g} Hz")
+    tell(f"LSL: {len(rows.channels)} channels at {rows.rate:g} Hz")
 
 
-def _wait(run: LiveRun, stop: Callable[[], bool], seconds: float | None) -> None:
-    end = None if seconds is None else time.monotonic() + seconds
-    while not stop() and run.state != "ended" and run.fault is None and (end is None or time.monotonic() < end):
+def _wait(run: LiveRun, stop: Callable[[], bool], seconds: float) -> None:
+    end = time.monotonic() + seconds
+    while not stop() and run.state != "ended" and run.fault is None and time.monotonic() < end:
         time.sleep(LOOK)
-
-
-def _tell(text: str) -> None:
-    print(text)
-    sys.stdout.flush()

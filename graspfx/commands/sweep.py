@@ -9,11 +9,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from graspfx.commands.arguments import add_options, add_scene, add_style, picture_name
-from graspfx.commands.destination import OUT, add_destination, destination
-from graspfx.commands.output import INTERRUPTED, SUCCESS, name_files, note, print_json, require_place
+from graspfx.commands.arguments import add_options, add_scene, add_style, load_scene, picture_name
+from graspfx.commands.destination import OUT, add_destination, destination, drawing, name_files
+from graspfx.commands.output import INTERRUPTED, SUCCESS, note, print_json
 from graspfx.errors import InputError
-from graspfx.recording.files import placing
 
 if TYPE_CHECKING:
     from graspfx.sweeps.sweep_result import SweepResult
@@ -56,12 +55,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    from graspfx.progress import clear, waiting
-    from graspfx.scene.load import load
+    from graspfx.progress import clear
 
     arguments = _arguments(options)
-    with waiting(f"reading {options.scene}"):
-        scene = load(options.scene, dict(options.overrides), preset=options.preset)
+    scene = load_scene(options)
     with _place(options) as folder:
         from graspfx.sweeps.run_sweep import sweep
 
@@ -73,12 +70,12 @@ def execute(options: Namespace) -> int:
             print(f"interrupted: {done}; repeat the command with --out {folder} --resume to continue", file=sys.stderr)
             return INTERRUPTED
         notes = dict.fromkeys(result.notes)
-        files = [folder / "sweep.nc", *_draw(result, folder, options, notes)]
+        chosen = list(dict.fromkeys(_whole(result, name) for name in _measures(options)))
+        files = [folder / "sweep.nc", *_draw(result, chosen or result.drawn(), folder, options, notes)]
     if options.json:
         print_json(result.to_dict())
         return SUCCESS
-    for line in table(result, _ranked(result, options)):
-        print(line)
+    print(*table(result, chosen[0] if chosen else ""), sep="\n")
     note(notes)
     name_files(files)
     return SUCCESS
@@ -98,9 +95,9 @@ def _arguments(options: Namespace) -> dict[str, Any]:
     values = dict(map(read_over, options.over))
     if len(values) < len(options.over):
         raise InputError("--over", ", ".join(options.over), "each key once")
-    names = [name.strip() for text in options.measure for name in text.split(",") if name.strip()]
-    quantities = dict.fromkeys(_split(name)[0] for name in names)
-    statistics = dict.fromkeys(_split(name)[1] for name in names if _split(name)[0] != RUN)
+    measures = [_split(name) for name in _measures(options)]
+    quantities = dict.fromkeys(quantity for quantity, _ in measures)
+    statistics = dict.fromkeys(statistic for quantity, statistic in measures if quantity != RUN)
     return {
         "values": values,
         "zip": options.zip,
@@ -120,6 +117,11 @@ def _cluster(address: str) -> str:
     if address != "local" and not address.startswith("local:") and "://" not in address:
         raise InputError("--cluster", address, "local:N, or the address of a scheduler, tcp://HOST:PORT")
     return address
+
+
+def _measures(options: Namespace) -> list[str]:
+    """List the names given by --measure, each of which may be a list with commas."""
+    return [name.strip() for text in options.measure for name in text.split(",") if name.strip()]
 
 
 def _split(name: str) -> tuple[str, str]:
@@ -146,30 +148,23 @@ def _place(options: Namespace) -> Iterator[Path]:
         yield folder
 
 
-def _draw(result: SweepResult, folder: Path, options: Namespace, notes: dict[str, None]) -> Iterator[Path]:
-    """Draw the chosen measures: curves and marginals on one sheet, one map for each measure; collect the notes."""
-    from graspfx.progress import waiting
-
-    names = [_whole(result, name) for text in options.measure for name in text.split(",") if name.strip()]
-    names = list(dict.fromkeys(names)) or result.drawn()
+def _draw(
+    result: SweepResult, names: list[str], folder: Path, options: Namespace, notes: dict[str, None]
+) -> Iterator[Path]:
+    """Draw the measures: curves and marginals on one sheet, one map for each measure; collect the notes."""
     sheets = [[name] for name in names] if result.has_maps else [names]
     for k, sheet in enumerate(sheets):
         picture = folder / picture_name("sweep" if not k else f"sweep-{sheet[0].replace('/', '-')}", options)
-        require_place(picture)
-        with waiting(f"drawing {picture.name}"), placing(picture) as file:
-            drawing = result.plot(*sheet, width=options.width)
-            drawing.save(file, options.format or "png")
-        notes.update(dict.fromkeys(drawing.notes))
+        with drawing(picture) as file:
+            figure = result.plot(*sheet, width=options.width)
+            figure.save(file, options.format or "png")
+        notes.update(dict.fromkeys(figure.notes))
         yield picture
 
 
 def _whole(result: SweepResult, name: str) -> str:
-    quantity, statistic = _split(name.strip())
+    quantity, statistic = _split(name)
     return f"{quantity}.{statistic}" if statistic else result.first_of(quantity)
-
-
-def _ranked(result: SweepResult, options: Namespace) -> str:
-    return next((_whole(result, name) for text in options.measure for name in text.split(",")), "")
 
 
 def table(result: SweepResult, measure: str = "") -> Iterator[str]:

@@ -8,10 +8,9 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from graspfx.commands.arguments import add_options, add_scene
-from graspfx.commands.destination import add_destination, require_room, require_room_of
-from graspfx.commands.output import SUCCESS, WRONG, doubts, interruptible, name_files, note
-from graspfx.errors import InputError
+from graspfx.commands.arguments import add_options, add_scene, checked_scene, seconds_of
+from graspfx.commands.destination import add_destination, name_files, require_room, require_room_of
+from graspfx.commands.output import SUCCESS, WRONG, interruptible, tell
 from graspfx.progress import waiting
 from graspfx.recording.files import NAME
 from graspfx.system import terminal
@@ -19,7 +18,6 @@ from graspfx.system import terminal
 if TYPE_CHECKING:
     from socket import socket
 
-    from graspfx.scene.model import Scene
     from graspfx.screen.gate import Gate
 
 EXAMPLE = """  graspfx touch paper-waving
@@ -44,8 +42,7 @@ def execute(options: Namespace) -> int:
     from graspfx.screen.claim_server import require_websockets
     from graspfx.screen.gate import HOST, code, gate_for, listen, network_address
 
-    if options.seconds is not None and not options.seconds > 0.0:
-        raise InputError("--seconds", options.seconds, "a time above zero")
+    seconds = seconds_of(options)
     require_websockets()
     if options.lan:
         code("")  # raises for a missing package before the scene starts
@@ -54,14 +51,13 @@ def execute(options: Namespace) -> int:
         require_room(options, [options.out / LOG])
     with listen(network_address() if options.lan else HOST, options.port) as line:
         gate = gate_for(line, lan=options.lan)
+        scene = checked_scene(options)
         with waiting(f"starting {options.scene}"):
-            scene, notes = _scene(options)
             touch = TouchRun(scene, line, gate, out=options.out)
-        note(notes)
         with interruptible() as stop, touch:
             _invite(line, gate)
-            print(INVITATION, flush=True)
-            touch.wait(_looks(stop, line, gate, options.seconds))
+            tell(INVITATION)
+            touch.wait(_looks(stop, line, gate, seconds))
             fault = touch.fault
     if options.out is not None:
         name_files([options.out / NAME, options.out / LOG])
@@ -70,32 +66,25 @@ def execute(options: Namespace) -> int:
     return WRONG if fault else SUCCESS
 
 
-def _scene(options: Namespace) -> tuple[Scene, list[str]]:
-    from graspfx.scene.load import load
-
-    scene = load(options.scene, dict(options.overrides), preset=options.preset)
-    return scene, doubts(scene)
-
-
 def _invite(line: socket, gate: Gate) -> None:
     """Print the address of the page; in a network, also print a QR code, and add a token for one screen."""
     from graspfx.screen.gate import code, url
 
     if not gate.locked:
-        print(url(line), flush=True)
+        tell(url(line))
         return
     address = url(line, gate.renew())
-    print(f"{code(address)}\n{address}\nvalid for one screen and ten minutes; press Enter for another code", flush=True)
+    tell(f"{code(address)}\n{address}\nvalid for one screen and ten minutes; press Enter for another code")
 
 
-def _looks(stop: Callable[[], bool], line: socket, gate: Gate, seconds: float | None) -> Callable[[], bool]:
+def _looks(stop: Callable[[], bool], line: socket, gate: Gate, seconds: float) -> Callable[[], bool]:
     """Return a function that tells whether to end, and that prints another code after Enter."""
-    end = None if seconds is None else time.monotonic() + seconds
+    end = time.monotonic() + seconds
     is_open = gate.locked and terminal.is_watched()
 
     def look() -> bool:
         if is_open and terminal.takes_line():
             _invite(line, gate)
-        return stop() or (end is not None and time.monotonic() > end)
+        return stop() or time.monotonic() > end
 
     return look

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from pathlib import Path
 from time import perf_counter
 
-from graspfx.commands.arguments import add_operators, add_options, add_scene
-from graspfx.commands.destination import add_destination, require_room
-from graspfx.commands.output import REFUSED, SUCCESS, name_files, print_json, require_place
-from graspfx.progress import waiting
+from graspfx.commands.arguments import add_operators, add_options, add_scene, load_scene
+from graspfx.commands.destination import add_destination, name_files, require_room
+from graspfx.commands.output import REFUSED, SUCCESS, print_result
 from graspfx.recording.files import make_folder, placing
 
 EXAMPLE = """  graspfx tune paper-waving --maximise internal.stiffness --subject-to "margin >= 1.3, grip >= 1.2"
@@ -44,30 +42,22 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    from graspfx.scene.load import load
     from graspfx.tuning.tune_scene import USUAL, tune
 
     file = None if options.out is None else options.out / FILE
     if file is not None:
-        require_place(file)
         require_room(options, [file])
-    with waiting(f"reading {options.scene}"):
-        scene = load(options.scene, dict(options.overrides), preset=options.preset)
+    scene = load_scene(options)
     ranges = [text for text in options.operators or [] if text]
     began = perf_counter()
     answer = tune(
         scene, options.maximise, options.subject_to or USUAL, over=options.over or None,
         operators="own" if ranges == ["own"] else ranges or None, seed=options.seed,
     )  # fmt: skip
-    if options.json:
-        print_json(answer.to_dict())
-    else:
-        print(*answer.lines(), sep="\n")
-        print(f"  {perf_counter() - began:.2g} s")
+    print_result(answer, [*answer.lines(), f"  {perf_counter() - began:.2g} s"])
     if file is not None and answer.feasible:
         make_folder(file.parent)
         with placing(file) as place:
-            Path(place).write_text(answer.toml, encoding="utf-8")
-        if not options.json:
-            name_files([file])
+            place.write_text(answer.toml, encoding="utf-8")
+        name_files([file])
     return SUCCESS if answer.feasible else REFUSED

@@ -28,7 +28,7 @@ from graspfx.objects.body_state import BodyState
 from graspfx.objects.integrators import IMPLICIT
 from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form.proxy import KINDS
-from graspfx.surfaces.triangles.mesh_finger import MeshFinger
+from graspfx.surfaces.triangles.mesh_tree import MeshFinger
 
 FloatArray = NDArray[np.float64]
 

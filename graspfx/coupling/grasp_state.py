@@ -7,8 +7,7 @@ from graspfx.cones.problem import FrictionProblem
 from graspfx.grasp.rigid_modes import FramedContact, Freedom
 from graspfx.objects.body_state import BodyState, Motion
 from graspfx.spatial import Matrix, Vector, Vector4
-from graspfx.surfaces.triangles.mesh_finger import MeshFinger
-from graspfx.surfaces.triangles.mesh_tree import MeshTree
+from graspfx.surfaces.triangles.mesh_tree import MeshFinger, MeshTree
 
 
 class FingerState(FramedContact):

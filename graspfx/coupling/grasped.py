@@ -29,7 +29,7 @@ from graspfx.coupling.sample import let_go, sample
 from graspfx.coupling.two_forces import SplitRule
 from graspfx.grasp.impedance import Coupling
 from graspfx.objects.body_state import BodyState
-from graspfx.surfaces.triangles.mesh_finger import NEW, MeshFinger
+from graspfx.surfaces.triangles.mesh_tree import NEW, MeshFinger
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]

@@ -17,10 +17,10 @@ from graspfx.experiment.design import Experiment
 from graspfx.experiment.experiment_faults import experiment_faults, scene_of
 from graspfx.experiment.experiment_table import ExperimentTable
 from graspfx.scene.keys import Key, as_faults, parts_of
-from graspfx.scene.lines import KeyLines
 from graspfx.scene.load import file_text, parse
 from graspfx.scene.source import Source
 from graspfx.scene.tables.fields import DRAFT
+from graspfx.scene.toml_text import KeyLines
 
 EXAMPLES = Path(__file__).parent / "examples"
 

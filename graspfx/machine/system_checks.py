@@ -1,4 +1,4 @@
-"""Checks of system settings for real-time loops: priority, memory, clock rate, preemption, virtual machines."""
+"""Checks of system settings for real-time loops, and a report of findings that a lab can send without private data."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import os
 import platform
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from threading import Thread
 
+from graspfx import __version__
+from graspfx.loop.device import Features
 from graspfx.loop.realtime.process import SERVO
-from graspfx.machine.findings import Finding
 from graspfx.system.scheduling import most_locked, set_fifo
 
 LIMITS = "/etc/security/limits.d/graspfx.conf"
@@ -22,6 +24,71 @@ VENDORS = {
     "Google": "Google Compute Engine", "Microsoft Corporation": "Hyper-V", "Parallels": "Parallels",
 }  # fmt: skip
 CONTAINERS = (".dockerenv", "run/.containerenv")
+NO_PLACE = "do not run hardware from a shared virtual machine: use a physical machine"
+SHORTEST = 3  # shortest setting that is removed from the report
+PERSON = (
+    "Force gauge at the finger, 0.2 N commanded in each direction: measured force",
+    "Ruler: reported positions and true positions of the finger",
+    "Cable pulled while a force was on: time until the force was zero",
+    "Program killed (kill -9) while a force was on: time until the force was zero",
+    "Emergency stop pressed while a force was on: time until the force was zero",
+    "Anything unexpected that was felt: ringing, steps, drift",
+)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Result of one check.
+
+    Attributes:
+        subject: Part of the machine or of its settings that was checked.
+        text: Result of the check.
+        remedy: Advice to the user; empty if none is needed.
+    """
+
+    subject: str
+    text: str
+    remedy: str = ""
+
+    @property
+    def ok(self) -> bool:
+        return not self.remedy
+
+
+def lab_report(
+    kind: str, findings: Sequence[Finding], devices: Sequence[tuple[str, Features]], settings: Sequence[object]
+) -> str:
+    """Write a report in Markdown.
+
+    Args:
+        kind: Description of the machine.
+        findings: Findings of `graspfx doctor`.
+        devices: Drivers' names, each with the features of its device.
+        settings: Settings of the devices; their texts, such as ports and serial numbers, are removed from the report.
+    """
+    lines = [f"# GraspFX {__version__}: report of a machine", "", f"- machine: {kind}"]
+    lines += [f"- device: {name}; {_figures(features)}" for name, features in devices]
+    lines += ["", "| what | found | remedy |", "|---|---|---|"]
+    lines += [f"| {_cell(each.subject)} | {_cell(each.text)} | {_cell(each.remedy)} |" for each in findings]
+    lines += ["", "Observed by a person (fill in, or leave empty):", "", *(f"- {each}: " for each in PERSON), ""]
+    text = "\n".join(lines)
+    for value in sorted({str(each) for each in settings}, key=len, reverse=True):
+        if len(value) >= SHORTEST:
+            text = text.replace(value, "...")
+    return text
+
+
+def _figures(features: Features) -> str:
+    figures = {name: getattr(features, name) for name in ("peak_force", "resolution", "watchdog", "rate", "latency")}
+    texts = [f"{name} {value:g}" for name, value in figures.items() if value is not None]
+    return f"{features.fingers} x {features.dimensions}" + "".join(f", {each}" for each in texts)
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "/").replace("\n", " ")
+
+
+# System settings ------------------------------------------------------------------------------------------------------
 
 
 def system_findings(root: Path = Path("/")) -> Iterator[Finding]:
@@ -125,9 +192,6 @@ def sharing_finding(root: Path) -> Finding:
         text = f"a virtual machine{f' ({name})' if name else ''}{', in a container' if inside else ''}"
         return Finding("sharing", f"{text}: other guests can stop it for milliseconds", NO_PLACE)
     return Finding("sharing", "a container on a physical machine" if inside else "a physical machine")
-
-
-NO_PLACE = "do not run hardware from a shared virtual machine: use a physical machine"
 
 
 def machine_kind(root: Path = Path("/")) -> str:

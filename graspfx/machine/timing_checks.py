@@ -17,7 +17,7 @@ from graspfx.loop.realtime.pacing import Clock, Lateness, Pacer, WallClock
 from graspfx.loop.realtime.process import SERVO
 from graspfx.loop.realtime.readings import GUARDS
 from graspfx.loop.servo_parts import DeviceWiring
-from graspfx.machine.findings import Finding
+from graspfx.machine.system_checks import Finding
 from graspfx.system.scheduling import set_fifo, sleeper
 
 TRIP_DURATION = 1.0  # shortest test [s]

@@ -23,8 +23,7 @@ from graspfx import elementary
 from graspfx.compile.kernel import inline, kernel
 from graspfx.compile.records import Record
 from graspfx.objects.body_state import EXACT, EXPLICIT, BodyState, Motion, copy_motion
-from graspfx.objects.decay import decay_integrals
-from graspfx.objects.rotation import momentum, multiply, vector_of
+from graspfx.objects.integrators import decay_integrals, momentum, multiply, vector_of
 from graspfx.spatial import ZERO, Quaternion, Vector, cross, dot, total
 
 SERIES = 0.5  # b T/m below which a series is used, because differences of exponentials cancel

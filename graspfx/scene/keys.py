@@ -65,7 +65,7 @@ def reaches(keys: tuple[str, ...], key: str) -> bool:
 def general(key: str) -> str:
     """Write a key for all tables of a list: `finger.0.start` as `finger.*.start`, `object.mass` as `object.*.mass`."""
     first, *rest = key.split(".")
-    if first in ("object", "finger", "device", "hand", "obstacle"):
+    if first in LISTS:
         rest = ["*", *(rest[1:] if rest and (rest[0] == "*" or rest[0].isdecimal()) else rest)]
     return ".".join([first, *rest])
 

@@ -16,12 +16,12 @@ from pydantic import ValidationError
 
 from graspfx import plugins
 from graspfx.errors import Fault, GraspFXError, InputError, SceneError, UnknownNameError, closest
-from graspfx.scene.budget import excess, read_bytes
 from graspfx.scene.model import Scene, make_scene
 from graspfx.scene.overrides import by_key
 from graspfx.scene.source import Source
 from graspfx.scene.tables.reading import Readable
 from graspfx.scene.tables.scene_table import Preset
+from graspfx.scene.toml_text import excess, read_bytes
 
 PLACE = re.compile(r"\s*\(at (?:line (\d+), column \d+|end of document)\)$")
 OPEN_ENDED = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)

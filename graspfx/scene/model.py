@@ -17,13 +17,12 @@ from pydantic_core import PydanticSerializationError, to_jsonable_python
 from graspfx.card import Card, Carded, counted, listed, span
 from graspfx.errors import Fault, InputError, SceneError
 from graspfx.scene.keys import Key, as_faults, parts_of
-from graspfx.scene.lines import KeyLines
 from graspfx.scene.overrides import by_key, is_within, overridden, replacing
 from graspfx.scene.source import Source
 from graspfx.scene.table_memory import current_memory
-from graspfx.scene.tables.host_table import COUPLING, OBJECT
 from graspfx.scene.tables.reading import WIDTHS, Readable
-from graspfx.scene.tables.scene_table import SceneTable
+from graspfx.scene.tables.scene_table import COUPLING, OBJECT, SceneTable
+from graspfx.scene.toml_text import KeyLines
 
 if TYPE_CHECKING:
     from graspfx.analysis.linearisation import Linearisation

@@ -8,8 +8,8 @@ from copy import deepcopy
 from typing import Any
 
 from graspfx.errors import Fault, InputError
-from graspfx.scene.budget import DEEPEST, too_deep
 from graspfx.scene.keys import LISTS, Key, dotted, number_of, other_names
+from graspfx.scene.toml_text import DEEPEST, too_deep
 
 
 def by_key(overrides: Mapping[str, Any] | None) -> dict[str, Any]:

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from graspfx.analysis.checked_arguments import count
 from graspfx.batch.batch import as_array, grid
 from graspfx.errors import InputError
-from graspfx.scene.budget import excess
 from graspfx.scene.overrides import toml_value
+from graspfx.scene.toml_text import excess
 
 MOST = 10_000_000  # largest number of values of a range, and of variants of a sample
 FORM = "FROM:TO:COUNT, FROM:TO:COUNT:log or values with commas, as in object.viscosity=0.8:1.5:15"

@@ -71,6 +71,9 @@ def test_where_there_are_no_links_a_file_names_the_latest(
     assert Path("out/latest").read_text() == "reference-1dof-2\n"
     assert gx.Recording.load("out/latest").rows.tobytes() == gx.Recording.load("out/reference-1dof-2").rows.tobytes()
     assert main(["plot", "out/latest"]) == 0
+    assert main(["picture", "out/latest"]) == 0
+    assert Path("out/reference-1dof-2/picture.png").is_file()
+    assert main(["view", "out/latest", "--html", "latest.html"]) == 0
     assert "wrote out/reference-1dof-2/figure.png" in capsys.readouterr().out
 
 

@@ -15,7 +15,7 @@ from scipy.linalg import expm
 
 from graspfx.objects import integrators as at
 from graspfx.objects.body import NativeBody, fill_body
-from graspfx.objects.decay import decay_integrals
+from graspfx.objects.integrators import decay_integrals
 
 Array = NDArray[np.float64]
 CROOKED, EVEN = (3e-5, 5e-5, 6e-5), (4e-5, 4e-5, 4e-5)

@@ -18,10 +18,11 @@ from graspfx.devices.haply_2diy.emulator import DiyWire
 from graspfx.loop.realtime.pacing import Lateness
 from graspfx.loop.servo_parts import DeviceWiring
 from graspfx.machine import system_checks, timing_checks
-from graspfx.machine.findings import Finding, lab_report
 from graspfx.machine.system_checks import (
+    Finding,
     clock_finding,
     governor_finding,
+    lab_report,
     machine_kind,
     memory_finding,
     preemption_finding,

@@ -14,9 +14,9 @@ import graspfx as gx
 from graspfx import plugins
 from graspfx.errors import InputError, SceneError, UnknownNameError
 from graspfx.plugins import PluginError
-from graspfx.scene.lines import KeyLines
 from graspfx.scene.load import load, to_scene
 from graspfx.scene.overrides import overridden
+from graspfx.scene.toml_text import KeyLines
 
 GOOD = """\
 dimensions = 1

@@ -14,8 +14,7 @@ import pytest
 import graspfx as gx
 from graspfx import plugins
 from graspfx.errors import MOST_SHOWN, Fault, InputError, SceneError
-from graspfx.scene.budget import DEEPEST, LARGEST_FILE, MOST_KEYS, MOST_VALUES, excess, outline, too_deep
-from graspfx.scene.lines import KeyLines
+from graspfx.scene.toml_text import DEEPEST, LARGEST_FILE, MOST_KEYS, MOST_VALUES, KeyLines, excess, outline, too_deep
 
 BASE = (plugins.shelf("scenes") / "reference-1dof.toml").read_text(encoding="utf-8")
 TIMES, BYTES = 10.0, 200e6  # of the processor time that tomllib takes for as many keys as may be, and of memory

@@ -10,8 +10,7 @@ from graspfx.surfaces.closed_form import proxy
 from graspfx.surfaces.nearest import Nearest
 from graspfx.surfaces.triangles import ball, walk
 from graspfx.surfaces.triangles.mesh import STATE
-from graspfx.surfaces.triangles.mesh_finger import TOUCHING, MeshFinger
-from graspfx.surfaces.triangles.mesh_tree import MeshTree
+from graspfx.surfaces.triangles.mesh_tree import TOUCHING, MeshFinger, MeshTree
 from graspfx.surfaces.triangles.tree import FloatArray, flatten
 from tests.support.meshes import SHAPES, plate
 from tests.support.written import plain_python

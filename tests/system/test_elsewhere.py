@@ -110,7 +110,7 @@ for name, attempt in {
         refusals[name] = str(error)
     except Exception:
         failures[name] = traceback.format_exc()
-from graspfx.program_lock import ProgramLock
+from graspfx.system.file_lock import ProgramLock
 lock = ProgramLock("a test of another system")
 lock.take()
 lock.release()

@@ -168,8 +168,8 @@ def light_faults(scene: SceneTable, at: Location, thing: Object, stock: Stock) -
     engine = dynamics_of(thing.dynamics)
     if not engine.least:
         return
-    from graspfx.objects.carrier import CarriedBody
     from graspfx.objects.guest import SIZE as PART
+    from graspfx.objects.guest import CarriedBody
 
     state = np.zeros(SIZE)
     try:

@@ -31,10 +31,9 @@ from graspfx.loop.device import Device, is_hardware
 from graspfx.objects.dynamics_table import dynamics_of
 from graspfx.objects.integrators import SIZE
 from graspfx.scene.tables.fields import NotValid
-from graspfx.scene.tables.host_table import OBJECT
 from graspfx.scene.tables.part_tables import ObjectImpedance
 from graspfx.scene.tables.reading import WIDTHS
-from graspfx.scene.tables.scene_table import SceneTable
+from graspfx.scene.tables.scene_table import OBJECT, SceneTable
 
 Location = tuple[str | int, ...]
 Finding = tuple[Location, str]

@@ -12,7 +12,6 @@ from graspfx.assembly.checks.cross_faults import cross_faults
 from graspfx.assembly.checks.units import unit_doubts
 from graspfx.errors import LONGEST_KEY, Fault, InputError, abbreviate, closest
 from graspfx.plugins import is_file_name
-from graspfx.scene.budget import too_deep
 from graspfx.scene.keys import Key, as_faults
 from graspfx.scene.source import Source
 from graspfx.scene.tables.fields import DRAFT, NotValid, Table
@@ -20,6 +19,7 @@ from graspfx.scene.tables.hand_tables import MadeHand, Path
 from graspfx.scene.tables.part_tables import Device, Object
 from graspfx.scene.tables.scene_table import SceneTable
 from graspfx.scene.tables.shapes import MeshShape
+from graspfx.scene.toml_text import too_deep
 
 Location = tuple[str | int, ...]
 Finding = tuple[Location, str]

@@ -19,9 +19,8 @@ from graspfx.errors import GraspFXError, InputError, MissingPackageError
 from graspfx.objects import guest
 from graspfx.objects.body import BlockBody, FloatArray
 from graspfx.objects.body_state import BodyState, Motion
-from graspfx.objects.carrier import CarriedBody, Carrier, numbers_of
 from graspfx.objects.dynamics_table import DYNAMICS
-from graspfx.objects.guest import GuestState
+from graspfx.objects.guest import CarriedBody, Carrier, GuestState, numbers_of
 from graspfx.spatial import Vector
 from graspfx.system.c_library import flush_output
 

@@ -17,8 +17,7 @@ from graspfx.objects import guest
 from graspfx.objects import integrators as at
 from graspfx.objects.body import FloatArray
 from graspfx.objects.bullet.bullet import BulletCarrier, BulletMember, new_client, pybullet
-from graspfx.objects.floor.floor import FLAT_KINDS, plane_of
-from graspfx.objects.floor.hull import hull_points
+from graspfx.objects.floor.floor import FLAT_KINDS, hull_points, plane_of
 from graspfx.objects.surroundings import Meeting, Member, Obstacle
 from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form import proxy

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from graspfx import elementary
+from graspfx import elementary, installed
+from graspfx.compile.array_cache import content_key, load_arrays, store_arrays
 from graspfx.compile.kernel import kernel
 from graspfx.compile.memory import zeros
 from graspfx.compile.records import Many, size_for, size_of, start_of
@@ -19,14 +22,13 @@ from graspfx.objects import integrators as at
 from graspfx.objects.body import FloatArray, NativeBody
 from graspfx.objects.body_state import BodyState
 from graspfx.objects.floor import rest
-from graspfx.objects.floor.hull import hull_points
-from graspfx.objects.floor.lowest import BALL, ELLIPSOID, NOTCH, RIM, lowest
-from graspfx.objects.floor.planes import MOST, SIDES, Feature, FloorState
+from graspfx.objects.floor.planes import BALL, ELLIPSOID, MOST, NOTCH, RIM, SIDES, Feature, FloorState, lowest
 from graspfx.objects.surroundings import Meeting, Member, Obstacle
 from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form import proxy
 
 OTHERS = "use bullet or mujoco"  # advice for what a floor does not support
+SHEET = 1e-9  # ratio of thickness to width below which a mesh is flat, and Qhull finds no volume
 FLAT_KINDS = (proxy.HALF_SPACE, proxy.PLANE)
 
 
@@ -212,3 +214,38 @@ def clearance(shape: Any, d: int, state: FloatArray, obstacle: Obstacle) -> floa
     touches = [lowest(body, feature, n) for feature in own]
     height = float(normal @ state[at.POSITION : at.POSITION + 3]) - distance
     return height + min(float(normal @ np.array([arm.x, arm.y, arm.z])) for share, arm in touches if share)
+
+
+# Convex hulls of meshes -----------------------------------------------------------------------------------------------
+
+
+def hull_points(vertices: FloatArray) -> FloatArray:
+    """Select the vertices on the convex hull, (h, 3); for a flat sheet, on its hull in the plane.
+
+    Vertex indices are cached on disk, because loading scipy.spatial takes longer than most runs.
+    """
+    corners = np.ascontiguousarray(vertices, dtype=np.float64)
+    points: FloatArray = vertices[_hull_vertices(corners.shape, corners.tobytes())]
+    return points
+
+
+@lru_cache(maxsize=8)
+def _hull_vertices(shape: tuple[int, ...], entries: bytes) -> NDArray[np.intp]:
+    """Load the indices of the hull's vertices from disk, or compute and store them."""
+    key = content_key(("hull", installed.version("scipy"), shape), entries)
+    entry = load_arrays(key)
+    if entry is not None:
+        selection: NDArray[np.intp] = entry[1][0]
+        return selection
+    selection = _hull(np.frombuffer(entries).reshape(shape))
+    store_arrays(key, {}, [selection])
+    return selection
+
+
+def _hull(vertices: FloatArray) -> NDArray[np.intp]:
+    """Find the indices of the hull's vertices, in ascending order."""
+    from scipy.spatial import ConvexHull
+
+    _, widths, axes = np.linalg.svd(vertices - vertices.mean(axis=0), full_matrices=False)
+    seen = vertices @ axes[:2].T if widths[2] <= SHEET * widths[0] else vertices
+    return np.sort(ConvexHull(seen).vertices).astype(np.intp)

@@ -1,11 +1,15 @@
-"""Record of a body on fixed planes, in addition to its block: planes, features of the body, contacts."""
+"""Record of a body on fixed planes, in addition to its block; and the lowest point of each of its features."""
 
 from __future__ import annotations
 
+import math
+
+from graspfx import elementary
+from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Floats, Many, Record, Ref, Table, floats, many, table
 from graspfx.cones.problem import FrictionProblem
-from graspfx.objects.body_state import Motion
-from graspfx.spatial import Matrix, Vector
+from graspfx.objects.body_state import BodyState, Motion
+from graspfx.spatial import ZERO, Matrix, Vector, dot
 
 SIDES = 8  # number of fixed points on a rim, and of directions for selecting a plane's contacts
 MOST = SIDES + 1  # largest number of contacts with one plane
@@ -65,3 +69,79 @@ class FloorState(Record):
     contacts: Many[PlaneContact] = many("9 * plane_count + feature_count")  # room before a plane's contacts are thinned
     modes: Floats = floats("6 * (1 + 3 * (9 * plane_count + feature_count))")  # columns of M^-1/2 G
     problem_room: Floats = floats("problem_entries")
+
+
+# Kinds of features.
+BALL = 0  # centre in the body, and radius (zero for a corner)
+RIM = 1  # z of a circle about the body's z axis, and its radius; its lowest point only
+NOTCH = 2  # a fixed point of a rim, which counts while the rim is nearly flat on the plane
+ELLIPSOID = 3  # semi-axes
+
+FLAT, TILTED = 1e-4, 1e-2  # sines of a rim's tilt between which the stiffness of its lowest point fades in
+STEEP = 0.5  # sine of a rim's tilt above which its fixed points do not count
+
+
+@kernel
+def lowest(body: BodyState, feature: Feature, n: Vector) -> tuple[float, Vector]:
+    """Return the active fraction of a feature's stiffness, and the lowest point relative to the centre, world axes [m].
+
+    Ball: c - r n. Rim of radius r about z: c - r m_xy/|m_xy|. Ellipsoid: -A^2 m/|A m|. m = R'n is the normal in the
+    body's axes.
+
+    Args:
+        n: Unit normal of the plane, towards the body.
+    """
+    R, kind, p = body.motion.rotation, feature.kind, feature.place
+    if kind == BALL:
+        return 1.0, R @ p - feature.radius * n
+    m = R.transpose @ n
+    tilt = math.sqrt(m.x * m.x + m.y * m.y)
+    if (kind == RIM and tilt <= FLAT) or (kind == NOTCH and tilt > STEEP):
+        return 0.0, ZERO
+    share = 1.0
+    if kind == RIM:
+        # the lowest point of a flat cylinder's rim moves freely: if it acted at once, the cylinder would never rest
+        s = min(1.0, (tilt - FLAT) / (TILTED - FLAT))
+        share = s * s * (3.0 - 2.0 * s)
+        r = feature.radius / tilt
+        p = Vector(-r * m.x, -r * m.y, p.z)
+    if kind == ELLIPSOID:
+        a, b, c = p.x * m.x, p.y * m.y, p.z * m.z
+        r = 1.0 / math.sqrt(a * a + b * b + c * c)
+        p = Vector(-p.x * a * r, -p.y * b * r, -p.z * c * r)
+    return share, R @ p
+
+
+@kernel
+def thin(contacts: Many[PlaneContact], first: int, count: int, plane: FloorPlane) -> int:
+    """Reduce more than MOST contacts with a plane to the deepest one and the outermost one in each of SIDES directions.
+
+    The contacts are stored consecutively from `first` on. The remaining contacts move to the front, in their order.
+    Return their number.
+    """
+    if count <= MOST:
+        return count
+    extreme = first
+    for i in range(first, first + count):
+        if contacts[i].gap < contacts[extreme].gap:
+            extreme = i
+    contacts[extreme].pair = -1 - contacts[extreme].pair  # marked
+    for side in range(SIDES):
+        c, s = elementary.cos(2.0 * math.pi * side / SIDES), elementary.sin(2.0 * math.pi * side / SIDES)
+        outwards = c * plane.frame.second + s * plane.frame.third
+        far = -math.inf
+        for i in range(first, first + count):
+            along = dot(contacts[i].arm, outwards)
+            if along > far:
+                far, extreme = along, i
+        if contacts[extreme].pair >= 0:
+            contacts[extreme].pair = -1 - contacts[extreme].pair
+    left = 0
+    for i in range(first, first + count):
+        contact = contacts[i]
+        if contact.pair < 0:
+            to = contacts[first + left]
+            to.pair, to.plane, to.share = -1 - contact.pair, contact.plane, contact.share
+            to.arm, to.gap, to.speed = contact.arm, contact.gap, contact.speed
+            left += 1
+    return left

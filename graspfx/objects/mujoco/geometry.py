@@ -1,4 +1,4 @@
-"""Shapes in MuJoCo: its primitives, convex hulls, and one convex piece per triangle of a concave obstacle."""
+"""Shapes in MuJoCo: its primitives, convex hulls, and convex pieces of concave obstacles."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from graspfx.compile.records import numbers
 from graspfx.errors import InputError
 from graspfx.objects.body import FloatArray
-from graspfx.objects.floor.floor import FLAT_KINDS
-from graspfx.objects.floor.hull import SHEET, hull_points
-from graspfx.objects.mujoco.tetrahedra import parts
+from graspfx.objects.floor.floor import FLAT_KINDS, SHEET, hull_points
 from graspfx.spatial import Quaternion, quaternion
 from graspfx.surfaces.closed_form import proxy
 
@@ -95,3 +94,157 @@ def _with_volume(points: FloatArray) -> FloatArray:
         return points
     offset = 0.5 * FLATTEST * float(np.ptp(points, axis=0).max()) * axes[2]
     return np.vstack([points - offset, points + offset])
+
+
+IntArray = NDArray[np.integer]
+
+HOLLOW = 1e-6  # relative to the mesh's size: height of a vertex in front of a triangle that makes a mesh non-convex
+ROUNDING = 2e-7  # relative to the mesh's size: rounding of vertices (24 bits in files), which tilts narrow triangles
+TILT = 1e-3  # largest tilt of a triangle that is attributed to rounding
+THIN = 0.02  # relative to a shell's size: largest depth of its pieces
+MOST_PIECES = 5000
+MOST_PAIRS = 40_000_000  # largest number of pairs of a triangle and a vertex: a fraction of a second
+BLOCK = 1_000_000  # number of pairs that are processed together
+
+
+def parts(vertices: FloatArray, faces: IntArray, *, shell: bool = False) -> Iterator[FloatArray]:
+    """List convex pieces (n, 3) of a surface: the vertices of each closed convex part, or tetrahedra.
+
+    A shell has no inside, even if it is closed, so that it is never filled.
+
+    Raises:
+        InputError: If the surface is a shell, or has parts that are not convex, and has more than 5000 triangles.
+    """
+    if not shell:
+        owners = _components(faces)
+        own = [faces[owners == k] for k in range(int(owners.max()) + 1)]
+        if len(own) <= MOST_PIECES and not any(is_hollow(vertices, each) for each in own):
+            yield from (vertices[np.unique(each)] for each in own)
+            return
+    yield from pieces(vertices, faces, shell=shell)
+
+
+def is_hollow(vertices: FloatArray, faces: IntArray) -> bool:
+    """True if a surface does not bound a convex body: it is open, or a vertex lies in front of a triangle's plane.
+
+    All vertices are tested, not only neighbours, because a fine mesh of a shallow dish is nearly flat at every edge. If
+    there are many triangles, an evenly spaced subset is tested against all vertices, and every edge is tested.
+    """
+    first, second = _neighbours(faces)
+    if len(first) != 3 * len(faces):
+        return True
+    corners = vertices[np.unique(faces)]
+    size = float(np.ptp(corners, axis=0).max())
+    normals, centres = _planes(vertices, faces)
+    if (np.einsum("ij,ij->i", centres[second] - centres[first], normals[first]) > HOLLOW * size).any():
+        return True
+    some = slice(None, None, 1 + len(faces) * len(corners) // MOST_PAIRS)
+    sides, areas = _sizes(vertices[faces[some]])
+    tilts = np.minimum(TILT, ROUNDING * size * sides.max(axis=1) / areas)
+    behind = np.einsum("ij,ij->i", centres[some], normals[some]) + size * (HOLLOW + tilts)
+    directions = normals[some]
+    stride = max(1, BLOCK // len(corners))
+    return any(
+        bool(((directions[k : k + stride] @ corners.T).max(axis=1) > behind[k : k + stride]).any())
+        for k in range(0, len(directions), stride)
+    )
+
+
+def pieces(vertices: FloatArray, faces: IntArray, *, shell: bool = False) -> Iterator[FloatArray]:
+    """List a tetrahedron (4, 3) for each triangle: its vertices, and a point below its incentre.
+
+    The depth of the point is the inradius, or less if the surface turns back below the triangle. A tetrahedron stays
+    within half the angle at each edge of its triangle, so that it does not protrude there. Its point is at most halfway
+    to the surface below. The pieces of a shell are thin, at most 1/50 of its size.
+
+    Raises:
+        InputError: If there are more than 5000 triangles.
+    """
+    if len(faces) > MOST_PIECES:
+        kind = "shell" if shell else "concave mesh"
+        raise InputError(
+            "obstacle", f"a {kind} with {len(faces)} triangles", f"at most {MOST_PIECES} with MuJoCo",
+            "simplify the mesh, split it into convex obstacles, or use bullet",
+        )  # fmt: skip
+    normals, _ = _planes(vertices, faces)
+    first, second = _neighbours(faces)
+    cosine = np.clip(np.einsum("ij,ij->i", normals[first], normals[second]), -1.0, 1.0)
+    centres = vertices[faces].mean(axis=1)
+    bulges = np.einsum("ij,ij->i", centres[second] - centres[first], normals[first]) < 0.0
+    slopes = np.ones(len(faces))  # tangent of half the angle inside the body, at most one
+    half = np.where(bulges, np.sqrt((1.0 + cosine) / np.maximum(1.0 - cosine, 1e-300)), 1.0)
+    np.minimum.at(slopes, first, half)
+    corners = vertices[faces]
+    sides, areas = _sizes(corners)
+    around = sides.sum(axis=1)
+    incentres = np.einsum("ij,ijk->ik", sides, corners) / around[:, None]
+    depths = slopes * areas / around
+    if shell:
+        depths = np.minimum(depths, THIN * float(np.ptp(vertices, axis=0).max()))
+    depths = np.minimum(depths, 0.5 * _ways(corners, incentres, normals, 2.0 * depths))
+    points = incentres - depths[:, None] * normals
+    for triangle, point in zip(corners, points, strict=True):
+        yield np.vstack([triangle, point])
+
+
+def _ways(corners: FloatArray, starts: FloatArray, normals: FloatArray, reach: FloatArray) -> FloatArray:
+    """Compute the distance from each incentre along the inward normal to the nearest other triangle, (f,) [m].
+
+    Intersections follow Moeller and Trumbore (1997); infinite if there is none within `reach` (f,).
+    """
+    least = 1e-9 * float(np.ptp(corners.reshape(-1, 3), axis=0).max())
+    middles = corners.mean(axis=1)
+    around = np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
+    ways = np.full(len(corners), np.inf)
+    for k, (start, normal) in enumerate(zip(starts, -normals, strict=True)):
+        apart = middles - start
+        near = corners[np.einsum("ij,ij->i", apart, apart) <= (around + reach[k]) ** 2]
+        a, one, two = near[:, 0], near[:, 1] - near[:, 0], near[:, 2] - near[:, 0]
+        across = np.cross(normal, two)
+        scale = np.einsum("ij,ij->i", one, across)
+        scale = np.where(scale == 0.0, np.nan, scale)  # parallel to the ray
+        from_a = start - a
+        u = np.einsum("ij,ij->i", from_a, across) / scale
+        turned = np.cross(from_a, one)
+        v = turned @ normal / scale
+        far = np.einsum("ij,ij->i", two, turned) / scale
+        met = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (far > least)
+        if met.any():
+            ways[k] = far[met].min()
+    return ways
+
+
+def _sizes(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Compute the sides of triangles, opposite each vertex (f, 3) [m], and twice their areas (f,) [m^2]."""
+    sides = np.linalg.norm(corners[:, [2, 0, 1]] - corners[:, [1, 2, 0]], axis=2)
+    return sides, np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+
+
+def _components(faces: IntArray) -> IntArray:
+    """Number the connected parts of a surface from 0; return the number of each triangle's part, (f,)."""
+    first, second = _neighbours(faces)
+    owners = np.arange(len(faces))
+    while True:
+        least = owners.copy()
+        np.minimum.at(least, first, owners[second])
+        least = least[least]  # pointer jumping: the distance doubles in each step
+        if np.array_equal(least, owners):
+            return np.unique(owners, return_inverse=True)[1]
+        owners = least
+
+
+def _planes(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Compute the triangles' unit normals and centres, (f, 3) each."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    return normals / np.linalg.norm(normals, axis=1)[:, None], (a + b + c) / 3.0
+
+
+def _neighbours(faces: IntArray) -> tuple[IntArray, IntArray]:
+    """List pairs of triangles with a common edge, in both orders."""
+    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    owners = np.repeat(np.arange(len(faces)), 3)
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    same = (edges[order[1:]] == edges[order[:-1]]).all(axis=1)
+    one, other = owners[order[:-1]][same], owners[order[1:]][same]
+    return np.concatenate([one, other]), np.concatenate([other, one])

@@ -135,6 +135,7 @@ number_or_list = Discriminator(
     lambda value: "<list>" if isinstance(value, list | tuple) or getattr(value, "ndim", None) else "<number>"
 )
 NumberOrVector = Annotated[Annotated[Number, Tag("<number>")] | Annotated[Vector, Tag("<list>")], number_or_list]
+word_or_list = Discriminator(lambda value: "<name>" if isinstance(value, str) else "<list>")
 Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$")]
 
 Gains = float | tuple[float, ...] | tuple[tuple[float, ...], ...] | tuple[tuple[tuple[float, ...], ...], ...]
@@ -196,6 +197,13 @@ def as_float(value: float) -> float:
         return float(value)
     except OverflowError:
         return math.inf if value > 0 else -math.inf
+
+
+def no_negative(values: tuple[float, ...]) -> tuple[float, ...]:
+    """Check that no number of a list is negative."""
+    if any(value < 0.0 for value in values):
+        raise PydanticCustomError("sign", "expected no less than 0; given {given}", {"given": abbreviate(list(values))})
+    return values
 
 
 def _frozen(value: Any) -> Any:

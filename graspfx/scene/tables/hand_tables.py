@@ -6,9 +6,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag
-from pydantic_core import PydanticCustomError
 
-from graspfx.errors import abbreviate
 from graspfx.scene.tables.fields import (
     Count,
     Name,
@@ -21,6 +19,7 @@ from graspfx.scene.tables.fields import (
     Vector,
     Vectors,
     by_kind,
+    no_negative,
     number_or_list,
 )
 
@@ -150,14 +149,8 @@ def _depth(value: Any) -> str:
     return "<lists>" if nested else "<list>"
 
 
-def _no_negative(values: tuple[float, ...]) -> tuple[float, ...]:
-    if any(value < 0 for value in values):
-        raise PydanticCustomError("sign", "expected no less than 0; given {given}", {"given": abbreviate(list(values))})
-    return values
-
-
 PerAxis = Annotated[
-    Annotated[NotNegative, Tag("<number>")] | Annotated[Vector, AfterValidator(_no_negative), Tag("<list>")],
+    Annotated[NotNegative, Tag("<number>")] | Annotated[Vector, AfterValidator(no_negative), Tag("<list>")],
     number_or_list,
 ]
 

@@ -27,6 +27,8 @@ from graspfx.scene.tables.fields import (
     Vector,
     Vectors,
     as_float,
+    no_negative,
+    word_or_list,
 )
 from graspfx.scene.tables.hand_tables import HandOrName
 from graspfx.scene.tables.safety_table import FingerSafety
@@ -176,18 +178,11 @@ def _is_of_object(value: Any) -> bool:
     return isinstance(value, ObjectImpedance) or any(str(key).startswith("object_") for key in keys)
 
 
-_by_word = Discriminator(lambda value: "<name>" if isinstance(value, str) else "<list>")
-PairOrAuto = Annotated[Annotated[Literal["auto"], Tag("<name>")] | Annotated[Pair, Tag("<list>")], _by_word]
-PairOrOff = Annotated[Annotated[Literal["off"], Tag("<name>")] | Annotated[Pair, Tag("<list>")], _by_word]
+PairOrAuto = Annotated[Annotated[Literal["auto"], Tag("<name>")] | Annotated[Pair, Tag("<list>")], word_or_list]
+PairOrOff = Annotated[Annotated[Literal["off"], Tag("<name>")] | Annotated[Pair, Tag("<list>")], word_or_list]
 
 
-AxesOrMatrix = Annotated[Annotated[str, Tag("<name>")] | Annotated[Vectors, Tag("<list>")], _by_word]
-
-
-def _no_negative(values: tuple[float, float]) -> tuple[float, float]:
-    if min(values) >= 0.0:
-        return values
-    raise PydanticCustomError("sign", "expected no less than 0; given {given}", {"given": abbreviate(list(values))})
+AxesOrMatrix = Annotated[Annotated[str, Tag("<name>")] | Annotated[Vectors, Tag("<list>")], word_or_list]
 
 
 def _friction(value: Any) -> Any:
@@ -319,7 +314,7 @@ class Measures(Table):
         default=None,
         description="time from the reading of a sample to its force, without the half period of the hold [s]",
     )
-    jitter: Annotated[Pair, AfterValidator(_no_negative), AfterValidator(_range)] | None = Field(
+    jitter: Annotated[Pair, AfterValidator(no_negative), AfterValidator(_range)] | None = Field(
         default=None, description="1st and 99th percentile of the lateness; certificates use the worse one [s]"
     )
     round_trip: NotNegative | None = Field(

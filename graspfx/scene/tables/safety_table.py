@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, PlainSerializer, PlainValidator, Tag, WithJsonSchema
+from pydantic import Field, PlainSerializer, PlainValidator, Tag, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
 from graspfx.errors import abbreviate
-from graspfx.scene.tables.fields import Count, NotNegative, Positive, Table, listed
+from graspfx.scene.tables.fields import Count, NotNegative, Positive, Table, listed, word_or_list
 
 Corners = tuple[tuple[float, ...], tuple[float, ...]]
 EXPECTED = "'device', 'none', or two corners [[lower], [upper]] [m], with lower < upper on every axis"
@@ -42,8 +42,7 @@ Box = Annotated[
     PlainSerializer(lambda value: value),
     WithJsonSchema({"type": "array", "items": _SIDE, "minItems": 2, "maxItems": 2}),
 ]
-_by_word = Discriminator(lambda value: "<name>" if isinstance(value, str) else "<list>")
-Workspace = Annotated[Annotated[Literal["device", "none"], Tag("<name>")] | Annotated[Box, Tag("<list>")], _by_word]
+Workspace = Annotated[Annotated[Literal["device", "none"], Tag("<name>")] | Annotated[Box, Tag("<list>")], word_or_list]
 
 
 class FingerSafety(Table):

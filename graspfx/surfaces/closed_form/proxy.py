@@ -7,8 +7,15 @@ import math
 from graspfx.compile.kernel import inline, kernel
 from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form.proxy_ellipsoid import on_ellipsoid
-from graspfx.surfaces.closed_form.proxy_flat import on_box, on_half_space, on_plane
-from graspfx.surfaces.closed_form.proxy_round import on_capsule, on_cylinder, on_sphere, on_stadium
+from graspfx.surfaces.closed_form.proxy_primitives import (
+    on_box,
+    on_capsule,
+    on_cylinder,
+    on_half_space,
+    on_plane,
+    on_sphere,
+    on_stadium,
+)
 from graspfx.surfaces.nearest import Nearest
 
 BOX, SPHERE, HALF_SPACE, PLANE, CAPSULE, CYLINDER, ELLIPSOID = 0, 1, 2, 3, 4, 5, 6

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 from graspfx.compile.kernel import inline, kernel
 from graspfx.spatial import ZERO, Vector, dot
-from graspfx.surfaces.closed_form.proxy_exact import exact_product, exact_sum
-from graspfx.surfaces.closed_form.proxy_round import on_sphere
+from graspfx.surfaces.closed_form.proxy_primitives import exact_product, exact_sum, on_sphere
 from graspfx.surfaces.nearest import Nearest
 
 SMALL = 1e-150  # relative to the size: a smaller coordinate counts as zero

@@ -1,13 +1,116 @@
-"""Queries of a mesh's bounding-box tree: a start face, the nearest face, the first face on a segment."""
+"""Queries of a mesh: nearest points of its triangles, normals of their features, and searches of the tree of boxes."""
 
 from __future__ import annotations
 
-from graspfx.compile.kernel import kernel
-from graspfx.spatial import Vector, length
-from graspfx.surfaces.triangles.mesh_tree import MeshTree, Node
-from graspfx.surfaces.triangles.triangle import ROUNDING, height_over, is_around, nearest_on_triangle
+from dataclasses import dataclass
 
+from graspfx.compile.kernel import inline, kernel
+from graspfx.spatial import Vector, dot, length
+from graspfx.surfaces.triangles.mesh_tree import MeshTree, Node, Triangle
+
+ROUNDING = 2e-15  # rounding of a point, relative to a mesh's extent plus the point's distance from the origin
 SLACK = 3e-13  # relative depth up to which a segment still enters
+
+
+@dataclass(frozen=True, slots=True)
+class Foot:
+    """Point of a triangle that is nearest to a finger."""
+
+    feature: int  # feature of the triangle on which the point lies
+    square: float  # squared distance [m^2]
+    point: Vector  # [m]
+
+
+@inline
+def scale_at(mesh: MeshTree, g: Vector) -> float:
+    """Return the length to which rounding errors at g are relative [m]."""
+    return mesh.extent + abs(g.x) + abs(g.y) + abs(g.z)
+
+
+@kernel
+def nearest_on_triangle(triangle: Triangle, g: Vector) -> Foot:
+    """Find the point of a triangle nearest to g, by regions (Ericson, 2005)."""
+    a = triangle.a
+    b, c = triangle.b - a, triangle.c - a
+    p = g - a
+    d1, d2 = dot(b, p), dot(c, p)
+    if d1 <= 0.0 and d2 <= 0.0:
+        return Foot(4, dot(p, p), a)
+    q = g - triangle.b
+    d3, d4 = dot(b, q), dot(c, q)
+    if d3 >= 0.0 and d4 <= d3:
+        return Foot(5, dot(q, q), triangle.b)
+    r = g - triangle.c
+    d5, d6 = dot(b, r), dot(c, r)
+    if d6 >= 0.0 and d5 <= d6:
+        return Foot(6, dot(r, r), triangle.c)
+    if d1 * d4 - d3 * d2 <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        return on_edge(1, d1 / (d1 - d3), a, b, p)
+    if d5 * d2 - d1 * d6 <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        return on_edge(3, d6 / (d6 - d2), triangle.c, -c, r)
+    u, v = d4 - d3, d5 - d6
+    if d3 * d6 - d5 * d4 <= 0.0 and u >= 0.0 and v >= 0.0:
+        return on_edge(2, u / (u + v), triangle.b, c - b, q)
+    n = triangle.normal
+    h = dot(p, n)
+    return Foot(0, h * h, g - h * n)
+
+
+@kernel
+def on_edge(feature: int, t: float, a: Vector, u: Vector, p: Vector) -> Foot:
+    """Return the point a + t u of an edge, for a finger at a + p."""
+    along = t * u
+    rest = p - along
+    return Foot(feature, dot(rest, rest), a + along)
+
+
+@kernel
+def height_over(triangle: Triangle, g: Vector) -> float:
+    """Compute the signed distance of g in front of a triangle's plane [m]."""
+    return dot(g - triangle.a, triangle.normal)
+
+
+@kernel
+def pseudonormal(mesh: MeshTree, face: int, feature: int) -> Vector:
+    """Return a feature's outward normal, of any length: the face's, the sum of two, or the vertex pseudonormal."""
+    triangle = mesh.triangles[face]
+    if feature > 3:
+        corner = mesh.vertices[int(triangle.vertices[feature - 4])]
+        return corner.pseudonormal
+    if feature > 0:
+        other = int(triangle.across[feature - 1])
+        if other >= 0:
+            neighbour = mesh.triangles[other]
+            return triangle.normal + neighbour.normal
+    return triangle.normal
+
+
+@kernel
+def is_outside(mesh: MeshTree, face: int, feature: int, v: Vector) -> bool:
+    """True if a finger at v from its contact point is in front of the surface, or beyond its boundary."""
+    triangle = mesh.triangles[face]
+    if feature > 3:
+        corner = mesh.vertices[int(triangle.vertices[feature - 4])]
+        if corner.border:
+            return True
+    elif feature > 0 and triangle.across[feature - 1] < 0.0:
+        return True
+    return dot(v, pseudonormal(mesh, face, feature)) > 0.0
+
+
+@kernel
+def is_around(mesh: MeshTree, other: int, face: int, feature: int) -> bool:
+    """True if a triangle shares the given feature of a face; `face` -1 is none."""
+    if face < 0:
+        return False
+    if feature == 0:
+        return other == face
+    triangle = mesh.triangles[face]
+    if feature <= 3:
+        return other == face or other == int(triangle.across[feature - 1])
+    vertex = triangle.vertices[feature - 4]
+    corners = mesh.triangles[other].vertices
+    return corners[0] == vertex or corners[1] == vertex or corners[2] == vertex
 
 
 @kernel

@@ -19,11 +19,9 @@ from graspfx.surfaces.closed_form import proxy
 from graspfx.surfaces.closed_form.shape import Contacts, contacts
 from graspfx.surfaces.triangles.ball import ball_contact
 from graspfx.surfaces.triangles.mesh_file import MOST_BYTES, MOST_TRIANGLES, read_mesh_file
-from graspfx.surfaces.triangles.mesh_finger import MeshFinger
-from graspfx.surfaces.triangles.mesh_tree import MeshTree
-from graspfx.surfaces.triangles.tree import FloatArray, IntArray, flatten, half_edges
+from graspfx.surfaces.triangles.mesh_tree import MeshFinger, MeshTree
+from graspfx.surfaces.triangles.tree import FloatArray, IntArray, flatten, half_edges, tetrahedra, wound
 from graspfx.surfaces.triangles.walk import mesh_contact
-from graspfx.surfaces.triangles.winding import tetrahedra, wound
 
 STATE = size_of(MeshFinger)  # entries of a finger's state on a mesh
 ROTATIONS = 12  # sweeps over three rotations; four or five suffice

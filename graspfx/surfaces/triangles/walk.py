@@ -19,10 +19,17 @@ from dataclasses import dataclass
 from graspfx.compile.kernel import kernel
 from graspfx.spatial import Vector, dot, length
 from graspfx.surfaces.nearest import Nearest
-from graspfx.surfaces.triangles.boxes import cast, leaf_near, nearest
-from graspfx.surfaces.triangles.mesh_finger import FREE, NEW, TOUCHING, MeshFinger
-from graspfx.surfaces.triangles.mesh_tree import MeshTree
-from graspfx.surfaces.triangles.triangle import ROUNDING, is_outside, nearest_on_triangle, pseudonormal, scale_at
+from graspfx.surfaces.triangles.boxes import (
+    ROUNDING,
+    cast,
+    is_outside,
+    leaf_near,
+    nearest,
+    nearest_on_triangle,
+    pseudonormal,
+    scale_at,
+)
+from graspfx.surfaces.triangles.mesh_tree import FREE, NEW, TOUCHING, MeshFinger, MeshTree
 
 SAME_POINT = 1e-16  # relative distance below which two nearest points coincide
 NOTHING = 1e-13  # relative depth that does not count as inside

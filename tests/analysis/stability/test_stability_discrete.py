@@ -12,7 +12,7 @@ from graspfx.analysis.stability.loop import object_matrices
 from graspfx.objects import integrators
 from graspfx.objects.body import INTEGRATORS as BODIES
 from graspfx.objects.body import fill_body
-from graspfx.objects.decay import coefficients
+from graspfx.objects.integrators import coefficients
 
 
 def test_held_motion_to_fifty_digits() -> None:

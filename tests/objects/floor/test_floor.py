@@ -15,10 +15,8 @@ from graspfx.objects import integrators as at
 from graspfx.objects.body import INTEGRATORS, NativeBody, fill_body
 from graspfx.objects.body_state import BodyState
 from graspfx.objects.floor import rest
-from graspfx.objects.floor.floor import FloorBody, clearance, features
-from graspfx.objects.floor.hull import hull_points
-from graspfx.objects.floor.lowest import lowest, thin
-from graspfx.objects.floor.planes import MOST, FloorState
+from graspfx.objects.floor.floor import FloorBody, clearance, features, hull_points
+from graspfx.objects.floor.planes import MOST, FloorState, lowest, thin
 from graspfx.objects.surroundings import Meeting, Member, Obstacle, place_obstacle
 from graspfx.spatial import Matrix, Vector
 from graspfx.surfaces.closed_form.shape import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Plane, Sphere

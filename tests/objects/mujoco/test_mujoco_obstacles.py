@@ -13,7 +13,7 @@ pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 
 import graspfx as gx
 from graspfx.errors import SceneError
-from graspfx.objects.mujoco.tetrahedra import is_hollow, parts
+from graspfx.objects.mujoco.geometry import is_hollow, parts
 
 Rows = list[list[float]]
 Faces = list[list[int]]

@@ -16,9 +16,9 @@ pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 from graspfx.errors import InputError
 from graspfx.objects import integrators as at
 from graspfx.objects.body import fill_body
+from graspfx.objects.mujoco.geometry import is_hollow, pieces
 from graspfx.objects.mujoco.mujoco import MujocoBody
 from graspfx.objects.mujoco.mujoco_world import MujocoWorld
-from graspfx.objects.mujoco.tetrahedra import is_hollow, pieces
 from graspfx.objects.surroundings import Meeting, Member, Obstacle, place_obstacle
 from graspfx.surfaces.closed_form.shape import Box, Capsule, Ellipsoid, HalfSpace, Sphere
 from tests.support.meshes import plate

@@ -10,8 +10,7 @@ from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form.proxy import BOX, closest_to_ball
 from graspfx.surfaces.triangles.ball import ball_contact
 from graspfx.surfaces.triangles.mesh import STATE, Mesh, make_mesh, new_fingers
-from graspfx.surfaces.triangles.mesh_finger import TOUCHING, MeshFinger
-from graspfx.surfaces.triangles.mesh_tree import MeshTree
+from graspfx.surfaces.triangles.mesh_tree import TOUCHING, MeshFinger, MeshTree
 from graspfx.surfaces.triangles.tree import flatten
 from tests.support.brute_force import brute_force
 from tests.support.meshes import SHAPES, ell, flat, plate, sheet

@@ -14,10 +14,9 @@ from graspfx.compile.machine import compiled
 from graspfx.compile.records import numbers
 from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form.proxy import BOX, closest
-from graspfx.surfaces.triangles import boxes, mesh_tree, tree, triangle, walk
+from graspfx.surfaces.triangles import ball, boxes, mesh_tree, tree, walk
 from graspfx.surfaces.triangles.mesh import STATE
-from graspfx.surfaces.triangles.mesh_finger import FREE, NEW, TOUCHING, MeshFinger
-from graspfx.surfaces.triangles.mesh_tree import MeshTree, Vertex
+from graspfx.surfaces.triangles.mesh_tree import FREE, NEW, TOUCHING, MeshFinger, MeshTree, Vertex
 from graspfx.surfaces.triangles.tree import flatten
 from graspfx.surfaces.triangles.walk import mesh_contact
 from tests.support.brute_force import brute_force, winding_number
@@ -444,4 +443,4 @@ def test_a_finger_that_is_nowhere_ends(kernel: Callable[..., Any]) -> None:
 
 
 def test_kernels_do_not_know_numpy() -> None:
-    assert not any(hasattr(module, "np") for module in (boxes, mesh_tree, triangle, walk))
+    assert not any(hasattr(module, "np") for module in (ball, boxes, mesh_tree, walk))
