@@ -138,12 +138,13 @@ def print_json(value: object) -> None:
 
 
 def draw(recordings: Sequence[Recording], picture: Path, otherwise: str = "", **options: Any) -> None:
-    """Draw recordings with `graspfx.show.run_figures.figure`, which receives the options."""
+    """Draw recordings with `graspfx.show.run_figures.sheet`, which receives the options."""
     require_place(picture)
     with waiting(f"drawing {picture.name}"), placing(picture, otherwise) as file:
-        from graspfx.show.run_figures import figure
+        from graspfx.show.run_figures import sheet
+        from graspfx.show.style import save
 
-        figure(recordings, file, **options)
+        save(sheet(recordings, **options), file)
 
 
 def say_source(request: Path, file: Path, recording: Recording) -> None:

@@ -94,21 +94,15 @@ def _require_room(path: Path, options: Namespace) -> None:
 
 
 def _draw(recording: Recording, path: Path, meshes: Path | None, options: Namespace) -> int:
-    from graspfx.show.picture.portrait import picture
+    from graspfx.show.picture.portrait import portrait
 
     make_folder(path.parent)
     with waiting(f"drawing {path.name}"), placing(path) as file:
-        notes = picture(
-            recording,
-            file,
-            options.time,
-            view=options.view,
-            folder=meshes,
-            forces=options.forces,
-            width=options.width,
-            form=options.format or "",
+        drawing = portrait(
+            recording, options.time, view=options.view, folder=meshes, forces=options.forces, width=options.width
         )
-    note(notes)
+        drawing.save(file, options.format or "")
+    note(drawing.notes)
     name_files([path])
     return say_faults(recording)
 

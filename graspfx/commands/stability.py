@@ -132,7 +132,8 @@ def _draw_loops(folder: Path, scene: Scene, options: Namespace) -> None:
 def _draw_into(folder: Path, scene: Scene, sweeps: list[Sweep], options: Namespace) -> int:
     from graspfx.certificate.limit_sweep import swept_limits
     from graspfx.recording.files import make_folder
-    from graspfx.show.certificate_figures import limits_figure
+    from graspfx.show.certificate_figures import limits_sheet
+    from graspfx.show.style import save
 
     picture = folder / picture_name("stability", options)
     require_place(picture)
@@ -141,7 +142,7 @@ def _draw_into(folder: Path, scene: Scene, sweeps: list[Sweep], options: Namespa
         limits = swept_limits(scene, sweeps)
     make_folder(folder)
     with placing(picture) as file:
-        limits_figure(limits, file, scene.title, width=options.width)
+        save(limits_sheet(limits, scene.title, width=options.width), file)
     if options.json:
         print_json(limits.to_dict())
         return SUCCESS

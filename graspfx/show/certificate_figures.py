@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,8 +10,7 @@ from numpy.typing import NDArray
 
 from graspfx.show import style
 from graspfx.show.conversions import NAMES, label_of, unit_of
-from graspfx.show.drawing import Drawing
-from graspfx.show.style import EXTERNAL, INK, INTERNAL, NEUTRAL, NOTE, PALE, panel, plain
+from graspfx.show.style import EXTERNAL, INK, INTERNAL, NEUTRAL, NOTE, PALE, Drawing, panel, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,19 +32,12 @@ LEVELS = 9
 EQUAL = "#ffffff"  # colour of the line where both limits are equal
 
 
-def limits_figure(
-    limits: SweptLimits, path: str | PathLike[str], title: str = "", *, width: str = "screen", form: str = ""
-) -> Path:
+def limits_sheet(limits: SweptLimits, title: str = "", *, width: str = "screen") -> Sheet:
     """Draw curves of the three limits over one key, or maps over two keys with the line k_ep = k_ip.
 
     Raises:
-        InputError: If the width or format is unknown.
+        InputError: If the width is unknown.
     """
-    return style.save(limits_sheet(limits, title, width=width), path, form)
-
-
-def limits_sheet(limits: SweptLimits, title: str = "", *, width: str = "screen") -> Sheet:
-    """Draw the figure that `limits_figure` writes."""
     with style.look(width):
         drawing = _curves(limits, width) if len(limits.sweeps) == 1 else _maps(limits, width)
         drawing.title(plain(title))
@@ -250,14 +240,6 @@ SHARES = ("some hands", "half of the hands", "95 % of the hands", "all hands")
 TONES = ("#f6ecc9", "#d8cb94", "#97967a", "#4d5a6b")  # colours of the shares, light to dark
 COLOURS = {"internal": INTERNAL, "external": EXTERNAL}
 DASHES = {"external translation": (0.0, (5.0, 2.0)), "external rotation": (0.0, (1.2, 1.4))}
-
-
-def plot(answer: OperatorCertificate, path: str | PathLike[str] | None = None, width: str = "screen") -> Sheet:
-    """Draw `operators_sheet`, and write it if a path is given."""
-    drawing = operators_sheet(answer, width)
-    if path is not None:
-        style.save(drawing, path)
-    return drawing
 
 
 def operators_sheet(answer: OperatorCertificate, width: str = "screen") -> Sheet:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
-from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -143,37 +142,6 @@ MARKERS = 5  # number of markers on a line
 LONG_WAY = 40.0  # total variation in panel heights above which a line would look like an area
 THIN = 0.5
 MOST_POINTS = 6000  # largest number of points per line that a picture can resolve
-
-
-def figure(
-    recordings: Sequence[Recording],
-    path: str | PathLike[str],
-    titles: Sequence[str] | None = None,
-    *,
-    labels: Sequence[str] | None = None,
-    brief: bool = False,
-    width: str = "screen",
-    form: str = "",
-) -> Path:
-    """Draw one recording, or several side by side, with `sheet`, and write the figure.
-
-    Args:
-        recordings: One or more recordings.
-        path: Path of the figure, whose suffix selects the format.
-        titles: Titles, one per recording; by default the settings of each recording.
-        labels: Labels, one per recording, before its settings.
-        brief: Whether to draw only depth, squeeze and push.
-        width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
-        form: Format "png", "svg" or "pdf", which overrides the suffix.
-
-    Returns:
-        The path.
-
-    Raises:
-        InputError: If there are no recordings, a recording has no ticks, the number of titles differs, or the width or
-            format is unknown.
-    """
-    return style.save(sheet(recordings, titles, labels=labels, brief=brief, width=width), path, form)
 
 
 def sheet(

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from graspfx.loop.columns import Column
     from graspfx.scene.model import Scene
-    from graspfx.show.drawing import Drawing
+    from graspfx.show.style import Drawing
     from graspfx.show.variant_figures import Margins
 
 FloatArray = NDArray[np.float64]
@@ -214,7 +214,7 @@ class SweepResult(Batch):
             UnknownNameError: If a measure does not exist.
             InputError: If the width is unknown, or there is nothing to plot.
         """
-        from graspfx.show.drawing import Drawing
+        from graspfx.show.style import Drawing
         from graspfx.show.variant_figures import Surface, variants_sheet
 
         if not self.measures:

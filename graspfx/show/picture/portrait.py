@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import floor, log10
-from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -15,15 +14,14 @@ from numpy.typing import NDArray
 from graspfx.errors import InputError
 from graspfx.show import style
 from graspfx.show.picture.instant import EDGE, TIP, Instant, colours_of, instant
-from graspfx.show.picture.painter import Camera, Painter, best_view
+from graspfx.show.picture.painter import Camera, Painter, Solid, best_view
 from graspfx.show.picture.surfaces import Surface, ball
-from graspfx.show.style import EXTERNAL, FINGERS, INK, INTERNAL, plain
+from graspfx.show.style import EXTERNAL, FINGERS, INK, INTERNAL, Drawing, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from graspfx.recording.record import Recording
-    from graspfx.show.picture.painter import Painter
     from graspfx.show.sheet import Sheet
 
 FloatArray = NDArray[np.float64]
@@ -116,11 +114,7 @@ def _beside(own: list[Arrow], flat: FloatArray) -> list[Arrow]:
     if size == 0.0 or abs(a[0] * b[1] - a[1] * b[0]) > ALONG * size:
         return own
     turn = 1.0 if a @ b > 0.0 else -1.0  # left of a direction is right of the opposite one
-    first, second = own
-    return [
-        Arrow(first.finger, first.tail, first.tip, first.colour, APART),
-        Arrow(second.finger, second.tail, second.tip, second.colour, -turn * APART),
-    ]
+    return [replace(own[0], offset=APART), replace(own[1], offset=-turn * APART)]
 
 
 def draw(axes: Axes, arrow: Arrow, extent: float, painter: Painter | None = None) -> None:
@@ -178,13 +172,6 @@ def _left(along: FloatArray) -> FloatArray:
     return np.array([-y, x])
 
 
-def points(placed: list[Arrow]) -> Iterator[FloatArray]:
-    """Yield points along the arrows, which labels avoid."""
-    for arrow in placed:
-        for share in np.linspace(0.0, 1.0, 12):
-            yield arrow.tail + share * (arrow.tip - arrow.tail)
-
-
 MOST_POINTS = 400  # largest number of points of a path
 SHORT = 0.04  # shortest path drawn, as a fraction of the extent
 MOST_NAMES = 8  # largest number of fingers with names; more are numbered
@@ -197,45 +184,6 @@ BELOW = -0.02  # vertical position of the scales, as a fraction of the picture's
 PATH = 0.7  # [points]
 
 
-def picture(
-    recording: Recording,
-    path: str | PathLike[str],
-    time: float | None = None,
-    *,
-    view: tuple[float, float] | None = None,
-    folder: Path | None = None,
-    forces: Forces = "two",
-    width: str = "screen",
-    form: str = "",
-) -> tuple[str, ...]:
-    """Draw one instant of a recording to scale, in space or in the plane, and write the picture.
-
-    The arrows show the forces of the fingers on the object, as internal and external parts or in total. Arrows are
-    outside the object: an arrow ends at the contact if its force pushes, or begins there if it pulls. Parts behind an
-    object are dashed.
-
-    Args:
-        recording: Recording of a run.
-        path: Path of the picture, whose suffix selects the format.
-        time: Time [s]; by default the time with most touching fingers and the largest forces, or the end.
-        view: Azimuth and elevation of the viewer in space [degrees]; by default the view that shows the fingers best.
-        folder: Folder of relative mesh paths; the folder of the scene if None.
-        forces: "two" for internal and external parts, or "total".
-        width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
-        form: Format "png", "svg" or "pdf", which overrides the suffix.
-
-    Returns:
-        Sentences about omitted parts.
-
-    Raises:
-        InputError: If the recording has no ticks, the time is outside the recording, or the width or suffix is unknown.
-    """
-    style.require_form(form or Path(fspath(path)).suffix[1:].lower(), path)
-    drawing, notes = portrait(recording, time, view=view, folder=folder, forces=forces, width=width)
-    style.save(drawing, path, form)
-    return notes
-
-
 def portrait(
     recording: Recording,
     time: float | None = None,
@@ -244,8 +192,24 @@ def portrait(
     folder: Path | None = None,
     forces: Forces = "two",
     width: str = "screen",
-) -> tuple[Sheet, tuple[str, ...]]:
-    """Draw the picture of `picture`; return it with sentences about omitted parts."""
+) -> Drawing:
+    """Draw one instant of a recording to scale, in space or in the plane; its `notes` are about omitted parts.
+
+    The arrows show the forces of the fingers on the object, as internal and external parts or in total. Arrows are
+    outside the object: an arrow ends at the contact if its force pushes, or begins there if it pulls. Parts behind an
+    object are dashed.
+
+    Args:
+        recording: Recording of a run.
+        time: Time [s]; by default the time with most touching fingers and the largest forces, or the end.
+        view: Azimuth and elevation of the viewer in space [degrees]; by default the view that shows the fingers best.
+        folder: Folder of relative mesh paths; the folder of the scene if None.
+        forces: "two" for internal and external parts, or "total".
+        width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
+
+    Raises:
+        InputError: If the recording has no ticks, the time is outside the recording, or the width is unknown.
+    """
     if forces not in ("two", "total"):
         raise InputError("forces", forces, "'two' or 'total'")
     now = instant(recording, time, folder)
@@ -262,7 +226,7 @@ def portrait(
             placed = _in_plane(axes, now, scale, forces, drawing.width.text)
         _frame(drawing, axes, now, scale, longest)
         _explain(drawing, placed)
-    return drawing, now.notes
+    return Drawing(drawing, now.notes)
 
 
 # In space ------------------------------------------------------------------------------------------------------------
@@ -271,16 +235,17 @@ def portrait(
 def _in_space(
     axes: Axes, now: Instant, scale: float, view: tuple[float, float] | None, forces: Forces, text: float
 ) -> list[Arrow]:
-    camera = Camera(*(view or _best_view(now)))
-    painter = Painter(camera, now.extent)
-    for thing, colour in zip(now.things, _thing_colours(now), strict=True):
-        painter.add(thing.surface, colour, outline=EDGE, both_sides=thing.endless)
+    camera = Camera(*(view or best_view(now.contacts, outward(now) - now.contacts, now.extent)))
+    things = [
+        Solid(thing.surface, colour, both_sides=thing.endless)
+        for thing, colour in zip(now.things, _thing_colours(now), strict=True)
+    ]
     for i, colour in enumerate(finger_colours(now)):
         at = ball(radius(now, i))
-        painter.add(Surface(at.vertices + now.tips[i], at.faces), colour, outline=EDGE, hides=False)
-    behind = painter.hidden(outward(now))
-    painter.draw(axes)
-    low, high = painter.bounds()
+        things.append(Solid(Surface(at.vertices + now.tips[i], at.faces), colour, hides=False))
+    painter = Painter(camera, now.extent, things)
+    behind, (low, high) = painter.hidden(outward(now)), painter.bounds
+    painter.draw(axes, EDGE)
     for path, colour in _paths(now):
         for piece, visible in painter.pieces(path, before_all=True):
             if visible and np.ptp(piece[:, :2], axis=0).max() > SHORT * now.extent:
@@ -296,10 +261,6 @@ def _in_space(
     _label(axes, now, seen, camera.project(now.tips)[:, :2], camera.project(now.middle)[:2], text)
     _triad(axes, camera, text)
     return placed
-
-
-def _best_view(now: Instant) -> tuple[float, float]:
-    return best_view(now.contacts, outward(now) - now.contacts, now.extent)
 
 
 def _triad(axes: Axes, camera: Camera, text: float) -> None:
@@ -404,7 +365,8 @@ def _label(
     unit = float(np.ptp(axes.get_xlim())) / (72.0 * SCREEN)  # data units per point
     height = (text + 8.0) * unit
     occupied: list[FloatArray] = []  # centres and sizes
-    busy = np.array([*points(list(placed)), *tips]).reshape(-1, 2)
+    along = [each.tail + share * (each.tip - each.tail) for each in placed for share in np.linspace(0.0, 1.0, 12)]
+    busy = np.array([*along, *tips]).reshape(-1, 2)
     for i, (name, colour) in enumerate(zip(_names(now), finger_colours(now), strict=True)):
         ends = [end for arrow in placed if arrow.finger == i for end in (arrow.tail, arrow.tip)]
         mark = max([tips[i], *ends], key=lambda end: float(np.linalg.norm(end - middle)))
