@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.show import style
-from graspfx.show.conversions import NAMES, label_of, unit_of
+from graspfx.show.conversions import unit_of
 from graspfx.show.style import EXTERNAL, INK, INTERNAL, NEUTRAL, NOTE, PALE, Drawing, panel, plain
 
 if TYPE_CHECKING:
@@ -24,12 +24,31 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
+NAMES = {
+    "object.viscosity": "viscosity of the object $b_v$",
+    "object.mass": "mass of the object $m_v$",
+    "object.rotational_viscosity": "rotational viscosity of the object",
+    "period": "sampling period $T$",
+    "finger.*.device.mass": "mass of a device $m$",
+    "finger.*.device.damping": "damping of a device $b$",
+    "finger.*.device.friction": "damping of a device $b$",
+    "finger.*.hand.stiffness": "stiffness of a finger",
+    "finger.*.hand.damping": "damping of a finger",
+    "coupling.external.damping": "$k_{ed}$",
+    "coupling.internal.damping": "$k_{id}$",
+}
 LIMIT = "largest stable gain [N/m]"
 HEIGHT, STACKED = 2.9, 2.2  # [inches]
 MOST_CELLS = 400  # largest number of points along an axis of a map that a picture can resolve
 LARGEST = 20.0  # largest end of an axis, as a multiple of the smallest limit
 LEVELS = 9
 EQUAL = "#ffffff"  # colour of the line where both limits are equal
+
+
+def label_of(key: str) -> str:
+    """Return a key's label, with its unit if known."""
+    name, unit = NAMES.get(key, plain(key)), unit_of(key)
+    return f"{name} [{unit}]" if unit else name
 
 
 def limits_sheet(limits: SweptLimits, title: str = "", *, width: str = "screen") -> Sheet:
@@ -296,7 +315,7 @@ def _draw_region(ax: Axes, region: OperatorRegion, answer: OperatorCertificate, 
         ax.axhline(1.0, color=NEUTRAL, lw=0.8 * weight)
         ax.fill_between(region.values[0], 0.0, 1.0, color=NEUTRAL, alpha=style.BAND, lw=0.0)
         ax.set_ylim(0.0, 1.08 * float(margin.max()))
-        panel(ax, x=label(keys[0]), y="least margin")
+        panel(ax, x=label_of(keys[0]), y="least margin")
     else:
         x, y = region.values
         ax.contourf(
@@ -311,7 +330,8 @@ def _draw_region(ax: Axes, region: OperatorRegion, answer: OperatorCertificate, 
         ax.plot(
             *(answer.worst.values[key] for key in keys), "v", color="white", mec=INK, ms=7.0 * weight, clip_on=False
         )
-        panel(ax, x=label(keys[0]), y=label(keys[1]), title="smallest margin; hatched: not stable; triangle: worst")
+        title = "smallest margin; hatched: not stable; triangle: worst"
+        panel(ax, x=label_of(keys[0]), y=label_of(keys[1]), title=title)
     for axis, each in zip((ax.set_xscale, ax.set_yscale), region.ranges, strict=False):
         if each.is_logarithmic:
             axis("log")
@@ -346,9 +366,3 @@ def _draw_margins(ax: Axes, answer: OperatorCertificate, drawing: Sheet) -> None
     ax.set_xlim(0.0, min(1.1 * most, 20.0))
     ax.set_ylim(0.0, 103.0)
     panel(ax, x="margin", y="hands with at least that margin [%]")
-
-
-def label(key: str) -> str:
-    """Return a key's label with its unit."""
-    name, unit = NAMES.get(key, plain(key)), unit_of(key)
-    return f"{name} [{unit}]" if unit else name

@@ -176,7 +176,7 @@ class SweepResult(Batch):
         Raises:
             MissingPackageError: If xarray is not installed: `pip install 'graspfx[data]'`.
         """
-        return batch_dataset(self, self.labels())
+        return batch_dataset(self.labels())
 
     def to_frame(self) -> pandas.DataFrame:
         """Convert to a pandas DataFrame with one row per variant, and one column per key and component.
