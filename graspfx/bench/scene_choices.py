@@ -223,7 +223,7 @@ def trade_off(scene: Scene, *, duration: float | None = None, quick: bool = Fals
                 row = replace(row, error=compiled.error, note="the same bits as compiled")
                 if compiled.state != TIMED:
                     row = replace(compiled, method=row.method)
-            outcomes[choice] = Outcome(choice, replace(row, case=name))
+            outcomes[choice] = Outcome(choice, row)
             wait.done += 1
     return Tradeoff(name, seconds, reference, tuple(outcomes.values()))
 
@@ -317,7 +317,9 @@ def distance(places: FloatArray, others: FloatArray) -> float:
 def _measured(
     scene: Scene, choice: Choice, reference: Reference, duration: float, instant: float, rounds: int
 ) -> Row:  # fmt: skip
-    row = Row("scene", "", f"{choice.name} at {choice.period:g} s", None, None, "", "m", state=REFUSED)
+    row = Row(
+        "scene", source_name(scene.source), f"{choice.name} at {choice.period:g} s", None, None, "", "m", state=REFUSED
+    )
     try:
         trial = attempt(scene, choice, duration, instant, rounds)
     except GraspFXError as why:

@@ -234,7 +234,8 @@ def instant(recording: Recording, time: float | None = None, folder: Path | None
     d = max(recording.layout.dimensions, 2)
     folder = folder or Path(recording.header.scene_folder)
     notes: list[str] = []
-    tips = lifted(_tips(recording), d)  # (N, n, d)
+    true = recording.true_position
+    tips = lifted(recording.finger_position if true is None else true, d)  # (N, n, d)
     finite = np.isfinite(tips[k]).all(axis=1)
     if not finite.all():
         notes.append("fingers without finite positions are omitted")
@@ -298,11 +299,6 @@ def _tick(recording: Recording, time: float | None) -> int:
     if not 0 <= k < N:
         raise InputError("time", time, f"a time from 0 to {recording.time[-1]:g} s, within the recording")
     return k
-
-
-def _tips(recording: Recording) -> FloatArray:
-    true = recording.true_position
-    return recording.finger_position if true is None else true
 
 
 def _objects(recording: Recording, table: Table, k: int, d: int) -> Iterator[Outline]:
