@@ -158,9 +158,9 @@ class Batch(Carded):
             MissingPackageError: If xarray is not installed: `pip install 'graspfx[data]'`.
             InputError: If the recordings have different columns or lengths.
         """
-        from graspfx.show.conversions import batch_dataset
+        from graspfx.show.conversions import batch_dataset, batch_labels
 
-        return batch_dataset(self)
+        return batch_dataset(batch_labels(self))
 
     def to_frame(self) -> pandas.DataFrame:
         """Convert to a pandas DataFrame with one row per variant, and one column per key and component.

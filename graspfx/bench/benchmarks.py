@@ -1,13 +1,19 @@
-"""Benchmarks of the package by name, and benchmarks in the folder of the tests."""
+"""Benchmarks by name, and their measurements as text and as JSON, with the Pareto front of time and error."""
 
 from __future__ import annotations
 
+import os
+import platform
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from importlib import import_module
-from typing import Protocol, cast
+from pathlib import Path
+from typing import Any, Protocol, cast
 
-from graspfx.bench.timing import FULL, MISSING, QUICK, Case, Row, measure
+from graspfx.bench.timing import FULL, MISSING, QUICK, TIMED, Case, Row, measure
+from graspfx.environment import processors
 from graspfx.errors import MissingPackageError
+from graspfx.recording.header import machine, now, versions
 
 BENCHMARKS = {name: f"graspfx.bench.{name}" for name in ("startup", "ticks", "eq4")}
 BESIDE_TESTS = ("runs", "batches", "maps", "projection", "contact", "bodies", "creep")
@@ -45,3 +51,94 @@ def measured(name: str, module: Benchmark, *, quick: bool) -> Iterator[Sequence[
     except MissingPackageError as absent:
         note = f"not installed: pip install {absent.package}"
         yield [Row(name, "", absent.wanted_by, None, None, note, state=MISSING)]
+
+
+PACKAGES = ("scipy", "llvmlite", "numba", "jax", "clarabel", "control", "trimesh", "coal", "mujoco", "pybullet")
+
+
+def by_case(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Group rows by case in the order of the cases, fastest first and untimed rows last."""
+    cases: dict[str, list[Row]] = {}
+    for row in rows:
+        cases.setdefault(row.case, []).append(row)
+    return {case: sorted(own, key=_time) for case, own in cases.items()}
+
+
+def front(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows of one case on the Pareto front, fastest first; without errors, the fastest row."""
+    best, least = list[Row](), float("inf")
+    for row in sorted((row for row in rows if row.state == TIMED), key=_time):
+        if (row.error or 0.0) < least:
+            least = row.error or 0.0
+            best.append(row)
+    return best
+
+
+def lines(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield cases as text, fastest method first; an asterisk marks the Pareto front."""
+    for case, ordered in by_case(rows).items():
+        best = front(ordered)
+        unit = next((row.unit for row in ordered if row.unit), "")
+        yield f"{ordered[0].benchmark}: {case}{f', error [{unit}]' if unit else ''}"
+        width = max(len(row.method) for row in ordered)
+        for row in ordered:
+            spread = "".join(f"{key} {time_text(us)}  " for key, us in (row.quantiles or {}).items())
+            time = f"{time_text(row.time_us):>9}  {ratio_text(row.ratio):>8}  {error_text(row.error):>8}"
+            yield f"  {'*' if row in best else ' '} {row.method:<{width}}  {time}  {spread}{row.note}".rstrip()
+        yield ""
+
+
+def to_dict(rows: Sequence[Row], *, quick: bool) -> dict[str, Any]:
+    """Convert rows to data for JSON, with the date and the machine of the measurement."""
+    return {"rows": [asdict(row) for row in rows], **stamp(quick=quick)}
+
+
+def stamp(*, quick: bool) -> dict[str, Any]:
+    """Return the date, the machine, the versions of compared packages, and whether the measurement was quick."""
+    load = round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None
+    return {
+        "date": now(),
+        "machine": machine(),
+        "cpu": cpu(),
+        "load": load,
+        "versions": versions(*PACKAGES),
+        "quick": quick,
+    }
+
+
+def cpu() -> str:
+    """Describe the processor: its name and the number of cores available to this process."""
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        text = []
+    names = [line.partition(":")[2].strip() for line in text if line.startswith("model name")]
+    return f"{names[0] if names else platform.processor() or platform.machine()}, {processors()} in use"
+
+
+def time_text(us: float | None) -> str:
+    """Format a time with three digits and a unit; empty for a method that was not timed."""
+    if us is None:
+        return ""
+    for size, unit in ((1e6, "s"), (1e3, "ms"), (1.0, "µs")):
+        if us >= size:
+            return f"{us / size:#.3g}".rstrip(".") + f" {unit}"
+    return f"{us * 1e3:#.3g}".rstrip(".") + " ns"
+
+
+def error_text(error: float | None) -> str:
+    """Format an error with two digits, 0 for identical bits; empty without an error."""
+    if error is None:
+        return ""
+    return f"{error:.1e}" if error else "0"
+
+
+def ratio_text(ratio: float | None) -> str:
+    """Format a ratio with three digits; empty without a ratio."""
+    if ratio is None:
+        return ""
+    return f"{ratio:.0f}" if ratio >= 1000.0 else f"{ratio:.3g}"
+
+
+def _time(row: Row) -> float:
+    return row.time_us if row.time_us is not None else float("inf")

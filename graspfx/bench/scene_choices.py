@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from time import perf_counter
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from graspfx.assembly.provenance import source_name
 from graspfx.assembly.run_scene import open as open_session
-from graspfx.bench.measurements import error_text, front, time_text
+from graspfx.bench.benchmarks import error_text, front, time_text
 from graspfx.bench.timing import TIMED, Row
 from graspfx.errors import GraspFXError, InputError
 from graspfx.objects.dynamics_table import DYNAMICS, dynamics_of
@@ -22,6 +22,9 @@ from graspfx.progress import waiting
 from graspfx.recording.growth import growths
 from graspfx.recording.record import Recording
 from graspfx.scene.model import Scene
+from graspfx.show import style
+from graspfx.show.sheet import Sheet
+from graspfx.show.style import FINGERS, INK, MARKERS, NEUTRAL, NOTE, PALE, panel
 
 FloatArray = NDArray[np.float64]
 
@@ -220,7 +223,7 @@ def trade_off(scene: Scene, *, duration: float | None = None, quick: bool = Fals
                 row = replace(row, error=compiled.error, note="the same bits as compiled")
                 if compiled.state != TIMED:
                     row = replace(compiled, method=row.method)
-            outcomes[choice] = Outcome(choice, replace(row, case=name))
+            outcomes[choice] = Outcome(choice, row)
             wait.done += 1
     return Tradeoff(name, seconds, reference, tuple(outcomes.values()))
 
@@ -314,7 +317,9 @@ def distance(places: FloatArray, others: FloatArray) -> float:
 def _measured(
     scene: Scene, choice: Choice, reference: Reference, duration: float, instant: float, rounds: int
 ) -> Row:  # fmt: skip
-    row = Row("scene", "", f"{choice.name} at {choice.period:g} s", None, None, "", "m", state=REFUSED)
+    row = Row(
+        "scene", source_name(scene.source), f"{choice.name} at {choice.period:g} s", None, None, "", "m", state=REFUSED
+    )
     try:
         trial = attempt(scene, choice, duration, instant, rounds)
     except GraspFXError as why:
@@ -344,3 +349,60 @@ def _trouble(recording: Recording) -> str:
         return "positions are not finite"
     grown = growths(recording)
     return f"{grown[0].mode} motion of {grown[0].object} is not stable" if grown else ""
+
+
+TALL = 2.9  # [inches]
+LEAST = 1e-17  # plotted value of an error of zero
+COLOURS = (INK, *FINGERS, NEUTRAL)
+BEFORE, BEYOND = 2.5, 1.6  # factors of space for labels before the smallest time and beyond the largest time
+
+
+def tradeoff_sheet(tradeoff: Tradeoff, *, width: str = "screen") -> Sheet:
+    """Draw a line for each integrator or engine over its periods, and the reference's error."""
+    sound = [each for each in tradeoff.outcomes if each.row.time_us is not None and each.row.error is not None]
+    names = list(dict.fromkeys(each.choice.name for each in sound))
+    with style.look(width):
+        drawing = style.figure([TALL], width=width)
+        [axes] = drawing.panels[0]
+        weight = drawing.width.weight
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        for k, name in enumerate(names):
+            own = sorted((each for each in sound if each.choice.name == name), key=lambda each: each.choice.period)
+            axes.plot(
+                *_points(each.row for each in own),
+                color=COLOURS[k % len(COLOURS)], marker=MARKERS[k % len(MARKERS)], lw=1.2 * weight,
+                markersize=(6.5 - 0.5 * k) * weight, label=name,
+            )  # fmt: skip
+        best = tradeoff.best
+        axes.plot(
+            *_points(best), "o", color=INK, markerfacecolor="none", markersize=11.0 * weight,
+            label="Pareto front: no other choice is as fast and as accurate",
+        )  # fmt: skip
+        for each in sound:
+            if each.row in best:  # no other choice is both faster and more accurate
+                axes.annotate(
+                    f"{1e3 * each.choice.period:.3g} ms", _point(each.row), (-7.0, -4.0),
+                    textcoords="offset points", ha="right", va="top", color=NOTE, fontsize="small",
+                )  # fmt: skip
+        if 0.0 < tradeoff.reference.error < float("inf"):
+            axes.axhline(
+                tradeoff.reference.error, color=PALE, lw=1.2 * weight, ls="--", zorder=1.0,
+                label="error of the reference",
+            )  # fmt: skip
+        low, high = axes.get_xlim()
+        axes.set_xlim(low / BEFORE, high * BEYOND)
+        panel(axes, x="run time per simulated second [s]", y="error [m]")
+        drawing.legend(0)
+        drawing.title(f"{style.plain(tradeoff.scene)}: speed and accuracy of its choices")
+    return drawing
+
+
+def _point(row: Row) -> tuple[float, float]:
+    """Return the position of a choice in the figure: time per simulated second [s], and error."""
+    return 1e-6 * (row.time_us or 0.0), max(row.error or 0.0, LEAST)
+
+
+def _points(rows: Iterable[Row]) -> tuple[list[float], list[float]]:
+    points = [_point(row) for row in rows]
+    return [x for x, _ in points], [y for _, y in points]

@@ -212,9 +212,13 @@ class OperatorCertificate(Carded):
 
     def plot(self, path: str | PathLike[str] | None = None, width: str = "screen") -> Any:
         """Plot the distribution of margins, and the region over the first two ranges; a given path saves the figure."""
-        from graspfx.show.certificate_figures import plot
+        from graspfx.show.certificate_figures import operators_sheet
+        from graspfx.show.style import save
 
-        return plot(self, path, width)
+        drawing = operators_sheet(self, width)
+        if path is not None:
+            save(drawing, path)
+        return drawing
 
     def lines(self) -> Iterator[str]:
         """Yield the sentence, each mode's margins, and the guarantee."""

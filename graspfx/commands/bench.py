@@ -77,8 +77,7 @@ def scene_among(names: Sequence[str]) -> str | None:
 
 def bench(names: Sequence[str], options: Namespace) -> int:
     """Run the named benchmarks, or all of them, and print their results."""
-    from graspfx.bench.benchmarks import BENCHMARKS, benchmark, measured
-    from graspfx.bench.measurements import lines, to_dict
+    from graspfx.bench.benchmarks import BENCHMARKS, benchmark, lines, measured, to_dict
 
     rows: list[Row] = []
     for name in (each for each in BENCHMARKS if each in names or not names):
@@ -94,8 +93,9 @@ def bench(names: Sequence[str], options: Namespace) -> int:
 
 def bench_scene(name: str, options: Namespace) -> int:
     """Measure the options of a scene, print the results, and draw bench.png in the output folder."""
-    from graspfx.bench.scene_choices import trade_off
+    from graspfx.bench.scene_choices import trade_off, tradeoff_sheet
     from graspfx.scene.load import load
+    from graspfx.show import style
 
     with waiting(f"reading {name}"):
         scene = load(name, dict(options.overrides), preset=options.preset)
@@ -108,7 +108,6 @@ def bench_scene(name: str, options: Namespace) -> int:
         if not tradeoff.best:
             return SUCCESS
         with drawing(picture) as file:
-            from graspfx.bench.choices_figure import tradeoff_sheet
             from graspfx.show import style
 
             style.save(tradeoff_sheet(tradeoff, width=options.width), file, options.format or "png")

@@ -136,11 +136,12 @@ def drawing(picture: Path, otherwise: str = "") -> Iterator[Path]:
 
 
 def draw(recordings: Sequence[Recording], picture: Path, otherwise: str = "", **options: Any) -> None:
-    """Draw recordings with `graspfx.show.run_figures.figure`, which receives the options."""
+    """Draw recordings with `graspfx.show.run_figures.sheet`, which receives the options."""
     with drawing(picture, otherwise) as file:
-        from graspfx.show.run_figures import figure
+        from graspfx.show.run_figures import sheet
+        from graspfx.show.style import save
 
-        figure(recordings, file, **options)
+        save(sheet(recordings, **options), file)
 
 
 def name_files(paths: Iterable[Path]) -> None:

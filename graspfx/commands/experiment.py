@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from graspfx.experiment.answer_page import AnswerPage
     from graspfx.experiment.answering import Answerer, Keys
     from graspfx.experiment.design import Experiment
-    from graspfx.experiment.markers import Event
     from graspfx.experiment.presenters import Presenter, Watcher
     from graspfx.experiment.session_files import SessionFiles
+    from graspfx.experiment.session_of_trials import Event
 
 EXAMPLE = """  graspfx experiment stiffness-jnd --simulate
   graspfx experiment mine.toml --participant 03 --page
@@ -174,7 +174,7 @@ def _print_plan(experiment: Experiment, options: Namespace) -> int:
 
 def _streams(experiment: Experiment, stack: ExitStack) -> tuple[Callable[[Event], object], Watcher]:
     """Open the LSL streams for markers and for rows."""
-    from graspfx.experiment.markers import LslMarkers
+    from graspfx.experiment.session_of_trials import LslMarkers
     from graspfx.live.lsl_outlet import RowStream
 
     rows = stack.enter_context(RowStream(f"GraspFX {experiment.name}"))

@@ -84,20 +84,14 @@ def _require_room(path: Path, options: Namespace) -> None:
 
 
 def _draw(recording: Recording, path: Path, meshes: Path | None, options: Namespace) -> int:
-    from graspfx.show.picture.portrait import picture
+    from graspfx.show.picture.portrait import portrait
 
     with drawing(path) as file:
-        notes = picture(
-            recording,
-            file,
-            options.time,
-            view=options.view,
-            folder=meshes,
-            forces=options.forces,
-            width=options.width,
-            form=options.format or "",
+        picture = portrait(
+            recording, options.time, view=options.view, folder=meshes, forces=options.forces, width=options.width
         )
-    note(notes)
+        picture.save(file, options.format or "")
+    note(picture.notes)
     name_files([path])
     return say_faults(recording)
 

@@ -123,14 +123,15 @@ def _draw_loops(folder: Path, scene: Scene, options: Namespace) -> None:
 
 def _draw_into(folder: Path, scene: Scene, sweeps: list[Sweep], options: Namespace) -> int:
     from graspfx.certificate.limit_sweep import swept_limits
-    from graspfx.show.certificate_figures import limits_figure
+    from graspfx.show.certificate_figures import limits_sheet
+    from graspfx.show.style import save
 
     picture = folder / picture_name("stability", options)
     require_room(options, [picture])
     with waiting(f"finding the limits of {options.scene}"):
         limits = swept_limits(scene, sweeps)
     with drawing(picture) as file:
-        limits_figure(limits, file, scene.title, width=options.width)
+        save(limits_sheet(limits, scene.title, width=options.width), file)
     print_result(limits)
     name_files([picture])
     return SUCCESS

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from graspfx.experiment.design import Experiment
-from graspfx.experiment.displayed_stiffness import displayed_stiffness
 from graspfx.experiment.experiment_file import load, names
 from graspfx.experiment.session_plan import williams_square
+from graspfx.experiment.simulated_observers import displayed_stiffness
 from graspfx.experiment.staircase import Threshold, thresholds
 from graspfx.experiment.trial import Presentation, Row, Trial
 from graspfx.experiment.trial_table import read_table

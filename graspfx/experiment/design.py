@@ -14,10 +14,9 @@ from graspfx.environment import to_path
 from graspfx.errors import InputError
 from graspfx.experiment.answering import Answerer, Function
 from graspfx.experiment.experiment_table import WORD, Study
-from graspfx.experiment.markers import Event, Markers
 from graspfx.experiment.presenters import Presenter, RealTime, Simulated
 from graspfx.experiment.session_files import SessionFiles
-from graspfx.experiment.session_of_trials import SessionOfTrials
+from graspfx.experiment.session_of_trials import Event, Markers, SessionOfTrials
 from graspfx.experiment.session_plan import SessionPlan, session_plan
 from graspfx.experiment.simulated_observers import simulated_observer
 from graspfx.experiment.trial import Presentation, Row, Trial

@@ -1,4 +1,4 @@
-"""Simulated observers: with a psychometric function, with noisy perception of the displayed stiffness, or guessing.
+"""Simulated observers, and the displayed stiffness of a recording, which one kind of observer perceives.
 
 They test an experiment, its staircase and its stimuli; they do not predict people's results.
 """
@@ -6,14 +6,21 @@ They test an experiment, its staircase and its stimuli; they do not predict peop
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
 
 from graspfx.errors import InputError
-from graspfx.experiment.displayed_stiffness import SHARES, displayed_stiffness
 from graspfx.experiment.experiment_table import ExperimentTable, Observer
 from graspfx.experiment.session_plan import random_of
 from graspfx.experiment.staircase import chance
 from graspfx.experiment.trial import FIRST, SECOND, Presentation
 
+if TYPE_CHECKING:
+    from graspfx.recording.record import Recording
+
+Share = Literal["internal", "external"]
+SHARES: dict[str, Share] = {"coupling.internal.stiffness": "internal", "coupling.external.stiffness": "external"}
 Respond = Callable[[Presentation], str]
 
 
@@ -51,3 +58,28 @@ def simulated_observer(table: ExperimentTable, participant: str, session: str) -
 def value_for(value: float | Mapping[str, float], condition: str, otherwise: float) -> float:
     """Return the value for a condition, from one value per condition or one for all."""
     return float(value.get(condition, otherwise)) if isinstance(value, Mapping) else float(value)
+
+
+def displayed_stiffness(recording: Recording, share: Share) -> float:
+    """Estimate the stiffness that a recording displays: k = sum f.e / sum e.e over rows with a touching finger [N/m].
+
+    f is the internal or external part of the displayed forces of the fingers on the object. e is the same part of
+    their displacements from the contacts. For a spring without damping, k is its stiffness to rounding.
+
+    Args:
+        recording: Recording with forces, positions and contacts.
+        share: Part of the force, "internal" or "external".
+
+    Raises:
+        InputError: If the share is unknown, or the recording has no such displacement.
+    """
+    if share not in SHARES.values():
+        raise InputError("share", share, "'internal' or 'external'")
+    force = getattr(recording, f"{share}_force")
+    displacement = getattr(recording, f"{share}_displacement")
+    felt = recording.touching.any(axis=1)
+    f, e = np.nan_to_num(force[felt]), np.nan_to_num(displacement[felt])
+    size = float((e * e).sum())
+    if not size > 0.0:
+        raise InputError("recording", recording.header.scene, f"one with displacements of the {share} coupling")
+    return float((f * e).sum()) / size

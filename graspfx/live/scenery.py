@@ -5,19 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.errors import GraspFXError, abbreviate
 from graspfx.show.picture.instant import (
     APART,
-    DOT,
-    ENDLESS,
-    LEAST,
-    PATCH,
     TIP,
+    Outline,
     colours_of,
     fingertip_radii,
     is_fixed,
@@ -25,8 +21,9 @@ from graspfx.show.picture.instant import (
     object_tables,
     obstacles,
     slid,
+    solids,
 )
-from graspfx.show.picture.surfaces import Surface, surface
+from graspfx.show.picture.surfaces import Surface
 from graspfx.show.style import FINGERS
 
 if TYPE_CHECKING:
@@ -99,69 +96,26 @@ def scenery(header: Header, layout: Layout, folder: Path | None = None) -> Scene
     """
     folder, table = folder or Path(header.scene_folder), header.scene_table
     d, n, notes = max(layout.dimensions, 2), len(layout.fingers), list[str]()
-    outlines = [*_objects(table, layout.objects, d), *_obstacles(table, d, notes)]
-    bounded = [bool(each.shape) and each.shape.get("kind") not in ENDLESS for each in outlines]
-    surfaces = [
-        _surface(each, d, LEAST, folder, notes) if one else None for each, one in zip(outlines, bounded, strict=True)
-    ]
-    placed = [
-        built.placed(each.position, each.orientation) for each, built in zip(outlines, surfaces, strict=True) if built
-    ]
-    starts = _starts(table, d)
-    points = np.concatenate([
-        *(each.vertices for each in placed), *(each.position[None] for each in outlines if not each.shape), starts,
-        np.zeros((0, d)),
-    ])  # fmt: skip
-    low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(d), np.zeros(d))
-    extent = max(float(np.linalg.norm(high - low)), LEAST)
-    middle = lifted(0.5 * (low + high), 3)
-    for i, each in enumerate(outlines):
-        if not each.shape:
-            surfaces[i] = _surface(
-                each._replace(shape={"kind": "sphere", "radius": DOT * extent}), d, extent, None, notes
-            )
-        elif not bounded[i]:
-            surfaces[i] = _surface(each, d, PATCH * extent, folder, notes)
-    colours = colours_of([each.name for each in outlines], [each.name for each in outlines if not each.fixed])
-    solids = [
-        _solid(each, built, colour, d, extent, 0.5 * (low + high))
-        for each, built, colour in zip(outlines, surfaces, colours, strict=True)
-        if built
-    ]
+    outlines, starts = [*_objects(table, layout.objects, d), *obstacles(table, d, notes)], _starts(table, d)
+    built, ends, extent = solids(outlines, starts, d, folder, notes)
+    centre = ends.mean(axis=0)
+    colours = colours_of([each.name for each, _ in built], [each.name for each in outlines if not each.fixed])
+    placed = [_solid(*one, colour, d, extent, centre) for one, colour in zip(built, colours, strict=True)]
     radii = fingertip_radii(table, n)
     return Scenery(
-        solids=tuple(solids), fingers=tuple(layout.fingers), colours=tuple(FINGERS[i % len(FINGERS)] for i in range(n)),
-        radii=np.where(radii > 0.0, radii, TIP * extent), is_ball=radii > 0.0, extent=extent, middle=middle,
+        solids=tuple(placed), fingers=tuple(layout.fingers), colours=tuple(FINGERS[i % len(FINGERS)] for i in range(n)),
+        radii=np.where(radii > 0.0, radii, TIP * extent), is_ball=radii > 0.0, extent=extent, middle=lifted(centre, 3),
         up=np.eye(3)[2 if layout.dimensions == 3 else 1],
         apart=APART * extent if layout.dimensions == 1 and not layout.gaps else 0.0, notes=tuple(notes),
     )  # fmt: skip
 
 
-class _Outline(NamedTuple):
-    """Shape with its initial pose, from which a `Solid` is built."""
-
-    name: str
-    shape: Table
-    position: FloatArray
-    orientation: Any
-    is_object: bool
-    fixed: bool
-
-
-def _objects(table: Table, names: Sequence[str], d: int) -> Iterator[_Outline]:
+def _objects(table: Table, names: Sequence[str], d: int) -> Iterator[Outline]:
     tables = object_tables(table)
     for name in names:
         own = tables.get(name, {})
         x = lifted(np.asarray(own.get("position") or np.zeros(d), dtype=float), d)
-        yield _Outline(name, own.get("shape") or {}, x, own.get("orientation"), True, is_fixed(own))
-
-
-def _obstacles(table: Table, d: int, notes: list[str]) -> Iterator[_Outline]:
-    for each in obstacles(table, d):
-        if each.shape is None:
-            notes.append(f"{each.name} has no shape to draw")
-            continue
-        yield _Outline(each.name, each.shape, each.position, each.orientation, False, True)
+        yield Outline(name, own.get("shape") or {}, x, own.get("orientation"), True, is_fixed(own))
 
 
 def _starts(table: Table, d: int) -> FloatArray:
@@ -172,21 +126,12 @@ def _starts(table: Table, d: int) -> FloatArray:
     return np.array(places).reshape(-1, d)
 
 
-def _surface(each: _Outline, d: int, extent: float, folder: Path | None, notes: list[str]) -> Surface | None:
-    try:
-        return surface(each.shape, d, extent, folder)
-    except GraspFXError as error:
-        notes.append(f"{each.name} is not drawn: {abbreviate(str(error), 300)}")
-        return None
-
-
-def _solid(each: _Outline, built: Surface, colour: str, d: int, extent: float, middle: FloatArray) -> Solid:
-    endless = each.shape.get("kind") in ENDLESS
+def _solid(each: Outline, built: Surface, colour: str, d: int, extent: float, middle: FloatArray) -> Solid:
     if not each.is_object:
         built = built.placed(each.position, each.orientation)
-        built = slid(built, middle) if endless else built
+        built = slid(built, middle) if each.endless else built
     built = slab(built, SLAB * extent) if d == 2 else built
-    return Solid(each.name, built.vertices, built.faces, colour, each.name if each.is_object else None, endless)
+    return Solid(each.name, built.vertices, built.faces, colour, each.name if each.is_object else None, each.endless)
 
 
 def slab(outline: Surface, thickness: float) -> Surface:

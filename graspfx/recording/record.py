@@ -138,9 +138,10 @@ class Recording(Carded, History):
         Raises:
             InputError: A recording has no ticks, the number of titles is wrong, or the width is unknown.
         """
-        from graspfx.show.drawing import plot
+        from graspfx.show.run_figures import sheet
+        from graspfx.show.style import Drawing
 
-        return plot(self, *others, titles=titles, width=width)
+        return Drawing(sheet([self, *others], titles, width=width))
 
     def picture(
         self,
@@ -165,9 +166,9 @@ class Recording(Carded, History):
         Raises:
             InputError: The recording has no ticks, the time is outside of the recording, or the width is unknown.
         """
-        from graspfx.show.drawing import picture
+        from graspfx.show.picture.portrait import portrait
 
-        return picture(self, time, view=view, forces=forces, width=width)
+        return portrait(self, time, view=view, forces=forces, width=width)
 
     def save(
         self,

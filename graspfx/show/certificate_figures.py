@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
-from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.show import style
-from graspfx.show.conversions import NAMES, label_of, unit_of
-from graspfx.show.drawing import Drawing
-from graspfx.show.style import EXTERNAL, INK, INTERNAL, NEUTRAL, NOTE, PALE, panel, plain
+from graspfx.show.conversions import unit_of
+from graspfx.show.style import EXTERNAL, INK, INTERNAL, NEUTRAL, NOTE, PALE, Drawing, panel, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,6 +24,19 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
+NAMES = {
+    "object.viscosity": "viscosity of the object $b_v$",
+    "object.mass": "mass of the object $m_v$",
+    "object.rotational_viscosity": "rotational viscosity of the object",
+    "period": "sampling period $T$",
+    "finger.*.device.mass": "mass of a device $m$",
+    "finger.*.device.damping": "damping of a device $b$",
+    "finger.*.device.friction": "damping of a device $b$",
+    "finger.*.hand.stiffness": "stiffness of a finger",
+    "finger.*.hand.damping": "damping of a finger",
+    "coupling.external.damping": "$k_{ed}$",
+    "coupling.internal.damping": "$k_{id}$",
+}
 LIMIT = "largest stable gain [N/m]"
 HEIGHT, STACKED = 2.9, 2.2  # [inches]
 MOST_CELLS = 400  # largest number of points along an axis of a map that a picture can resolve
@@ -35,19 +45,18 @@ LEVELS = 9
 EQUAL = "#ffffff"  # colour of the line where both limits are equal
 
 
-def limits_figure(
-    limits: SweptLimits, path: str | PathLike[str], title: str = "", *, width: str = "screen", form: str = ""
-) -> Path:
-    """Draw curves of the three limits over one key, or maps over two keys with the line k_ep = k_ip.
-
-    Raises:
-        InputError: If the width or format is unknown.
-    """
-    return style.save(limits_sheet(limits, title, width=width), path, form)
+def label_of(key: str) -> str:
+    """Return a key's label, with its unit if known."""
+    name, unit = NAMES.get(key, plain(key)), unit_of(key)
+    return f"{name} [{unit}]" if unit else name
 
 
 def limits_sheet(limits: SweptLimits, title: str = "", *, width: str = "screen") -> Sheet:
-    """Draw the figure that `limits_figure` writes."""
+    """Draw curves of the three limits over one key, or maps over two keys with the line k_ep = k_ip.
+
+    Raises:
+        InputError: If the width is unknown.
+    """
     with style.look(width):
         drawing = _curves(limits, width) if len(limits.sweeps) == 1 else _maps(limits, width)
         drawing.title(plain(title))
@@ -252,14 +261,6 @@ COLOURS = {"internal": INTERNAL, "external": EXTERNAL}
 DASHES = {"external translation": (0.0, (5.0, 2.0)), "external rotation": (0.0, (1.2, 1.4))}
 
 
-def plot(answer: OperatorCertificate, path: str | PathLike[str] | None = None, width: str = "screen") -> Sheet:
-    """Draw `operators_sheet`, and write it if a path is given."""
-    drawing = operators_sheet(answer, width)
-    if path is not None:
-        style.save(drawing, path)
-    return drawing
-
-
 def operators_sheet(answer: OperatorCertificate, width: str = "screen") -> Sheet:
     """Draw the region of hands over the first one or two keys, and the share of hands above each margin."""
     region = answer.region(answer.operators.keys[:2], POINTS)
@@ -314,7 +315,7 @@ def _draw_region(ax: Axes, region: OperatorRegion, answer: OperatorCertificate, 
         ax.axhline(1.0, color=NEUTRAL, lw=0.8 * weight)
         ax.fill_between(region.values[0], 0.0, 1.0, color=NEUTRAL, alpha=style.BAND, lw=0.0)
         ax.set_ylim(0.0, 1.08 * float(margin.max()))
-        panel(ax, x=label(keys[0]), y="least margin")
+        panel(ax, x=label_of(keys[0]), y="least margin")
     else:
         x, y = region.values
         ax.contourf(
@@ -329,7 +330,8 @@ def _draw_region(ax: Axes, region: OperatorRegion, answer: OperatorCertificate, 
         ax.plot(
             *(answer.worst.values[key] for key in keys), "v", color="white", mec=INK, ms=7.0 * weight, clip_on=False
         )
-        panel(ax, x=label(keys[0]), y=label(keys[1]), title="smallest margin; hatched: not stable; triangle: worst")
+        title = "smallest margin; hatched: not stable; triangle: worst"
+        panel(ax, x=label_of(keys[0]), y=label_of(keys[1]), title=title)
     for axis, each in zip((ax.set_xscale, ax.set_yscale), region.ranges, strict=False):
         if each.is_logarithmic:
             axis("log")
@@ -364,9 +366,3 @@ def _draw_margins(ax: Axes, answer: OperatorCertificate, drawing: Sheet) -> None
     ax.set_xlim(0.0, min(1.1 * most, 20.0))
     ax.set_ylim(0.0, 103.0)
     panel(ax, x="margin", y="hands with at least that margin [%]")
-
-
-def label(key: str) -> str:
-    """Return a key's label with its unit."""
-    name, unit = NAMES.get(key, plain(key)), unit_of(key)
-    return f"{name} [{unit}]" if unit else name

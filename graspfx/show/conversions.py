@@ -36,26 +36,7 @@ UNITS = {
     "squeeze": "m",
     "radius": "m",
 }
-NAMES = {
-    "object.viscosity": "viscosity of the object $b_v$",
-    "object.mass": "mass of the object $m_v$",
-    "object.rotational_viscosity": "rotational viscosity of the object",
-    "period": "sampling period $T$",
-    "finger.*.device.mass": "mass of a device $m$",
-    "finger.*.device.damping": "damping of a device $b$",
-    "finger.*.device.friction": "damping of a device $b$",
-    "finger.*.hand.stiffness": "stiffness of a finger",
-    "finger.*.hand.damping": "damping of a finger",
-    "coupling.external.damping": "$k_{ed}$",
-    "coupling.internal.damping": "$k_{id}$",
-}
 NO_UNIT = ("coupling.friction",)  # these keys have no unit, although other keys of the same last name have one
-
-
-def label_of(key: str) -> str:
-    """Return a key's label, with its unit if known."""
-    unit = unit_of(key)
-    return f"{NAMES.get(key, key)} [{unit}]" if unit else NAMES.get(key, key)
 
 
 def unit_of(key: str) -> str:
@@ -65,8 +46,8 @@ def unit_of(key: str) -> str:
 
 
 ENERGIES = {  # attributes of a recording by finger that are not columns
-    "internal_energy": "work that the internal part of the displayed force has done on the fingertip so far",
-    "external_energy": "work that the external part of the displayed force has done on the fingertip so far",
+    f"{part}_energy": f"work that the {part} part of the displayed force has done on the fingertip so far"
+    for part in ("internal", "external")
 }
 
 
@@ -86,7 +67,9 @@ def works_of(recording: Recording) -> dict[str, NDArray[Any]]:
     return {name: each for name, each in values.items() if each is not None}
 
 
-def quantities(recording: Recording, works: Mapping[str, NDArray[Any]] | None = None) -> Iterator[Quantity]:
+def quantities(
+    recording: Recording, works: Mapping[str, NDArray[Any]] | None = None, only: str = ""
+) -> Iterator[Quantity]:
     """Yield the columns of a recording, combined over its objects, and the variables computed from them.
 
     A column `objects/NAME/position` becomes `object_position` with a dimension `object`. An object that lacks another
@@ -96,41 +79,33 @@ def quantities(recording: Recording, works: Mapping[str, NDArray[Any]] | None = 
         recording: Complete recording, or a part.
         works: Rows of `works_of` of the complete recording that belong to a part, because work accumulates from the
             beginning; None for a complete recording.
+        only: Name of the only quantity to read; empty for all.
     """
     layout = recording.layout
-    for column in layout.columns.values():
-        if not column.name.startswith("objects/"):
-            yield Quantity(
-                column.name.replace("/", "_"),
-                _stored(recording, column),
-                column.dimensions,
-                column.unit,
-                column.meaning,
-            )
-    for column in layout.derived:
-        if (values := _derived(recording, column.name)) is not None:
-            yield Quantity(column.name, values, column.dimensions, column.unit, column.meaning)
+    for column in (*layout.columns.values(), *layout.derived):
+        name = column.name.replace("/", "_")
+        if only in ("", name) and not column.name.startswith("objects/"):
+            values = _stored(recording, column) if column.name in layout.columns else _derived(recording, name)
+            if values is not None:
+                yield Quantity(name, values, column.dimensions, column.unit, column.meaning)
     for name, meaning in ENERGIES.items():
-        values = _derived(recording, name) if works is None else works.get(name)
-        if values is not None:
-            yield Quantity(name, values, ("finger",), "J", meaning)
+        if only in ("", name):
+            values = _derived(recording, name) if works is None else works.get(name)
+            if values is not None:
+                yield Quantity(name, values, ("finger",), "J", meaning)
     for part, column in parts_of_objects(layout).items():
-        values = _of_objects(recording, part, column)
-        yield Quantity(object_name(part), values, ("object", *column.dimensions), column.unit, column.meaning)
+        name = f"object_{part.replace('/', '_')}"
+        if only in ("", name):
+            values = _of_objects(recording, part, column)
+            yield Quantity(name, values, ("object", *column.dimensions), column.unit, column.meaning)
 
 
 def rows_of(recording: Recording, name: str, first: int, stop: int) -> NDArray[Any]:
     """Return one of the `quantities` in some rows; only the required columns are read."""
-    if name in ENERGIES:  # accumulated from the beginning
-        return np.asarray(_derived(recording, name))[first:stop]
-    source = recording if (first, stop) == (0, len(recording)) else recording.part(first, stop)
-    columns = {column.name.replace("/", "_"): column for column in recording.layout.columns.values()}
-    if name in columns:
-        return _stored(source, columns[name])
-    for part, like in parts_of_objects(recording.layout).items():
-        if object_name(part) == name:
-            return _of_objects(source, part, like)
-    return np.asarray(getattr(source, name))
+    is_whole = name in ENERGIES or (first, stop) == (0, len(recording))  # energies accumulate from the beginning
+    source = recording if is_whole else recording.part(first, stop)
+    values = next(quantities(source, only=name)).values
+    return values[first:stop] if is_whole else values
 
 
 def coordinates(layout: Layout) -> dict[str, tuple[str, ...]]:
@@ -145,11 +120,6 @@ def parts_of_objects(layout: Layout) -> Mapping[str, Column]:
         if column.name.startswith("objects/"):
             parts.setdefault(column.name.split("/", 2)[2], column)
     return parts
-
-
-def object_name(part: str) -> str:
-    """Return the name of the quantity that combines a column of all objects."""
-    return "object_" + part.replace("/", "_")
 
 
 def components(quantity: Quantity, names: Mapping[str, tuple[str, ...]]) -> Iterator[tuple[str, NDArray[Any]]]:
@@ -188,11 +158,13 @@ def recording_dataset(recording: Recording) -> xarray.Dataset:
     xr = _package("xarray", "Recording.to_xarray")
     labels = coordinates(recording.layout)
     first = {each.name: each for each in quantities(recording.part(0, min(1, len(recording))))}
-    variables = (
-        {name: _lazy(xr, recording, each) for name, each in first.items()}
-        if recording.is_stored
-        else {each.name: _variable(xr, ("time", *each.dimensions), each) for each in quantities(recording)}
-    )
+    if recording.is_stored:
+        variables = {name: _lazy(xr, recording, each) for name, each in first.items()}
+    else:
+        variables = {
+            each.name: xr.Variable(("time", *each.dimensions), each.values, _about(each))
+            for each in quantities(recording)
+        }
     used = {name for variable in variables.values() for name in variable.dims}
     scales = {name: list(entries) for name, entries in labels.items() if name in used}
     time = xr.Variable("time", recording.time, {"units": "s"})
@@ -207,10 +179,6 @@ def _package(name: str, wanted_by: str, extra: str = "data") -> Any:
         return import_module(name)
     except ImportError as error:
         raise MissingPackageError.of_extra(name, wanted_by, extra) from error
-
-
-def _variable(xr: Any, dimensions: tuple[str, ...], quantity: Quantity) -> Any:
-    return xr.Variable(dimensions, quantity.values, {"units": quantity.unit, "long_name": quantity.meaning})
 
 
 def _lazy(xr: Any, recording: Recording, first: Quantity) -> Any:
@@ -232,8 +200,11 @@ def _lazy(xr: Any, recording: Recording, first: Quantity) -> Any:
             chosen = slice(None, None, places.step) if isinstance(rows, slice) else 0
             return values[(chosen, *rest)]
 
-    about = {"units": first.unit, "long_name": first.meaning}
-    return xr.Variable(("time", *first.dimensions), LazilyIndexedArray(Stored()), about)
+    return xr.Variable(("time", *first.dimensions), LazilyIndexedArray(Stored()), _about(first))
+
+
+def _about(quantity: Quantity) -> dict[str, str]:
+    return {"units": quantity.unit, "long_name": quantity.meaning}
 
 
 class Labels(NamedTuple):
@@ -250,16 +221,9 @@ class Labels(NamedTuple):
     attributes: dict[str, Any]
 
 
-def batch_dataset(batch: Batch, labels: Labels | None = None) -> xarray.Dataset:
-    """Convert a batch; see `Batch.to_xarray`.
-
-    Args:
-        batch: Batch to convert.
-        labels: Labelled arrays; by default those of `batch_labels`.
-    """
+def batch_dataset(labels: Labels) -> xarray.Dataset:
+    """Convert the labelled arrays of a batch; see `Batch.to_xarray`."""
     xr = _package("xarray", "Batch.to_xarray")
-    if labels is None:
-        labels = batch_labels(batch)
     variables, scales = (
         {name: xr.Variable(*each) for name, each in part.items()} for part in (labels.variables, labels.coordinates)
     )
@@ -329,7 +293,7 @@ def _stacked(batch: Batch, grid: tuple[str, ...]) -> dict[str, Any]:
         name: (
             (*grid, "time", *each.dimensions),
             np.array([table[name].values for table in tables]).reshape(*batch.shape, *each.values.shape),
-            {"units": each.unit, "long_name": each.meaning},
+            _about(each),
         )
         for name, each in first.items()
     }

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import RecordingError
 from graspfx.show.squeeze_and_push import Modes, directions, mean, modes
-from graspfx.show.style import FINGERS_TOGETHER, MARGIN, OBJECT, PUSHES, SQUEEZE, TURNS, Stroke
+from graspfx.show.style import FINGERS_TOGETHER, INK, MARGIN, OBJECT, PUSHES, SQUEEZE, TURNS, Stroke
+from graspfx.spatial import Quaternion
 
 if TYPE_CHECKING:
     from graspfx.recording.history import ObjectMotion
@@ -28,7 +29,8 @@ NOISE = 1e-6  # relative range below which lines are straight
 TURN = 0.1  # smallest rotation that is drawn [degrees]
 LARGEST = 1e12  # largest drawn value of a diverged run
 MOST_FINGERS = 5  # largest number of fingers with one line each; more are drawn as mean and range
-TALL, LOW = 1.75, 1.2  # panels [inches]
+TALL, LOW, BRIEF = 1.75, 1.2, 1.1  # panels [inches]
+DEPTH = Stroke(INK, SQUEEZE.width)
 ALL = "fingers: mean and range"
 
 
@@ -230,17 +232,54 @@ def _parts(
         return []
     crowded = any(len(view.fingers) > 2 for view in columns)
     name = "internal (squeeze), mean and range" if crowded else "internal (squeeze)"
-    panels = []
-    for view, each in zip(columns, parts, strict=True):
-        curves = []
-        if each is not None and len(view.fingers) > 1:
-            curves.append(curve(name, scale * each.mean_squeeze, SQUEEZE, scale * each.squeeze))
-        for a in axes:
-            if each is not None and a < view.dimensions:
-                along = f", {'xyz'[a]}" if view.dimensions > 1 else ""
-                curves.append(curve(f"external (push){along}", scale * each.push[:, a], PUSHES[a]))
-        panels.append(tuple(curves))
-    return [Row(label, tuple(panels), LOW, signed=True)]
+    panels = tuple(
+        (*_squeeze(view, each, name, scale), *_push(view, each, axes, "external (push)", scale))
+        for view, each in zip(columns, parts, strict=True)
+    )
+    return [Row(label, panels, LOW, signed=True)]
+
+
+def _squeeze(view: View, each: Modes | None, name: str, scale: float = 1.0) -> tuple[Curve, ...]:
+    if each is None or len(view.fingers) < 2:
+        return ()
+    return (curve(name, scale * each.mean_squeeze, SQUEEZE, scale * each.squeeze),)
+
+
+def _push(view: View, each: Modes | None, axes: Sequence[int], name: str, scale: float = 1.0) -> tuple[Curve, ...]:
+    if each is None:
+        return ()
+    along = [f", {'xyz'[a]}" if view.dimensions > 1 else "" for a in axes]
+    return tuple(
+        curve(name + word, scale * each.push[:, a], PUSHES[a])
+        for a, word in zip(axes, along, strict=True)
+        if a < view.dimensions
+    )
+
+
+def brief_rows(columns: Sequence[View]) -> list[Row]:
+    """List the rows depth, squeeze and push, as far as recorded."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        forces = [view.force_modes for view in columns]
+        pairs, axes = list(zip(columns, forces, strict=True)), pushes(forces)
+        rows_ = [
+            Row("depth [mm]", tuple(map(_depth, columns)), BRIEF),
+            Row("squeeze [N]", tuple(_squeeze(*each, _internal(each[0])) for each in pairs), BRIEF),
+            Row("push [N]", tuple(_push(*each, axes, "external force") for each in pairs), BRIEF, signed=True),
+        ]
+    return [row for row in rows_ if any(row.panels)]
+
+
+def _internal(view: View) -> str:
+    return "internal force" if len(view.fingers) == 2 else "internal force, mean and range"
+
+
+def _depth(view: View) -> tuple[Curve, ...]:
+    """Plot mean and range of the fingers' penetration depth, zero for free fingers."""
+    gap = view.recording.gap if view.has("gap") and view.has("touching") else None
+    if gap is None or not view.fingers:
+        return ()
+    depth = MM * np.where(view.touching, -gap[:, view.fingers], 0.0)
+    return (curve(ALL, depth.mean(axis=1), DEPTH, depth),)
 
 
 def _forces(view: View, strokes: Mapping[str, Stroke]) -> tuple[Curve, ...]:
@@ -281,9 +320,8 @@ def _rotation_vector(orientation: FloatArray | None) -> FloatArray:
         return np.zeros((1, 3))
     if orientation.ndim == 1:
         return np.degrees(np.outer(orientation - orientation[0], [0.0, 0.0, 1.0]))
-    v0, w0 = -orientation[0, :3], orientation[0, 3]
-    v, w = orientation[:, :3], orientation[:, 3]
-    v, w = w[:, None] * v0 + w0 * v + np.cross(v, v0), w * w0 - v @ v0  # q q0'
+    turned: Any = Quaternion(*orientation.T) @ Quaternion(*orientation[0]).conjugate  # of columns of ticks
+    v, w = np.stack([turned.x, turned.y, turned.z], axis=1), turned.w
     s = np.linalg.norm(v, axis=1)
     u = v / np.where(s > 0.0, s, 1.0)[:, None]
     side = np.cumprod(np.where(np.sum(u[1:] * u[:-1], axis=1) < 0.0, -1.0, 1.0))  # u and -u describe the same axis

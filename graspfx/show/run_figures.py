@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
-from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,9 +14,8 @@ from numpy.typing import NDArray
 from graspfx.errors import InputError, RecordingError
 from graspfx.recording.record import Recording
 from graspfx.show import style
-from graspfx.show.panels import ALL, MM, Curve, Row, View, curve, pushes, rows, views
-from graspfx.show.squeeze_and_push import Modes
-from graspfx.show.style import BAND, HAIR, INK, NEUTRAL, NOTE, PUSHES, SQUEEZE, Stroke, finger_strokes, panel, plain
+from graspfx.show.panels import Curve, Row, View, brief_rows, rows, views
+from graspfx.show.style import BAND, HAIR, NEUTRAL, NOTE, finger_strokes, panel, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -91,49 +89,6 @@ def _ends(part: Recording) -> NDArray[np.intp]:
     return np.unique(np.concatenate([[0], numbers.argmin(axis=0), numbers.argmax(axis=0)]))
 
 
-HEIGHT = 1.1  # [inches]
-DEPTH = Stroke(INK, SQUEEZE.width)
-
-
-def brief_rows(columns: Sequence[View]) -> list[Row]:
-    """List the rows depth, squeeze and push, as far as recorded."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        forces = [view.force_modes for view in columns]
-        pairs = list(zip(columns, forces, strict=True))
-        along = pushes(forces)
-        rows = [
-            Row("depth [mm]", tuple(_depth(view) for view in columns), HEIGHT),
-            Row("squeeze [N]", tuple(_squeeze(view, each) for view, each in pairs), HEIGHT),
-            Row("push [N]", tuple(_pushes(view, each, along) for view, each in pairs), HEIGHT, signed=True),
-        ]
-    return [row for row in rows if any(row.panels)]
-
-
-def _depth(view: View) -> tuple[Curve, ...]:
-    """Plot mean and range of the fingers' penetration depth, zero for free fingers."""
-    gap = view.recording.gap if view.has("gap") and view.has("touching") else None
-    if gap is None or not view.fingers:
-        return ()
-    depth = MM * np.where(view.touching, -gap[:, view.fingers], 0.0)
-    return (curve(ALL, depth.mean(axis=1), DEPTH, depth),)
-
-
-def _squeeze(view: View, forces: Modes | None) -> tuple[Curve, ...]:
-    if forces is None or len(view.fingers) < 2:
-        return ()
-    name = "internal force" if len(view.fingers) == 2 else "internal force, mean and range"
-    return (curve(name, forces.mean_squeeze, SQUEEZE, forces.squeeze),)
-
-
-def _pushes(view: View, forces: Modes | None, axes: Sequence[int]) -> tuple[Curve, ...]:
-    if forces is None:
-        return ()
-    names = ["external force" + (f", {'xyz'[a]}" if view.dimensions > 1 else "") for a in axes]
-    return tuple(
-        curve(name, forces.push[:, a], PUSHES[a]) for name, a in zip(names, axes, strict=True) if a < view.dimensions
-    )
-
-
 IntArray = NDArray[np.int64]
 
 EQUALS = "\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}"  # equals sign at which titles are not wrapped
@@ -143,37 +98,6 @@ MARKERS = 5  # number of markers on a line
 LONG_WAY = 40.0  # total variation in panel heights above which a line would look like an area
 THIN = 0.5
 MOST_POINTS = 6000  # largest number of points per line that a picture can resolve
-
-
-def figure(
-    recordings: Sequence[Recording],
-    path: str | PathLike[str],
-    titles: Sequence[str] | None = None,
-    *,
-    labels: Sequence[str] | None = None,
-    brief: bool = False,
-    width: str = "screen",
-    form: str = "",
-) -> Path:
-    """Draw one recording, or several side by side, with `sheet`, and write the figure.
-
-    Args:
-        recordings: One or more recordings.
-        path: Path of the figure, whose suffix selects the format.
-        titles: Titles, one per recording; by default the settings of each recording.
-        labels: Labels, one per recording, before its settings.
-        brief: Whether to draw only depth, squeeze and push.
-        width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
-        form: Format "png", "svg" or "pdf", which overrides the suffix.
-
-    Returns:
-        The path.
-
-    Raises:
-        InputError: If there are no recordings, a recording has no ticks, the number of titles differs, or the width or
-            format is unknown.
-    """
-    return style.save(sheet(recordings, titles, labels=labels, brief=brief, width=width), path, form)
 
 
 def sheet(

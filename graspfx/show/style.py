@@ -29,7 +29,6 @@ from graspfx.show.sheet import Sheet, Width
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from PIL.Image import Image
 
 WidthName = Literal["screen", "page", "column"]
 
@@ -133,6 +132,38 @@ class InlineSheet(Sheet):
 
     def _repr_png_(self) -> bytes:
         return pixels(arranged(self), INLINE)
+
+
+class Drawing:
+    """A figure that notebooks display without pyplot. `figure` is matplotlib's figure, and `save` writes it.
+
+    Args:
+        sheet: Panels of the figure.
+        notes: Reasons for omitted parts.
+    """
+
+    def __init__(self, sheet: Sheet, notes: Sequence[str] = ()) -> None:
+        self.sheet, self.notes = sheet, tuple(notes)
+
+    @property
+    def figure(self) -> Figure:
+        """Matplotlib's figure."""
+        return arranged(self.sheet)
+
+    def save(self, path: str | PathLike[str], form: str = "", dpi: int = 0) -> Path:
+        """Write the figure. The path's suffix selects the format, unless `form` is "png", "svg" or "pdf".
+
+        Raises:
+            InputError: If the suffix has no known format.
+        """
+        return save(self.sheet, path, form, dpi)
+
+    def __repr__(self) -> str:
+        width, height = self.figure.get_size_inches()
+        return f"<Drawing of {width:.1f} x {height:.1f} inches; .save(path) writes it, .figure is matplotlib's>"
+
+    def _repr_png_(self) -> bytes:
+        return pixels(self.figure, INLINE)
 
 
 def require_matplotlib() -> ModuleType:
@@ -269,27 +300,9 @@ def pixels(picture: Figure, dpi: int) -> bytes:
         picture.savefig(raw, format="rgba", dpi=dpi)
     width, height = (int(inches * dpi) for inches in picture.get_size_inches())
     image = Image.frombuffer("RGBA", (width, height), raw.getvalue(), "raw", "RGBA", 0, 1).convert("RGB")
-    palette = _exact(image) or image.quantize(COLOURS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    palette = image.quantize(COLOURS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
     palette.save(file, format="PNG", dpi=(dpi, dpi))
     return file.getvalue()
-
-
-def _exact(image: Image) -> Image | None:
-    """Convert an image to an exact palette, ten times faster than a palette search; None if it has more colours."""
-    import numpy as np
-    from PIL.Image import fromarray
-
-    counts = image.getcolors(COLOURS)
-    if counts is None:
-        return None
-    colours = np.array(sorted(colour for _, colour in counts), dtype=np.uint32)
-    places = np.array([16, 8, 0], dtype=np.uint32)
-    numbers = np.zeros(1 << 24, dtype=np.uint8)  # colour table; the system allocates it on writing
-    numbers[(colours << places).sum(axis=1)] = np.arange(len(colours))
-    red, green, blue = np.moveaxis(np.asarray(image, dtype=np.uint32), 2, 0)
-    palette = fromarray(numbers[red << 16 | green << 8 | blue], mode="P")
-    palette.putpalette(colours.astype(np.uint8).tobytes())
-    return palette
 
 
 def require_form(form: str, path: str | PathLike[str]) -> None:

@@ -158,30 +158,17 @@ BRIEF: tuple[Row, ...] = (
 )
 
 
-def columns(recordings: Sequence[Recording], titles: Sequence[str] | None = None) -> list[Column]:
-    """Return the columns: row names, one column per recording, the relative change of two recordings, and units.
-
-    Args:
-        recordings: One or more recordings.
-        titles: Titles of the columns; by default each recording's scene.
-    """
-    return _columns([recording.summary() for recording in recordings], _names(recordings, titles), ROWS)
-
-
-def _names(recordings: Sequence[Recording], titles: Sequence[str] | None) -> Sequence[str]:
-    return titles or [recording.header.scene for recording in recordings]
-
-
-def _columns(summaries: Sequence[dict[str, Any]], names: Sequence[str], table: Sequence[Row]) -> list[Column]:
+def columns(summaries: Sequence[dict[str, Any]], names: Sequence[str], table: Sequence[Row] = ROWS) -> list[Column]:
+    """Return the columns: row names, one column per summary, the relative change of two summaries, and units."""
     rows = [row for row in table if any(summary[row[1]] is not None for summary in summaries)]
-    columns = [Column("", [quantity for quantity, _, _, _ in rows])]
+    listed = [Column("", [quantity for quantity, _, _, _ in rows])]
     for name, summary in zip(names, summaries, strict=True):
         cells = [_cell(summary[key], scale) for _, key, _, scale in rows]
-        columns.append(Column(name.replace("/", "/\n"), cells, right=True, folds=True))
+        listed.append(Column(name.replace("/", "/\n"), cells, right=True, folds=True))
     if len(summaries) == 2:
         before, after = summaries
-        columns.append(Column("change", [_change(before[key], after[key]) for _, key, _, _ in rows], right=True))
-    return [*columns, Column("unit", [unit for _, _, unit, _ in rows])]
+        listed.append(Column("change", [_change(before[key], after[key]) for _, key, _, _ in rows], right=True))
+    return [*listed, Column("unit", [unit for _, _, unit, _ in rows])]
 
 
 def print_summary(
@@ -191,8 +178,9 @@ def print_summary(
     encoding = (getattr(sys.stdout, "encoding", None) or "utf-8").lower()
     rules = RULES if encoding.startswith("utf") else ASCII
     width = get_terminal_size().columns
-    summaries, names = [recording.summary() for recording in recordings], _names(recordings, titles)
-    for line in lines(_columns(summaries, names, table), width, rules=rules, bold=sys.stdout.isatty()):
+    summaries = [recording.summary() for recording in recordings]
+    names = titles or [recording.header.scene for recording in recordings]
+    for line in lines(columns(summaries, names, table), width, rules=rules, bold=sys.stdout.isatty()):
         print(line)
     for name, summary, recording in zip(names, summaries, recordings, strict=True):
         of = f"{name}: " if len(summaries) > 1 else ""

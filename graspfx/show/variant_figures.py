@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from graspfx.errors import InputError
 from graspfx.show import style
-from graspfx.show.certificate_figures import rim
-from graspfx.show.conversions import label_of
+from graspfx.show.certificate_figures import label_of, rim
 from graspfx.show.style import CONTACTS, INK, NEUTRAL, NOTE, panel, plain
 
 if TYPE_CHECKING:
@@ -52,6 +51,18 @@ class Surface(NamedTuple):
     unit: str
     values: FloatArray
     unstable: NDArray[np.bool_] | None = None
+
+    @property
+    def grows(self) -> bool:
+        """Whether the measure is a growth, and 1 the line on which runs neither grow nor decay."""
+        return self.name.endswith(".growth")
+
+    @property
+    def label(self) -> str:
+        """Label of the measure, with its unit."""
+        quantity, _, statistic = self.name.rpartition(".")
+        words = WORDS.get(quantity, quantity.replace("_", " "))
+        return f"{words},\n{statistic}{f' [{self.unit}]' if self.unit not in ('', '1') else ''}"
 
 
 class Margins(NamedTuple):
@@ -122,10 +133,8 @@ def _curves(values: Mapping[str, Any], surfaces: Sequence[Surface], bad: NDArray
     for ax, surface in zip(drawing.panels[:, 0], surfaces, strict=True):
         y = surface.values[order]
         ax.plot(axis.places[order], y, color=INK, marker="o" if len(y) <= 40 else "", ms=3.5)
-        _range(ax, y, grows=_grows(surface))
-        _cross(ax, axis.places[bad])
-        panel(ax, y=_label(surface))
-        _limit(ax, surface)
+        _frame(ax, surface, y, axis.places[bad])
+        panel(ax, y=surface.label)
     _along(drawing.panels[-1, 0], axis, "x")
     _pad(drawing, axis.places)
     if bad.any():
@@ -156,7 +165,7 @@ def _maps(
     limited = False
     for k, (ax, pick) in enumerate(zip(drawing.panels.ravel(), picks, strict=True)):
         where = (slice(None), slice(None)) + (() if third is None else (pick, *rest))
-        picture = _map(ax, x, y, surface.values[where], bad[where], shades, grows=_grows(surface))
+        picture = _map(ax, x, y, surface.values[where], bad[where], shades, grows=surface.grows)
         if surface.unstable is not None:
             _edge(ax, x, y, surface.unstable[where])
         if margins is not None:
@@ -168,7 +177,7 @@ def _maps(
     for ax in drawing.panels[-1]:
         _words(ax, x, "x")
     panel(drawing.panels[-1, across // 2], x=x.label)
-    drawing.figure.colorbar(picture, cax=drawing.bar, extend=_extension(surface.values, shades), label=_label(surface))
+    drawing.figure.colorbar(picture, cax=drawing.bar, extend=_extension(surface.values, shades), label=surface.label)
     edged = surface.unstable is not None and surface.unstable.any() and not surface.unstable.all()
     marks = [_bad_mark()] if bad.any() else []
     if edged:
@@ -244,11 +253,9 @@ def _marginals(values: Mapping[str, Any], surfaces: Sequence[Surface], bad: NDAr
             ax.plot(x, y, ls="", marker="o", ms=2.0, color=NEUTRAL, alpha=0.6, mew=0.0)
             for middle, median in _medians(x, y):
                 ax.plot(middle, median, ls="", marker="_", ms=9.0, mew=1.6, color=INK)
-            _range(ax, y, grows=_grows(surface))
-            _cross(ax, axis.places.ravel()[bad.ravel()])
-            _limit(ax, surface)
+            _frame(ax, surface, y, axis.places.ravel()[bad.ravel()])
             if not column:
-                panel(ax, y=_label(surface))
+                panel(ax, y=surface.label)
             if row + 1 < len(surfaces):
                 ax.tick_params(labelbottom=False)
             else:
@@ -318,8 +325,13 @@ def _pad(drawing: Sheet, places: FloatArray) -> None:
         drawing.panels[0, 0].set_xlim(low - 0.02 * (high - low), high + 0.02 * (high - low))
 
 
-def _grows(surface: Surface) -> bool:
-    return surface.name.endswith(".growth")
+def _frame(ax: Axes, surface: Surface, y: FloatArray, missing: FloatArray) -> None:
+    """Choose the ordinate's range; draw crosses for variants without a number, and for growth the line at 1."""
+    _range(ax, y, grows=surface.grows)
+    crosses = ax.get_xaxis_transform()
+    ax.plot(missing, np.full(len(missing), 0.03), ls="", marker="x", ms=3.5, color=BAD, transform=crosses)
+    if surface.grows:
+        ax.axhline(1.0, color=NOTE, lw=0.8, ls=(0.0, (4.0, 3.0)))
 
 
 def _range(ax: Axes, values: FloatArray, *, grows: bool) -> None:
@@ -348,7 +360,7 @@ def _shades(surface: Surface) -> Normalize:
     from matplotlib.colors import LogNorm, Normalize
 
     finite = surface.values[np.isfinite(surface.values)]
-    if _grows(surface) and finite.size and _goes_over_many(float(finite.min()), float(finite.max())):
+    if surface.grows and finite.size and _goes_over_many(float(finite.min()), float(finite.max())):
         return LogNorm(float(finite.min()), float(finite.max()))
     return Normalize(*_colours(surface.values))
 
@@ -369,18 +381,6 @@ def _colours(values: FloatArray) -> tuple[float, float]:
     return (low, high) if high > low else (low - 0.5, high + 0.5)
 
 
-def _limit(ax: Axes, surface: Surface) -> None:
-    """Draw the line at growth 1, on which runs neither grow nor decay."""
-    if surface.name.endswith(".growth"):
-        ax.axhline(1.0, color=NOTE, lw=0.8, ls=(0.0, (4.0, 3.0)))
-
-
-def _cross(ax: Axes, places: FloatArray) -> None:
-    ax.plot(
-        places, np.full(len(places), 0.03), ls="", marker="x", ms=3.5, color=BAD, transform=ax.get_xaxis_transform()
-    )
-
-
 def _mark(label: str, **look: Any) -> Any:
     """Make a legend entry."""
     from matplotlib.lines import Line2D
@@ -390,12 +390,6 @@ def _mark(label: str, **look: Any) -> Any:
 
 def _bad_mark() -> Any:
     return _mark(CROSSES, ls="", marker="x", ms=4.0, color=BAD)
-
-
-def _label(surface: Surface) -> str:
-    quantity, _, statistic = surface.name.rpartition(".")
-    words = WORDS.get(quantity, quantity.replace("_", " "))
-    return f"{words},\n{statistic}{f' [{surface.unit}]' if surface.unit and surface.unit != '1' else ''}"
 
 
 def _rest(values: Mapping[str, Any]) -> str:

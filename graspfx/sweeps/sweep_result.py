@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from graspfx.loop.columns import Column
     from graspfx.scene.model import Scene
-    from graspfx.show.drawing import Drawing
+    from graspfx.show.style import Drawing
     from graspfx.show.variant_figures import Margins
 
 FloatArray = NDArray[np.float64]
@@ -176,7 +176,7 @@ class SweepResult(Batch):
         Raises:
             MissingPackageError: If xarray is not installed: `pip install 'graspfx[data]'`.
         """
-        return batch_dataset(self, self.labels())
+        return batch_dataset(self.labels())
 
     def to_frame(self) -> pandas.DataFrame:
         """Convert to a pandas DataFrame with one row per variant, and one column per key and component.
@@ -214,7 +214,7 @@ class SweepResult(Batch):
             UnknownNameError: If a measure does not exist.
             InputError: If the width is unknown, or there is nothing to plot.
         """
-        from graspfx.show.drawing import Drawing
+        from graspfx.show.style import Drawing
         from graspfx.show.variant_figures import Surface, variants_sheet
 
         if not self.measures:

@@ -33,8 +33,7 @@ def main(arguments: Sequence[str]) -> int:
     if options.out is not None and options.names:
         parser.error("--out is of all benchmarks: leave out names")
     with one_blas_thread():  # before numpy is loaded
-        from graspfx.bench.benchmarks import measured
-        from graspfx.bench.measurements import lines, stamp
+        from graspfx.bench.benchmarks import lines, measured, stamp
 
         modules = {name: module(name) for name in NAMES if name in options.names or not options.names}
         rows: list[Row] = []

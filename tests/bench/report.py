@@ -6,8 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from graspfx.bench.benchmarks import Benchmark
-from graspfx.bench.measurements import by_case
+from graspfx.bench.benchmarks import Benchmark, by_case
 from graspfx.bench.timing import MISSING, TIMED, Row
 from graspfx.show import style
 from graspfx.show.style import FINGERS, INK, MARKERS, NEUTRAL, panel

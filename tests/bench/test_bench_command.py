@@ -11,7 +11,7 @@ import pytest
 
 from graspfx.__main__ import main
 from graspfx.bench import benchmarks
-from graspfx.bench.measurements import by_case, front, lines, time_text
+from graspfx.bench.benchmarks import by_case, front, lines, time_text
 from graspfx.bench.timing import Case, Method, Row, check, missing
 from graspfx.errors import MissingPackageError
 

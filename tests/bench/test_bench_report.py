@@ -9,8 +9,7 @@ from typing import Any
 
 import pytest
 
-from graspfx.bench.benchmarks import BENCHMARKS, BESIDE_TESTS
-from graspfx.bench.measurements import stamp
+from graspfx.bench.benchmarks import BENCHMARKS, BESIDE_TESTS, stamp
 from graspfx.bench.timing import Row
 from graspfx.show.style import arranged
 from tests.bench import report

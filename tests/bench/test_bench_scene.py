@@ -10,8 +10,16 @@ import pytest
 
 from graspfx.__main__ import main
 from graspfx.bench import scene_choices
-from graspfx.bench.choices_figure import tradeoff_sheet
-from graspfx.bench.scene_choices import UNSTABLE, Choice, attempt, converge, distance, estimate, trade_off
+from graspfx.bench.scene_choices import (
+    UNSTABLE,
+    Choice,
+    attempt,
+    converge,
+    distance,
+    estimate,
+    trade_off,
+    tradeoff_sheet,
+)
 from graspfx.scene.load import load
 from graspfx.show.style import arranged
 from tests.support.writing import faults

@@ -119,7 +119,7 @@ def test_plot_picture_stability_and_bench_refuse_too(
         "a/stability.png": sweep,
         "a/bench.png": ["bench", "reference-1dof", "--quick", "--out", "a"],
     }
-    drawing = ["show.run_figures.figure", "show.picture.portrait.picture"]
+    drawing = ["show.run_figures.sheet", "show.picture.portrait.portrait"]
     for work in (*drawing, "certificate.limit_sweep.swept_limits", "bench.scene_choices.trade_off"):
         monkeypatch.setattr(f"graspfx.{work}", None)
     for there, command in cases.items():

@@ -345,10 +345,10 @@ def test_a_folder_where_the_picture_goes_is_said_before_the_run(capsys: pytest.C
 def test_a_picture_that_cannot_be_written_leaves_the_recording(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(*_: object, **options: object) -> None:
+    def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("graspfx.show.run_figures.figure", full)
+    monkeypatch.setattr("graspfx.show.style.save", full)
     assert main(["run", "reference-1dof", "--out", "here", "--duration", "0.05"]) == 2
     said = "here/figure.png: cannot be written; No space left on device; the recording is in here/recording.h5\n"
     assert capsys.readouterr().err == said

@@ -12,8 +12,8 @@ from scipy.stats import chi2
 
 import graspfx as gx
 from graspfx.errors import InputError
-from graspfx.experiment.displayed_stiffness import displayed_stiffness
 from graspfx.experiment.experiment_table import Span, Staircase
+from graspfx.experiment.simulated_observers import displayed_stiffness
 from graspfx.experiment.staircase import Stair, chance, information
 from tests.support.experiments import COMPARED, experiment, table_of
 

@@ -16,7 +16,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.errors import InputError, MissingPackageError
-from graspfx.experiment.markers import Event, LslMarkers
+from graspfx.experiment.session_of_trials import Event, LslMarkers
 from graspfx.live.live_run import LiveRun
 from graspfx.live.lsl_outlet import RowStream, load_lsl
 from graspfx.live.state_stream import stream_of

@@ -251,12 +251,7 @@ def test_plot_says_which_file_it_reads(
 ) -> None:
     monkeypatch.chdir(tmp_path)
 
-    def draw(_: object, path: Path, *more: object, **options: object) -> tuple[str, ...]:
-        path.write_bytes(b"a picture")
-        return ()
-
-    monkeypatch.setattr("graspfx.show.run_figures.figure", draw)
-    monkeypatch.setattr("graspfx.show.picture.portrait.picture", draw)
+    monkeypatch.setattr("graspfx.show.style.save", lambda _, path, *more: path.write_bytes(b"a picture"))
     gx.run(gx.load("reference-1dof"), duration=2.0, out="whole")
     rec = Recording.load("whole")
     Path("killed").mkdir()

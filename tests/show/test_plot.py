@@ -19,8 +19,8 @@ from graspfx.coupling.two_forces import SplitRule
 from graspfx.errors import InputError
 from graspfx.recording.record import Recording
 from graspfx.show.panels import _axes_worth_showing
-from graspfx.show.run_figures import figure, sheet
-from graspfx.show.style import EXTERNAL, FINGERS, INTERNAL, arranged
+from graspfx.show.run_figures import sheet
+from graspfx.show.style import EXTERNAL, FINGERS, INTERNAL, arranged, save
 from tests.support.recordings import PERIOD, layout, recording, waving
 from tests.support.writing import faults, legends, smallest
 
@@ -357,8 +357,7 @@ def test_a_width_of_a_journal_is_kept(width: str, inches: float) -> None:
 
 @pytest.mark.parametrize(("d", "n", "N"), [(1, 2, 1), (1, 1, 300), (3, 5, 20000)])
 def test_any_run_can_be_drawn(d: int, n: int, N: int, tmp_path: Path) -> None:
-    path = figure([waving(d=d, n=n, N=N)], tmp_path / "figure.png")
-    picture = imread(path)
+    picture = imread(save(sheet([waving(d=d, n=n, N=N)]), tmp_path / "figure.png"))
     assert picture.shape[0] > 600
     assert picture.std() > 0.05  # not blank
 
@@ -386,7 +385,7 @@ def test_a_long_run_keeps_its_peaks() -> None:
 @pytest.mark.parametrize("form", ["png", "svg", "pdf"])
 def test_a_figure_has_the_format_that_is_asked_for(form: str, tmp_path: Path) -> None:
     """Equal bytes twice; words are words in what is not pixels."""
-    first, second = (figure([divided(waving(N=100))], tmp_path / f"{i}", form=form).read_bytes() for i in range(2))
+    first, second = (save(sheet([divided(waving(N=100))]), tmp_path / f"{i}", form=form).read_bytes() for i in range(2))
     assert first == second
     assert first.startswith({"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}[form])
     if form == "svg":
@@ -395,7 +394,7 @@ def test_a_figure_has_the_format_that_is_asked_for(form: str, tmp_path: Path) ->
 
 def test_nothing_global_is_touched(tmp_path: Path) -> None:
     before, backend = dict(mpl.rcParams), mpl.get_backend()
-    figure([waving(N=10)], tmp_path / "figure.svg")
+    save(sheet([waving(N=10)]), tmp_path / "figure.svg")
     assert dict(mpl.rcParams) == before
     assert mpl.get_backend() == backend
     assert (tmp_path / "figure.svg").read_text().startswith("<?xml")

@@ -18,10 +18,10 @@ from graspfx.coupling.two_forces import SplitRule
 from graspfx.errors import InputError
 from graspfx.recording.record import Recording
 from graspfx.show.picture.instant import instant
-from graspfx.show.picture.painter import Camera, Layer, Painter, corner_normals
-from graspfx.show.picture.portrait import arrows, head, picture, portrait
+from graspfx.show.picture.painter import Camera, Layer, Painter, Solid, corner_normals
+from graspfx.show.picture.portrait import arrows, head, portrait
 from graspfx.show.picture.surfaces import Surface, ball, rotation, surface
-from graspfx.show.style import EXTERNAL, INK, INTERNAL, arranged
+from graspfx.show.style import EXTERNAL, INK, INTERNAL
 from tests.support.recordings import layout, recording, waving
 from tests.support.writing import faults
 
@@ -74,8 +74,8 @@ def held(
 
 
 def drawn(recorded: Recording, **options: Any) -> Any:
-    drawing, notes = portrait(recorded, **options)
-    return arranged(drawing), notes
+    drawing = portrait(recorded, **options)
+    return drawing.figure, drawing.notes
 
 
 @pytest.mark.parametrize("kind", SOLIDS)
@@ -177,8 +177,7 @@ def test_the_camera_keeps_lengths_and_hands(view: tuple[float, float]) -> None:
 
 def test_what_is_near_hides_what_is_far() -> None:
     """From +x: a point behind a ball is hidden, beside it or before it not."""
-    painter = Painter(Camera(0.0, 0.0), 0.1)
-    painter.add(ball(0.02), "red")
+    painter = Painter(Camera(0.0, 0.0), 0.1, [Solid(ball(0.02), "red")])
     points = np.array([[-0.03, 0.0, 0.0], [0.03, 0.0, 0.0], [-0.03, 0.03, 0.0], [0.0, 0.0, 0.0]])
     assert painter.hidden(points).tolist() == [True, False, False, True]
 
@@ -196,7 +195,7 @@ def test_the_nearer_finger_is_painted_over_the_object(tmp_path: Path) -> None:
         "finger": [{"radius": 0.01}] * 2,
     }
     file = tmp_path / "picture.png"
-    picture(recording(columns, layout(3, 2), scene_table=table, title=""), file, view=(-90.0, 0.0))
+    portrait(recording(columns, layout(3, 2), scene_table=table, title=""), view=(-90.0, 0.0)).save(file)
     pixels = imread(file)[..., :3]
     red, green, blue = (pixels[..., k] for k in range(3))
     ball_of_finger = ((green > 2.0 * red) & (green > 1.2 * blue)).sum()
@@ -330,9 +329,21 @@ def test_a_shape_stands_where_its_scene_describes_it(monkeypatch: pytest.MonkeyP
     assert not thing.path.any()  # of the centre of mass
 
 
+@pytest.mark.parametrize("name", ["sphere-three-fingers", "reference-1dof"])
+def test_an_instant_without_a_finite_position_is_an_error(name: str) -> None:
+    """As at the end of a run that diverged."""
+    rec = gx.run(name, duration=0.02)
+    rows = np.array(rec.rows)
+    rows[-1] = np.nan
+    lost = Recording(rows, rec.layout, rec.header, rec.outcome)
+    with pytest.raises(InputError, match=r"time: .* finite position \[s\]; the run may have diverged"):
+        lost.picture(rec.time[-1])
+    assert lost.picture(rec.time[-2]).figure.axes
+
+
 def test_a_recording_knows_where_its_meshes_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Drawn from anywhere, after the file has been written and read."""
     rec = gx.run(gx.load("thin-plate"), duration=0.02)
     rec.save(tmp_path / "recording.h5")
     monkeypatch.chdir(tmp_path)
-    assert picture(gx.Recording.load(tmp_path / "recording.h5"), tmp_path / "picture.png") == ()
+    assert portrait(gx.Recording.load(tmp_path / "recording.h5")).notes == ()

@@ -13,7 +13,7 @@ from graspfx.recording.header import Outcome
 from graspfx.recording.record import Recording
 from graspfx.recording.summary import Sizes
 from graspfx.recording.vibration import vibration
-from graspfx.show.summary_table import ROWS, columns, lines, print_summary
+from graspfx.show.summary_table import ROWS, Column, columns, lines, print_summary
 from tests.support.recordings import PERIOD, layout, recording, waving
 
 T = np.arange(2000) * PERIOD
@@ -166,8 +166,12 @@ def test_every_row_of_the_table_is_a_key_of_the_summary() -> None:
     assert {key for _, key, _, _ in ROWS} <= waving(N=100).summary().keys()
 
 
+def table_of(recordings: list[Recording], titles: list[str] | None = None) -> list[Column]:
+    return columns([each.summary() for each in recordings], titles or [each.header.scene for each in recordings])
+
+
 def printed(recordings: list[Recording], titles: list[str] | None = None) -> list[list[str]]:
-    return [[cell.strip() for cell in line.split("│")] for line in lines(columns(recordings, titles), 120)]
+    return [[cell.strip() for cell in line.split("│")] for line in lines(table_of(recordings, titles), 120)]
 
 
 def test_two_runs_side_by_side_with_their_change() -> None:
@@ -185,7 +189,7 @@ def test_one_run_has_no_change_and_rows_without_numbers_are_left_out() -> None:
     assert lines["faults"] == ["0", ""]
     assert "wall time" not in lines
     assert "penetration depth of a finger, mean" not in lines
-    assert len(columns([rec])) == 3
+    assert len(table_of([rec])) == 3
 
 
 def test_a_terminal_gets_a_head_in_bold_and_one_without_unicode_plain_rules(capsys, monkeypatch) -> None:

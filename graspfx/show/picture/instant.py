@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -29,13 +29,29 @@ THINGS = ("#c3d2e0", "#e3d3b4", "#cfdcc4", "#dccbdc")  # colours of objects in t
 FIXED, EDGE = "#d5d2cc", "#4a4f55"
 
 
-class Obstacle(NamedTuple):
-    """An obstacle: its name, the table of its shape (None if it has no shape), and its pose."""
+class Outline(NamedTuple):
+    """Shape of an object or an obstacle, with its pose.
+
+    Attributes:
+        name: Name in the scene.
+        shape: Table of the shape; empty for an object without a shape.
+        position: Position (d,) [m].
+        orientation: Angle [rad], quaternion x, y, z, w, or None.
+        is_object: Whether the thing is an object, not an obstacle.
+        fixed: Whether the thing cannot move.
+    """
 
     name: str
-    shape: Table | None
+    shape: Table
     position: FloatArray
     orientation: Any
+    is_object: bool
+    fixed: bool
+
+    @property
+    def endless(self) -> bool:
+        """Whether the shape is a plane or half-space."""
+        return self.shape.get("kind") in ENDLESS
 
 
 def lifted(values: FloatArray, dimensions: int) -> FloatArray:
@@ -55,16 +71,57 @@ def is_fixed(own: Table) -> bool:
     return free is not None and not any(free)
 
 
-def obstacles(table: Table, dimensions: int) -> Iterator[Obstacle]:
-    """List a scene's obstacles, in space or in the plane."""
+def obstacles(table: Table, dimensions: int, notes: list[str]) -> Iterator[Outline]:
+    """List a scene's obstacles, in space or in the plane; a note names an obstacle without a shape."""
     for i, each in enumerate(_listed(table, "obstacle")):
-        if not isinstance(each, Mapping):
-            yield Obstacle(f"obstacle{i}", None, np.zeros(dimensions), None)
+        own = each if isinstance(each, Mapping) else {}
+        name, shape = own.get("name", f"obstacle{i}"), own.get("shape")
+        if not isinstance(shape, Mapping):
+            notes.append(f"{name} has no shape to draw")
             continue
-        shape = each.get("shape")
-        place = lifted(np.asarray(each.get("position") or np.zeros(dimensions), dtype=float), dimensions)
-        name = each.get("name", f"obstacle{i}")
-        yield Obstacle(name, shape if isinstance(shape, Mapping) else None, place, each.get("orientation"))
+        place = lifted(np.asarray(own.get("position") or np.zeros(dimensions), dtype=float), dimensions)
+        yield Outline(name, shape, place, own.get("orientation"), False, True)
+
+
+def solids(
+    outlines: Sequence[Outline], tips: FloatArray, dimensions: int, folder: Path | None, notes: list[str]
+) -> tuple[list[tuple[Outline, Surface]], FloatArray, float]:
+    """Build the surface of each outline; an infinite surface, or a dot without a shape, fits the size of the others.
+
+    Args:
+        outlines: Shapes with their poses.
+        tips: Positions of fingertips (k, d) [m].
+        dimensions: Number of dimensions d, 2 or 3.
+        folder: Folder of relative mesh paths.
+        notes: List to which the reason is added if a shape cannot be drawn.
+
+    Returns:
+        Outlines and their surfaces in the frames of the shapes; lower and upper corner (2, d) of all parts except
+        infinite surfaces [m]; and the distance of these corners [m].
+    """
+    surfaces: dict[int, Surface] = {}
+
+    def build(k: int, shape: Table, extent: float) -> None:
+        try:
+            surfaces[k] = surface(shape, dimensions, extent, folder)
+        except GraspFXError as error:
+            notes.append(f"{outlines[k].name} is not drawn: {abbreviate(str(error), 300)}")
+
+    for k, each in enumerate(outlines):
+        if each.shape and not each.endless:
+            build(k, each.shape, LEAST)
+    corners = np.concatenate([
+        *(surfaces[k].placed(outlines[k].position, outlines[k].orientation).vertices for k in surfaces),
+        *(each.position[None] for each in outlines if not each.shape), tips,
+    ])  # fmt: skip
+    ends = np.array([corners.min(axis=0), corners.max(axis=0)]) if len(corners) else np.zeros((2, dimensions))
+    extent = max(float(np.linalg.norm(ends[1] - ends[0])), LEAST)
+    for k, each in enumerate(outlines):
+        if not each.shape:
+            build(k, {"kind": "sphere", "radius": DOT * extent}, extent)
+        elif each.endless:
+            build(k, each.shape, PATCH * extent)
+    return [(each, surfaces[k]) for k, each in enumerate(outlines) if k in surfaces], ends, extent
 
 
 def fingertip_radii(table: Table, count: int) -> FloatArray:
@@ -171,43 +228,32 @@ def instant(recording: Recording, time: float | None = None, folder: Path | None
         folder: Folder of relative mesh paths; by default the scene's folder.
 
     Raises:
-        InputError: If the recording has no ticks, or the time is outside the recording.
+        InputError: If the recording has no ticks, the time is outside the recording, or nothing can be drawn.
     """
     k = _tick(recording, time)
     d = max(recording.layout.dimensions, 2)
     folder = folder or Path(recording.header.scene_folder)
     notes: list[str] = []
-    tips = lifted(_tips(recording), d)  # (N, n, d)
+    true = recording.true_position
+    tips = lifted(recording.finger_position if true is None else true, d)  # (N, n, d)
     finite = np.isfinite(tips[k]).all(axis=1)
     if not finite.all():
         notes.append("fingers without finite positions are omitted")
     table = recording.header.scene_table
     radii = fingertip_radii(table, len(recording.layout.fingers))
-    described = [each for each in _described(recording, table, k, d, notes) if np.isfinite(each[2]).all()]
-    bounded = [
-        thing
-        for each in described
-        if each[1] and each[1].get("kind") not in ENDLESS
-        for thing in _things(*each, d, LEAST, folder, notes)
-    ]
-    points = [each[2][None] for each in described if not each[1]]
-    corners = np.concatenate([*(thing.surface.vertices for thing in bounded), *points, tips[k][finite]])
-    ends = np.array([corners.min(axis=0), corners.max(axis=0)]) if len(corners) else np.zeros((2, d))
-    extent = max(float(np.linalg.norm(ends[1] - ends[0])), LEAST)
+    outlines = [*_objects(recording, table, k, d), *obstacles(table, d, notes)]
+    outlines = [each for each in outlines if np.isfinite(each.position).all()]
+    built, ends, extent = solids(outlines, tips[k][finite], d, folder, notes)
+    if not built and not finite.any():
+        at, expected = float(recording.time[k]), "a time at which an object or a finger has a finite position [s]"
+        raise InputError("time", at, expected, "the run may have diverged: give an earlier time")
     middle = ends.mean(axis=0)
-    dot = {"kind": "sphere", "radius": DOT * extent}
-    bounded += [
-        thing
-        for each in described
-        if not each[1]
-        for thing in _things(each[0], dot, *each[2:], d, extent, folder, notes)
-    ]
-    endless = [
-        replace(thing, surface=slid(thing.surface, middle))
-        for each in described
-        if each[1] and each[1].get("kind") in ENDLESS
-        for thing in _things(*each, d, PATCH * extent, folder, notes)
-    ]
+    built.sort(key=lambda one: (not one[0].endless, not one[0].shape))  # infinite surfaces are behind all others
+    things = []
+    for each, solid in built:
+        solid = solid.placed(each.position, each.orientation)
+        path = lifted(recording.objects[each.name].position, d)[: k + 1] if each.is_object else each.position[None]
+        things.append(Thing(each.name, slid(solid, middle) if each.endless else solid, each.fixed, each.endless, path))
     forces = lifted(recording.finger_force, d)[k]
     attached = recording.gap is None
     if recording.layout.dimensions == 1 and attached:
@@ -219,7 +265,7 @@ def instant(recording: Recording, time: float | None = None, folder: Path | None
         notes.append("moments of fingers are not drawn")
     return Instant(
         dimensions=d, on_a_line=recording.layout.dimensions == 1, time=float(recording.time[k]),
-        extent=extent, middle=middle, things=[*endless, *bounded],
+        extent=extent, middle=middle, things=things,
         names=[name for name, one in zip(recording.layout.fingers, finite, strict=True) if one],
         tips=tips[k][finite], radii=radii[finite], contacts=contacts[finite],
         forces=np.nan_to_num(forces[finite], posinf=0.0, neginf=0.0), parts=_parts(recording, k, d, finite),
@@ -255,46 +301,11 @@ def _tick(recording: Recording, time: float | None) -> int:
     return k
 
 
-def _tips(recording: Recording) -> FloatArray:
-    true = recording.true_position
-    return recording.finger_position if true is None else true
-
-
-Described = tuple[str, Mapping[str, Any], FloatArray, Any, bool, FloatArray]  # name, shape, x, q, fixed, path
-
-
-def _described(recording: Recording, table: Mapping[str, Any], k: int, d: int, notes: list[str]) -> Iterator[Described]:
-    by_name = object_tables(table)
-    for name, motion in recording.objects.items():
-        own = by_name.get(name, {})
-        shape = own.get("shape") or {}
-        x, q = _pose(recording, name)
-        path = lifted(motion.position, d)[: k + 1]
-        yield name, shape, lifted(x, d)[k], None if q is None else q[k], is_fixed(own), path
-    for each in obstacles(table, d):
-        if each.shape is None:
-            notes.append(f"{each.name} has no shape to draw")
-            continue
-        yield each.name, each.shape, each.position, each.orientation, True, each.position[None, :]
-
-
-def _pose(recording: Recording, name: str) -> tuple[FloatArray, FloatArray | None]:
-    """Return the pose over time of the frame in which a scene describes a shape, or else of the object."""
-    describe = getattr(recording, "described_pose", None)
-    if describe is not None:
-        position, orientation = describe(name)
-        return position, orientation
-    motion = recording.objects[name]
-    return motion.position, motion.orientation
-
-
-def _things(
-    name: str, shape: Mapping[str, Any], x: FloatArray, q: Any, fixed: bool, path: FloatArray,
-    d: int, extent: float, folder: Path | None, notes: list[str],
-) -> Iterator[Thing]:  # fmt: skip
-    try:
-        solid = surface(shape, d, extent, folder).placed(x, q)
-    except GraspFXError as error:
-        notes.append(f"{name} is not drawn: {abbreviate(str(error), 300)}")
-        return
-    yield Thing(name, solid, fixed, shape.get("kind") in ENDLESS, path)
+def _objects(recording: Recording, table: Table, k: int, d: int) -> Iterator[Outline]:
+    """List the objects in the poses in which the scene describes their shapes."""
+    tables = object_tables(table)
+    for name in recording.objects:
+        own = tables.get(name, {})
+        x, q = recording.described_pose(name)
+        turn = None if q is None else q[k]
+        yield Outline(name, own.get("shape") or {}, lifted(x, d)[k], turn, True, is_fixed(own))

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from copy import deepcopy
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from math import cos, radians, sin
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +20,14 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 
+PIXELS = 1560  # pixels along the longer side before averaging
+REACH = 2  # radius in pixels: a point is hidden if all pixels around it are nearer
+NEARER = 0.004  # offset of lines in front of their surface, as a fraction of the extent
+SHORTEST = 0.006  # shortest visible or hidden piece of a line, as a fraction of the extent
+OUTLINE = 0.8  # [points]
+BEFORE = 0.02  # margin around the surfaces, as a fraction of the extent
 CREASE = 30.0  # angle between triangles above which their edge is sharp [degrees]
 WELD = 1e-7  # fraction of the extent below which corners coincide
 BEHIND = -np.inf
@@ -87,28 +96,19 @@ class Layer:
         rgba[seen, 3] = 1.0
         return rgba
 
-    def clear_depth(self, reach: int) -> FloatArray:
-        """Compute the farthest depth within `reach` pixels of each pixel; points behind this depth are hidden."""
-        depth = self.depth.copy()
-        for one in (depth, depth.T):  # along columns, then along rows
-            whole = one.copy()
-            for k in range(1, reach + 1):
-                np.minimum(one[k:], whole[:-k], out=one[k:])
-                np.minimum(one[:-k], whole[k:], out=one[:-k])
-        return depth
+    @cached_property
+    def clear(self) -> FloatArray:
+        """Farthest depth within `REACH` pixels of each pixel; points behind this depth are hidden."""
+        from scipy.ndimage import minimum_filter
 
-    def copy(self) -> Layer:
-        """Copy the layer, so that more triangles can be added to the copy."""
-        other = Layer.__new__(Layer)
-        other.low, other.high, other.cell = self.low, self.high, self.cell
-        other.depth, other.normal, other.colour = self.depth.copy(), self.normal.copy(), self.colour.copy()
-        return other
+        return np.asarray(minimum_filter(self.depth, 2 * REACH + 1, mode="nearest"))
 
-    def pixel(self, flat: FloatArray) -> IntArray:
-        """Find the pixels (row, column) of points (k, 2) [m]; for outside points, the nearest pixel."""
-        height, width = self.depth.shape
-        at = np.floor((flat - self.low) / self.cell).astype(np.int64)
-        return np.clip(at, 0, [width - 1, height - 1])[:, ::-1]
+    def shows(self, points: FloatArray, nearer: float) -> BoolArray:
+        """Tell which points (k, 3) in view coordinates are not hidden, if they are moved `nearer` to the viewer [m]."""
+        flat, (height, width) = points[:, :2], self.depth.shape
+        inside = ((flat >= self.low) & (flat <= self.high)).all(axis=1)
+        column, row = np.clip(np.floor((flat - self.low) / self.cell).astype(int), 0, [width - 1, height - 1]).T
+        return np.asarray(~inside | (points[:, 2] + nearer >= self.clear[row, column]))
 
 
 def halved(rgba: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -150,16 +150,6 @@ def corner_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
     return np.where(lengths > 0.0, normals / np.where(lengths > 0.0, lengths, 1.0), own).reshape(-1, 3, 3)
 
 
-BoolArray = NDArray[np.bool_]
-
-PIXELS = 1560  # pixels along the longer side before averaging
-REACH = 2  # radius in pixels: a point is hidden if all pixels around it are nearer
-NEARER = 0.004  # offset of lines in front of their surface, as a fraction of the extent
-SHORTEST = 0.006  # shortest visible or hidden piece of a line, as a fraction of the extent
-OUTLINE = 0.8  # [points]
-BEFORE = 0.02  # margin around the surfaces, as a fraction of the extent
-
-
 @dataclass(frozen=True)
 class Camera:
     """A viewer infinitely far away.
@@ -189,57 +179,56 @@ class Camera:
         return np.asarray(np.asarray(points, dtype=float) @ self.axes.T)
 
 
-@dataclass
+class Solid(NamedTuple):
+    """A surface in space with a colour.
+
+    Attributes:
+        surface: Surface in the world.
+        colour: Colour of the surface.
+        both_sides: Whether the surface is open and visible from behind.
+        hides: Whether the surface hides lines; a fingertip does not, since it would hide its own arrow.
+    """
+
+    surface: Surface
+    colour: str
+    both_sides: bool = False
+    hides: bool = True
+
+
 class Painter:
-    """Collects solids, renders them and determines hidden points.
+    """Renders solids and determines hidden points.
 
     Args:
         camera: Camera of the view.
         extent: Size of the picture [m].
+        solids: Surfaces to render.
+
+    Attributes:
+        bounds: Lower and upper corner (2, 2) of all surfaces, to the right and up; lines may extend beyond them.
     """
 
-    camera: Camera
-    extent: float
-    _solids: list[tuple[Surface, str, str, bool, bool]] = field(default_factory=list)
-    _layer: Layer | None = None
-    _clear: FloatArray | None = None
-    _all: tuple[Layer, FloatArray] | None = None
+    def __init__(self, camera: Camera, extent: float, solids: Sequence[Solid]) -> None:
+        self.camera, self.extent, self._solids = camera, extent, solids
+        flat = np.concatenate([camera.project(each.surface.vertices)[:, :2] for each in solids])
+        self.bounds = np.array([flat.min(axis=0), flat.max(axis=0)])
+        room = BEFORE * extent
+        self._hiding = Layer(self.bounds[0] - room, self.bounds[1] + room, PIXELS)
+        self._paint(self._hiding, hides=True)
+        self._all = deepcopy(self._hiding)
+        self._paint(self._all, hides=False)
 
-    def add(
-        self, solid: Surface, colour: str, *, outline: str = "", both_sides: bool = False, hides: bool = True
-    ) -> None:
-        """Add a surface with a colour and, on request, an outline of its creases and silhouette.
-
-        Args:
-            both_sides: Whether the surface is open and visible from behind.
-            hides: Whether the surface hides lines; a fingertip does not, since it would hide its own arrow.
-        """
-        self._solids.append((solid, colour, outline, both_sides, hides))
-        self._layer = self._clear = self._all = None
-
-    def bounds(self) -> FloatArray:
-        """Lower and upper corner (2, 2) of all surfaces, to the right and up; lines may extend beyond these corners."""
-        flat = np.concatenate([self.camera.project(solid.vertices)[:, :2] for solid, *_ in self._solids])
-        return np.array([flat.min(axis=0), flat.max(axis=0)])
-
-    def draw(self, axes: Axes) -> None:
-        """Render the solids, and draw their visible outlines."""
+    def draw(self, axes: Axes, outline: str) -> None:
+        """Render the solids, and draw their visible creases and silhouettes in the colour `outline`."""
         from matplotlib.collections import LineCollection
 
-        layer = self._things()[0].copy()
-        rims = [(solid, outline) for solid, _, outline, _, _ in self._solids if outline]
-        for solid, colour, _, both_sides, hides in self._solids:
-            if not hides:
-                self._paint(layer, solid, colour, both_sides)
+        layer = self._all
         rgba = halved(layer.shaded())
         height, width = rgba.shape[:2]
         (x0, y0), size = layer.low, 2.0 * layer.cell
         extent = (x0, x0 + width * size, y0, y0 + height * size)
         axes.imshow(rgba, extent=extent, origin="lower", interpolation="antialiased", zorder=1.0, aspect="equal")
-        clear = layer.clear_depth(REACH)
-        self._all = layer, clear
-        for solid, outline in rims:
-            cuts = (self._cut(ends, layer, clear, 0.0) for ends in _edges(solid, self.camera))
+        for solid in self._solids:
+            cuts = (self._cut(ends, layer, 0.0) for ends in _edges(solid.surface, self.camera))
             pieces = [piece[[0, -1], :2] for each in cuts for piece, visible in each if visible]
             axes.add_collection(
                 LineCollection(pieces, colors=outline, linewidths=OUTLINE, capstyle="round", zorder=1.2), autolim=False
@@ -251,60 +240,36 @@ class Painter:
         Args:
             before_all: Whether solids that hide no other lines hide this line.
         """
-        layer, clear = self._all if before_all and self._all else self._things()
-        return self._cut(points, layer, clear, SHORTEST * self.extent)
+        return self._cut(points, self._all if before_all else self._hiding, SHORTEST * self.extent)
 
     def hidden(self, points: FloatArray) -> BoolArray:
         """Tell which of points (n, 3) are behind a surface."""
-        layer, clear = self._things()
-        return ~_visible(self.camera.project(points), layer, clear, NEARER * self.extent)
+        return ~self._hiding.shows(self.camera.project(points), NEARER * self.extent)
 
-    def _things(self) -> tuple[Layer, FloatArray]:
-        """Layer and depths of all hiding surfaces."""
-        if self._layer is None or self._clear is None:
-            low, high = self.bounds()
-            room = BEFORE * self.extent
-            self._layer = Layer(low - room, high + room, PIXELS)
-            for solid, colour, _, both_sides, hides in self._solids:
-                if hides:
-                    self._paint(self._layer, solid, colour, both_sides)
-            self._clear = self._layer.clear_depth(REACH)
-        return self._layer, self._clear
-
-    def _paint(self, layer: Layer, solid: Surface, colour: str, both_sides: bool) -> None:
+    def _paint(self, layer: Layer, *, hides: bool) -> None:
+        """Add the solids that hide lines to a layer, or the solids that do not."""
         from matplotlib.colors import to_rgb
 
-        corners = self.camera.project(solid.vertices)[solid.faces]
-        normals = self.camera.project(corner_normals(solid.vertices, solid.faces))
-        facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2]
-        if both_sides:
-            normals = normals * np.where(facing < 0.0, -1.0, 1.0)[:, None, None]
-            facing = np.abs(facing)
-        front = facing > 0.0
-        layer.add(corners[front], normals[front], to_rgb(colour))
+        for surface, colour, both_sides, _ in (each for each in self._solids if each.hides == hides):
+            corners = self.camera.project(surface.vertices)[surface.faces]
+            normals = self.camera.project(corner_normals(surface.vertices, surface.faces))
+            facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2]
+            if both_sides:
+                normals = normals * np.where(facing < 0.0, -1.0, 1.0)[:, None, None]
+                facing = np.abs(facing)
+            front = facing > 0.0
+            layer.add(corners[front], normals[front], to_rgb(colour))
 
-    def _cut(
-        self, points: FloatArray, layer: Layer, clear: FloatArray, shortest: float
-    ) -> Iterator[tuple[FloatArray, bool]]:
-        seen = self.camera.project(points)
-        pairs = list(pairwise(seen))
-        steps = [1 + int(np.linalg.norm(b[:2] - a[:2]) / (2.0 * layer.cell)) for a, b in pairs]
+    def _cut(self, points: FloatArray, layer: Layer, shortest: float) -> Iterator[tuple[FloatArray, bool]]:
+        seen, step = self.camera.project(points), 2.0 * layer.cell
         cuts = [
-            a + np.linspace(0.0, 1.0, n, endpoint=False)[:, None] * (b - a)
-            for (a, b), n in zip(pairs, steps, strict=True)
+            a + np.linspace(0.0, 1.0, 1 + int(np.linalg.norm(b[:2] - a[:2]) / step), endpoint=False)[:, None] * (b - a)
+            for a, b in pairwise(seen)
         ]
         line = np.concatenate([*cuts, seen[-1:]])
-        visible = _visible(line, layer, clear, NEARER * self.extent)
-        least = int(shortest / (2.0 * layer.cell))
-        runs = _runs(visible, least)
-        for begin, end in runs:
+        visible = layer.shows(line, NEARER * self.extent)
+        for begin, end in _runs(visible, int(shortest / step)):
             yield line[begin : min(end + 1, len(line))], bool(visible[(begin + end) // 2])
-
-
-def _visible(seen: FloatArray, layer: Layer, clear: FloatArray, nearer: float) -> BoolArray:
-    inside = ((seen[:, :2] >= layer.low) & (seen[:, :2] <= layer.high)).all(axis=1)
-    row, column = layer.pixel(seen[:, :2]).T
-    return np.asarray(~inside | (seen[:, 2] + nearer >= clear[row, column]))
 
 
 def _runs(visible: BoolArray, least: int) -> list[tuple[int, int]]:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import floor, log10
-from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -15,15 +14,14 @@ from numpy.typing import NDArray
 from graspfx.errors import InputError
 from graspfx.show import style
 from graspfx.show.picture.instant import EDGE, TIP, Instant, colours_of, instant
-from graspfx.show.picture.painter import Camera, Painter, best_view
+from graspfx.show.picture.painter import Camera, Painter, Solid, best_view
 from graspfx.show.picture.surfaces import Surface, ball
-from graspfx.show.style import EXTERNAL, FINGERS, INK, INTERNAL, plain
+from graspfx.show.style import EXTERNAL, FINGERS, INK, INTERNAL, Drawing, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from graspfx.recording.record import Recording
-    from graspfx.show.picture.painter import Painter
     from graspfx.show.sheet import Sheet
 
 FloatArray = NDArray[np.float64]
@@ -116,11 +114,7 @@ def _beside(own: list[Arrow], flat: FloatArray) -> list[Arrow]:
     if size == 0.0 or abs(a[0] * b[1] - a[1] * b[0]) > ALONG * size:
         return own
     turn = 1.0 if a @ b > 0.0 else -1.0  # left of a direction is right of the opposite one
-    first, second = own
-    return [
-        Arrow(first.finger, first.tail, first.tip, first.colour, APART),
-        Arrow(second.finger, second.tail, second.tip, second.colour, -turn * APART),
-    ]
+    return [replace(own[0], offset=APART), replace(own[1], offset=-turn * APART)]
 
 
 def draw(axes: Axes, arrow: Arrow, extent: float, painter: Painter | None = None) -> None:
@@ -128,9 +122,7 @@ def draw(axes: Axes, arrow: Arrow, extent: float, painter: Painter | None = None
     from matplotlib.patches import Polygon
 
     half = SHAFT * extent
-    pieces = [(np.array([arrow.tail, arrow.tip]), True)] if painter is None else list(painter.pieces(
-        np.array([arrow.tail, arrow.tip])
-    ))  # fmt: skip
+    pieces = _pieces(np.array([arrow.tail, arrow.tip]), painter)
     ends = np.array([pieces[0][0][0, :2], pieces[-1][0][-1, :2]])
     shift = arrow.offset * half * _left(ends[1] - ends[0])
     neck = ends[1] - _head(ends, half) * _unit(ends[1] - ends[0])
@@ -178,13 +170,6 @@ def _left(along: FloatArray) -> FloatArray:
     return np.array([-y, x])
 
 
-def points(placed: list[Arrow]) -> Iterator[FloatArray]:
-    """Yield points along the arrows, which labels avoid."""
-    for arrow in placed:
-        for share in np.linspace(0.0, 1.0, 12):
-            yield arrow.tail + share * (arrow.tip - arrow.tail)
-
-
 MOST_POINTS = 400  # largest number of points of a path
 SHORT = 0.04  # shortest path drawn, as a fraction of the extent
 MOST_NAMES = 8  # largest number of fingers with names; more are numbered
@@ -197,45 +182,6 @@ BELOW = -0.02  # vertical position of the scales, as a fraction of the picture's
 PATH = 0.7  # [points]
 
 
-def picture(
-    recording: Recording,
-    path: str | PathLike[str],
-    time: float | None = None,
-    *,
-    view: tuple[float, float] | None = None,
-    folder: Path | None = None,
-    forces: Forces = "two",
-    width: str = "screen",
-    form: str = "",
-) -> tuple[str, ...]:
-    """Draw one instant of a recording to scale, in space or in the plane, and write the picture.
-
-    The arrows show the forces of the fingers on the object, as internal and external parts or in total. Arrows are
-    outside the object: an arrow ends at the contact if its force pushes, or begins there if it pulls. Parts behind an
-    object are dashed.
-
-    Args:
-        recording: Recording of a run.
-        path: Path of the picture, whose suffix selects the format.
-        time: Time [s]; by default the time with most touching fingers and the largest forces, or the end.
-        view: Azimuth and elevation of the viewer in space [degrees]; by default the view that shows the fingers best.
-        folder: Folder of relative mesh paths; the folder of the scene if None.
-        forces: "two" for internal and external parts, or "total".
-        width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
-        form: Format "png", "svg" or "pdf", which overrides the suffix.
-
-    Returns:
-        Sentences about omitted parts.
-
-    Raises:
-        InputError: If the recording has no ticks, the time is outside the recording, or the width or suffix is unknown.
-    """
-    style.require_form(form or Path(fspath(path)).suffix[1:].lower(), path)
-    drawing, notes = portrait(recording, time, view=view, folder=folder, forces=forces, width=width)
-    style.save(drawing, path, form)
-    return notes
-
-
 def portrait(
     recording: Recording,
     time: float | None = None,
@@ -244,62 +190,100 @@ def portrait(
     folder: Path | None = None,
     forces: Forces = "two",
     width: str = "screen",
-) -> tuple[Sheet, tuple[str, ...]]:
-    """Draw the picture of `picture`; return it with sentences about omitted parts."""
+) -> Drawing:
+    """Draw one instant of a recording to scale, in space or in the plane; its `notes` are about omitted parts.
+
+    The arrows show the forces of the fingers on the object, as internal and external parts or in total. Arrows are
+    outside the object: an arrow ends at the contact if its force pushes, or begins there if it pulls. Parts behind an
+    object are dashed.
+
+    Args:
+        recording: Recording of a run.
+        time: Time [s]; by default the time with most touching fingers and the largest forces, or the end.
+        view: Azimuth and elevation of the viewer in space [degrees]; by default the view that shows the fingers best.
+        folder: Folder of relative mesh paths; the folder of the scene if None.
+        forces: "two" for internal and external parts, or "total".
+        width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
+
+    Raises:
+        InputError: If the recording has no ticks, the time is outside the recording, or the width is unknown.
+    """
     if forces not in ("two", "total"):
         raise InputError("forces", forces, "'two' or 'total'")
     now = instant(recording, time, folder)
     longest = max(float(np.linalg.norm(values, axis=1).max(initial=0.0)) for values, _ in shown_forces(now, forces))
     scale = LONGEST * now.extent / longest if longest > 0.0 else 0.0  # m per N
+    camera = painter = None
+    if now.dimensions == 3:
+        camera = Camera(*(view or best_view(now.contacts, outward(now) - now.contacts, now.extent)))
+        painter = Painter(camera, now.extent, _solids(now))
+    placed = arrows(now, scale, forces, np.eye(2) if camera is None else camera.axes[:2])
+
+    def flat(points: FloatArray) -> FloatArray:
+        return points if camera is None else camera.project(points)[..., :2]
+
     with style.look(width):
         drawing = style.figure([1.0], width=width, inches=SCREEN if width == "screen" else 0.0)
-        axes: Axes = drawing.panels[0, 0]
+        axes, text = drawing.panels[0, 0], drawing.width.text
         axes.grid(visible=False)
         axes.set_axis_off()
-        if now.dimensions == 3:
-            placed = _in_space(axes, now, scale, view, forces, drawing.width.text)
+        visible = np.ones(len(now.tips), dtype=bool)
+        if painter is None:
+            low, high = _draw_plane(axes, now)
         else:
-            placed = _in_plane(axes, now, scale, forces, drawing.width.text)
+            low, high = painter.bounds
+            visible = ~painter.hidden(outward(now))
+            painter.draw(axes, EDGE)
+        for path, colour in _paths(now):
+            for piece, is_seen in _pieces(path, painter, before_all=True):
+                if is_seen and np.ptp(piece[:, :2], axis=0).max() > SHORT * now.extent:
+                    axes.plot(piece[:, 0], piece[:, 1], color=colour, lw=PATH, zorder=1.5)
+        for arrow in placed:
+            draw(axes, arrow, now.extent, painter)
+        seen = [replace(each, tail=flat(each.tail), tip=flat(each.tip)) for each in placed]
+        ends = np.array([end for each in placed for end in (each.tail, each.tip)]).reshape(-1, now.dimensions)
+        _fit(axes, now, np.array([low, high, *flat(ends)]), text)
+        _dots(axes, now, flat(now.contacts), visible)
+        _label(axes, now, seen, flat(now.tips), flat(now.middle), text)
+        if camera is not None:
+            _triad(axes, camera, text)
         _frame(drawing, axes, now, scale, longest)
         _explain(drawing, placed)
-    return drawing, now.notes
+    return Drawing(drawing, now.notes)
 
 
-# In space ------------------------------------------------------------------------------------------------------------
-
-
-def _in_space(
-    axes: Axes, now: Instant, scale: float, view: tuple[float, float] | None, forces: Forces, text: float
-) -> list[Arrow]:
-    camera = Camera(*(view or _best_view(now)))
-    painter = Painter(camera, now.extent)
-    for thing, colour in zip(now.things, _thing_colours(now), strict=True):
-        painter.add(thing.surface, colour, outline=EDGE, both_sides=thing.endless)
+def _solids(now: Instant) -> list[Solid]:
+    """List the surfaces of an instant in space: objects and obstacles, and balls as fingertips, which hide no line."""
+    solids = [
+        Solid(thing.surface, colour, both_sides=thing.endless)
+        for thing, colour in zip(now.things, _thing_colours(now), strict=True)
+    ]
     for i, colour in enumerate(finger_colours(now)):
         at = ball(radius(now, i))
-        painter.add(Surface(at.vertices + now.tips[i], at.faces), colour, outline=EDGE, hides=False)
-    behind = painter.hidden(outward(now))
-    painter.draw(axes)
-    low, high = painter.bounds()
-    for path, colour in _paths(now):
-        for piece, visible in painter.pieces(path, before_all=True):
-            if visible and np.ptp(piece[:, :2], axis=0).max() > SHORT * now.extent:
-                axes.plot(piece[:, 0], piece[:, 1], color=colour, lw=PATH, zorder=1.5)
-    placed = arrows(now, scale, forces, camera.axes[:2])
-    for arrow in placed:
-        draw(axes, arrow, now.extent, painter)
-    ends = np.array([end for arrow in placed for end in (arrow.tail, arrow.tip)]).reshape(-1, 3)
-    flat = camera.project(ends)[:, :2]
-    _fit(axes, now, np.min([low, *flat], axis=0), np.max([high, *flat], axis=0), text)
-    _dots(axes, now, camera.project(now.contacts)[:, :2], ~behind)
-    seen = [replace(a, tail=camera.project(a.tail)[:2], tip=camera.project(a.tip)[:2]) for a in placed]
-    _label(axes, now, seen, camera.project(now.tips)[:, :2], camera.project(now.middle)[:2], text)
-    _triad(axes, camera, text)
-    return placed
+        solids.append(Solid(Surface(at.vertices + now.tips[i], at.faces), colour, hides=False))
+    return solids
 
 
-def _best_view(now: Instant) -> tuple[float, float]:
-    return best_view(now.contacts, outward(now) - now.contacts, now.extent)
+def _draw_plane(axes: Axes, now: Instant) -> FloatArray:
+    """Draw objects, obstacles and fingertips in the plane; return their lower and upper corner (2, 2)."""
+    from matplotlib.patches import Circle, Polygon
+
+    corners = [now.middle]
+    for thing, colour in zip(now.things, _thing_colours(now), strict=True):
+        v = thing.surface.vertices
+        hatch = "////" if thing.endless or thing.fixed else None
+        axes.add_patch(Polygon(v, facecolor=colour, edgecolor=EDGE, linewidth=1.0, hatch=hatch, zorder=1))
+        corners += [v.min(axis=0), v.max(axis=0)]
+    for i, colour in enumerate(finger_colours(now)):
+        size = radius(now, i)
+        axes.add_patch(Circle(now.tips[i], size, facecolor=colour, edgecolor=INK, linewidth=0.6, zorder=3))
+        corners += [now.tips[i] - size, now.tips[i] + size]
+    return np.array([np.min(corners, axis=0), np.max(corners, axis=0)])
+
+
+def _pieces(line: FloatArray, painter: Painter | None, *, before_all: bool = False) -> list[tuple[FloatArray, bool]]:
+    """Cut a line into visible and hidden pieces; in the plane all of it is visible."""
+    return [(line, True)] if painter is None else list(painter.pieces(line, before_all=before_all))
 
 
 def _triad(axes: Axes, camera: Camera, text: float) -> None:
@@ -331,38 +315,6 @@ def _triad(axes: Axes, camera: Camera, text: float) -> None:
     )  # fmt: skip
 
 
-# In the plane --------------------------------------------------------------------------------------------------------
-
-
-def _in_plane(axes: Axes, now: Instant, scale: float, forces: Forces, text: float) -> list[Arrow]:
-    from matplotlib.patches import Circle, Polygon
-
-    low = high = now.middle
-    for thing, colour in zip(now.things, _thing_colours(now), strict=True):
-        v = thing.surface.vertices
-        hatch = "////" if thing.endless or thing.fixed else None
-        axes.add_patch(Polygon(v, facecolor=colour, edgecolor=EDGE, linewidth=1.0, hatch=hatch, zorder=1))
-        low, high = np.minimum(low, v.min(axis=0)), np.maximum(high, v.max(axis=0))
-    for path, colour in _paths(now):
-        axes.plot(path[:, 0], path[:, 1], color=colour, linewidth=PATH, zorder=1.5)
-    placed = arrows(now, scale, forces, np.eye(2))
-    for i, colour in enumerate(finger_colours(now)):
-        size = radius(now, i)
-        axes.add_patch(Circle(now.tips[i], size, facecolor=colour, edgecolor=INK, linewidth=0.6, zorder=3))
-        low, high = np.minimum(low, now.tips[i] - size), np.maximum(high, now.tips[i] + size)
-    for arrow in placed:
-        draw(axes, arrow, now.extent)
-        for point in (arrow.tail, arrow.tip):
-            low, high = np.minimum(low, point), np.maximum(high, point)
-    _fit(axes, now, low, high, text)
-    _dots(axes, now, now.contacts, np.ones(len(now.tips), dtype=bool))
-    _label(axes, now, placed, now.tips, now.middle, text)
-    return placed
-
-
-# Both ----------------------------------------------------------------------------------------------------------------
-
-
 def _thing_colours(now: Instant) -> list[str]:
     movable = [thing.name for thing in now.things if not thing.fixed and not thing.endless]
     return colours_of([thing.name for thing in now.things], movable)
@@ -379,8 +331,9 @@ def _paths(now: Instant) -> list[tuple[FloatArray, str]]:
     return [each for each in thin if np.ptp(each[0], axis=0).max() > SHORT * now.extent]
 
 
-def _fit(axes: Axes, now: Instant, low: FloatArray, high: FloatArray, text: float) -> None:
-    """Set equal axes around the drawing, with room for names."""
+def _fit(axes: Axes, now: Instant, points: FloatArray, text: float) -> None:
+    """Set equal axes around the points (k, 2) of the drawing, with room for names."""
+    low, high = points.min(axis=0), points.max(axis=0)
     size = float(np.max(high - low))
     room = 0.06 * size
     widest = max((len(name) for name in _names(now)), default=0) * LETTER * text / (72.0 * SCREEN)
@@ -404,7 +357,8 @@ def _label(
     unit = float(np.ptp(axes.get_xlim())) / (72.0 * SCREEN)  # data units per point
     height = (text + 8.0) * unit
     occupied: list[FloatArray] = []  # centres and sizes
-    busy = np.array([*points(list(placed)), *tips]).reshape(-1, 2)
+    along = [each.tail + share * (each.tip - each.tail) for each in placed for share in np.linspace(0.0, 1.0, 12)]
+    busy = np.array([*along, *tips]).reshape(-1, 2)
     for i, (name, colour) in enumerate(zip(_names(now), finger_colours(now), strict=True)):
         ends = [end for arrow in placed if arrow.finger == i for end in (arrow.tail, arrow.tip)]
         mark = max([tips[i], *ends], key=lambda end: float(np.linalg.norm(end - middle)))

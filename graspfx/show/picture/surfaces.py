@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx.compile.records import numbers
 from graspfx.errors import InputError
+from graspfx.spatial import Quaternion, quaternion_matrix
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -50,12 +52,8 @@ def rotation(orientation: ArrayLike | None, dimensions: int) -> FloatArray:
         c, s = float(np.cos(orientation)), float(np.sin(orientation))
         return np.array([[c, -s], [s, c]])
     q = np.asarray(orientation, dtype=float)
-    x, y, z, w = q / np.linalg.norm(q)
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
+    R = quaternion_matrix(Quaternion(*(q / np.linalg.norm(q)).tolist()))
+    return np.array(list(numbers(R))).reshape(3, 3)
 
 
 def surface(shape: Mapping[str, Any], dimensions: int, extent: float, folder: Path | None = None) -> Surface:
