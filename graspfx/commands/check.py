@@ -46,13 +46,10 @@ def execute(options: Namespace) -> int:
         name = "--out" if options.out is not None else "--samples"
         raise InputError(name, options.out or options.samples, f"{name} together with --operators")
     with waiting(f"reading {options.scene}"):
-        from graspfx.assembly.scene_cache import SceneMemory
         from graspfx.certificate.report import report
         from graspfx.scene.load import load
-        from graspfx.scene.table_memory import remembering
 
-        with remembering(SceneMemory()):
-            scene = load(options.scene, dict(options.overrides), preset=options.preset)
+        scene = load(options.scene, dict(options.overrides), preset=options.preset)
     if options.tick:
         lines = _tick(scene)
         if options.json:
