@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx import installed
-from graspfx.compile.array_cache import content_key, load_arrays, store_arrays
+from graspfx.compile.value_cache import through_cache
 
 FloatArray = NDArray[np.float64]
 
@@ -28,14 +28,8 @@ def hull_points(vertices: FloatArray) -> FloatArray:
 @lru_cache(maxsize=8)
 def _hull_vertices(shape: tuple[int, ...], entries: bytes) -> NDArray[np.intp]:
     """Load the indices of the hull's vertices from disk, or compute and store them."""
-    key = content_key(("hull", installed.version("scipy"), shape), entries)
-    entry = load_arrays(key)
-    if entry is not None:
-        selection: NDArray[np.intp] = entry[1][0]
-        return selection
-    selection = _hull(np.frombuffer(entries).reshape(shape))
-    store_arrays(key, {}, [selection])
-    return selection
+    settings = "hull", installed.version("scipy"), installed.version("numpy"), shape
+    return through_cache(settings, entries, lambda: _hull(np.frombuffer(entries).reshape(shape)))
 
 
 def _hull(vertices: FloatArray) -> NDArray[np.intp]:
