@@ -18,7 +18,7 @@ from graspfx.batch.part_memory import PartMemory
 from graspfx.batch.varied_entries import Columns, NotAlikeError, plain_keys
 from graspfx.errors import Fault, InputError, SceneError
 from graspfx.loop.arena import Arena
-from graspfx.loop.python_parts import foreign, guests, looked_ahead
+from graspfx.loop.servo import foreign, guests, looked_ahead
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene

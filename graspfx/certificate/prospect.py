@@ -10,7 +10,7 @@ from graspfx.certificate.plan import PlanRow
 from graspfx.compile.cache import folder_text
 from graspfx.errors import GraspFXError, InputError, KernelError, SceneError, message
 from graspfx.loop.engine import is_machine_code, kept_program, machine_codes
-from graspfx.loop.python_parts import foreign, guests, looked_ahead
+from graspfx.loop.servo import foreign, guests, looked_ahead
 
 if TYPE_CHECKING:
     from graspfx.loop.servo import Servo

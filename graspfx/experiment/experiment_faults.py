@@ -12,7 +12,7 @@ from graspfx.errors import GraspFXError, SceneError, closest
 from graspfx.experiment.displayed_stiffness import SHARES
 from graspfx.experiment.experiment_table import MOST_TRIALS, ExperimentTable
 from graspfx.experiment.trial import FIRST, SECOND
-from graspfx.scene.keys import Key
+from graspfx.scene.keys import Finding, Key
 from graspfx.scene.load import load
 from graspfx.scene.source import Source
 from graspfx.scene.tables.fields import NotValid
@@ -20,7 +20,6 @@ from graspfx.scene.tables.fields import NotValid
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
 
-Finding = tuple[Key, str]
 OVERRIDE = " (set by an override)"
 
 

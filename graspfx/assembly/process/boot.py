@@ -16,18 +16,6 @@ if TYPE_CHECKING:
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")  # thread limits of numerical libraries
 
 
-def start(ring: int) -> tuple[subprocess.Popen[bytes], Connection]:
-    """Start a servo's process; return it and the connection to it.
-
-    Args:
-        ring: Descriptor of the shared memory.
-
-    Raises:
-        InputError: If this system does not support such processes.
-    """
-    return spawn("graspfx.assembly.process.servo_child", ring)
-
-
 def spawn(module: str, *descriptors: int) -> tuple[subprocess.Popen[bytes], Connection]:
     """Start a process that calls `main` of a module with descriptors of its connection and other files.
 

@@ -134,6 +134,7 @@ LONGER = 0.25  # time until the next, stronger step [s]
 OPENING = 30.0  # time for a device to open, and for all devices to come to rest [s]
 CLOSING = 3.0  # time to close hardware that was not armed [s]
 STEPS = (process_end.ASK, process_end.KILL)
+SERVO = "graspfx.assembly.process.servo_child"
 DEATH = "death"  # message of the guard: the process has ended
 
 
@@ -192,7 +193,7 @@ class Guard(Thread):
 
     def run(self) -> None:
         try:
-            self.process, self._line = boot.start(self._ring.file)
+            self.process, self._line = boot.spawn(SERVO, self._ring.file)
         except BaseException as error:  # noqa: BLE001 - it is raised where a message is awaited
             self.messages.put(("failed", error))
             self.messages.put((DEATH, ""))

@@ -29,8 +29,7 @@ from graspfx.live.stability_verdict import Verdict
 from graspfx.loop import step_program
 from graspfx.loop.arena import Arena
 from graspfx.loop.columns import Layout
-from graspfx.loop.kernel_faults import kernel_fault
-from graspfx.loop.servo import Servo
+from graspfx.loop.servo import Servo, kernel_fault
 from graspfx.loop.world import MOVER, OBJECT_, PLANT, SAFETY, STATION, ServoState
 from graspfx.recording.header import Outcome, conclusion, description
 
