@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import pickle
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from graspfx.scene.model import Scene
 
 
-FORMAT = 3
-PLAIN: tuple[type, ...] = (bool, int, float, str, type(None))
+FORMAT = 4
 
 
 class Place(NamedTuple):
@@ -95,11 +94,11 @@ def cached(where: Place) -> tuple[Scene, list[str]] | None:
     content = cache.load(where.key)
     if content is None:
         return None
-    entry = json.loads(content)
+    entry = pickle.loads(content)
     if entry["files"] != digests(where.source, entry["names"]):
         return None
     source = replace(where.source, preset_values=entry["preset_values"])
-    return cast("Scene", KeptScene(vars(_read(entry["scene"])), source, entry["written"])), entry["notes"]
+    return cast("Scene", KeptScene(vars(entry["scene"]), source, entry["written"])), entry["notes"]
 
 
 def keep(where: Place, scene: Scene, notes: list[str]) -> None:
@@ -110,13 +109,11 @@ def keep(where: Place, scene: Scene, notes: list[str]) -> None:
     files = digests(where.source, names)
     if files is None:
         return
-    try:
-        values = dict(scene.source.preset_values)
-        entry = {"scene": _written(scene), "written": scene.to_dict(), "preset_values": values, "notes": notes}
-        entry |= {"names": names, "files": files}
-    except TypeError:  # a setting of a type that JSON lacks
-        return
-    cache.store(where.key, json.dumps(entry, allow_nan=False).encode())
+    entry = {
+        "scene": _kept(scene), "written": scene.to_dict(), "preset_values": dict(scene.source.preset_values),
+        "notes": notes, "names": names, "files": files,
+    }  # fmt: skip
+    cache.store(where.key, pickle.dumps(entry, protocol=pickle.HIGHEST_PROTOCOL))
 
 
 def is_self_contained(scene: Scene) -> bool:
@@ -156,27 +153,15 @@ def digests(source: Source, names: Iterable[str]) -> list[list[str]] | None:
         return None
 
 
-def _written(value: Any) -> Any:
-    """Convert a table, tuple or list to a list of its name and its parts; plain values are unchanged."""
-    if isinstance(value, PLAIN):
-        return value
+def _kept(value: Any) -> Any:
+    """Replace the tables of a scene by their fields and settings, which can be read without the classes of tables."""
     if isinstance(value, tuple | list):
-        return [type(value).__name__, [_written(each) for each in value]]
+        return type(value)(map(_kept, value))
     if isinstance(value, dict):
-        return ["dict", [[key, _written(each)] for key, each in value.items()]]
-    fields = {name: getattr(value, name) for name in type(value).model_fields}
+        return {key: _kept(each) for key, each in value.items()}
+    if not hasattr(type(value), "model_fields"):
+        return value
+    fields = {name: _kept(getattr(value, name)) for name in type(value).model_fields}
     if hasattr(value, "form"):
         fields["form"] = value.form
-    return ["table", [_written(fields), _written(getattr(value, "settings", {}))]]
-
-
-def _read(value: Any) -> Any:
-    if not isinstance(value, list):
-        return value
-    name, parts = value
-    if name == "dict":
-        return {key: _read(each) for key, each in parts}
-    items = [_read(each) for each in parts]
-    if name == "table":
-        return KeptTable(*items)
-    return tuple(items) if name == "tuple" else items
+    return KeptTable(fields, _kept(getattr(value, "settings", {})))

@@ -11,12 +11,12 @@ from multiprocessing.connection import Connection
 from subprocess import Popen
 from typing import Any
 
-from graspfx.assembly.process import boot
 from graspfx.assembly.process.orders import Errand
 from graspfx.errors import GraspFXError
 from graspfx.live.stability_verdict import Verdict
 from graspfx.resource import Resource
 from graspfx.scene.model import Scene
+from graspfx.system import child_process
 
 CHILD = "graspfx.live.margins_child"
 NO_PROCESS = "the process that computes certificates has ended"
@@ -103,7 +103,7 @@ class Margins(Resource):
         """Start the process, send requests to it, and end it; the system ends the process with this thread."""
         try:
             errand = Errand(self._scene, ticks=0, width=0).text()
-            process, line = boot.spawn(CHILD)
+            process, line = child_process.spawn(CHILD)
         except (GraspFXError, OSError) as error:
             self._fail(str(error))
             return

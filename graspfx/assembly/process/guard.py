@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.assembly.process import boot
 from graspfx.assembly.process.orders import LETTER
 from graspfx.assembly.process.quenching import Quencher, quench_all
 from graspfx.loop.device_exchange import call_of
@@ -25,7 +24,7 @@ from graspfx.loop.realtime.process import GUARD
 from graspfx.loop.realtime.readings import MOST_STILL, STILL_PERIODS, patience
 from graspfx.loop.realtime.ring import SLOTS, Phase, Ring, Word
 from graspfx.recording.recorder import Recorder
-from graspfx.system import process_end
+from graspfx.system import child_process, process_end
 from graspfx.system.scheduling import set_fifo
 
 if TYPE_CHECKING:
@@ -193,7 +192,7 @@ class Guard(Thread):
 
     def run(self) -> None:
         try:
-            self.process, self._line = boot.spawn(SERVO, self._ring.file)
+            self.process, self._line = child_process.spawn(SERVO, self._ring.file)
         except BaseException as error:  # noqa: BLE001 - it is raised where a message is awaited
             self.messages.put(("failed", error))
             self.messages.put((DEATH, ""))
