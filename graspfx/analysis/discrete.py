@@ -108,8 +108,8 @@ def late_device(
     Raises:
         InputError: If the number of whole samples, or the presence of a remainder, differs between periods.
     """
-    periods = np.unique(np.asarray(period, dtype=float))
-    counts = [samples_and_part(latency, each) for each in periods.tolist()]
+    periods = sorted(set(np.ravel(period).astype(float).tolist()))  # np.unique would load numpy.ma
+    counts = [samples_and_part(latency, each) for each in periods]
     if len({(n, part > 0.0) for n, part in counts}) > 1:
         raise InputError(
             "latency",

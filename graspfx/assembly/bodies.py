@@ -21,6 +21,7 @@ from graspfx.objects.body import fill_body
 from graspfx.objects.dynamics_table import MEETING, dynamics_of
 from graspfx.objects.surroundings import Obstacle as PlacedObstacle
 from graspfx.objects.surroundings import place_obstacle
+from graspfx.scene.keys import Key
 
 if TYPE_CHECKING:
     from graspfx.scene.tables.part_tables import Object, Obstacle
@@ -158,9 +159,6 @@ def fill(scene: SceneTable, table: Object, solid: Solid, state: FloatArray, *, p
     )
 
 
-Location = tuple[str | int, ...]
-
-
 class Stock:
     """Connected devices, shapes and recorded paths, by the locations of their tables in the scene.
 
@@ -173,17 +171,17 @@ class Stock:
 
     def __init__(self, folder: Path | None) -> None:
         self.folder = folder
-        self.devices: dict[Location, Device] = {}
+        self.devices: dict[Key, Device] = {}
         self.starts: dict[int, tuple[float, ...] | None] = {}  # starts of fingers placed along a direction
         self.memory = Memory()  # memory for the blocks of these devices
         self.parts: Any = None  # parts by `graspfx.assembly.resolve`, made on demand
         self.built: Any = None  # a servo that has run, and its initial state, by `graspfx.assembly.build`
-        self._solids: dict[Location, Solid] = {}
+        self._solids: dict[Key, Solid] = {}
         self._paths: dict[str, motion.Path] = {}
         self._lock = Lock()
         self._unused = True
 
-    def solid(self, at: Location, table: Object | Obstacle) -> Solid:
+    def solid(self, at: Key, table: Object | Obstacle) -> Solid:
         """Return the shape of the object or obstacle whose table is at this location.
 
         Raises:
@@ -221,9 +219,6 @@ class Stock:
 
     def __reduce__(self) -> tuple[type[None], tuple[()]]:
         return type(None), ()
-
-
-Finding = tuple[Location, str]
 
 
 def moves(scene: SceneTable, thing: Object) -> bool:

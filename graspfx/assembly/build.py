@@ -22,7 +22,7 @@ from graspfx.compile.memory import ROOM, Memory, within, without
 from graspfx.errors import DeviceError
 from graspfx.feedback.bridge import make_host
 from graspfx.loop.columns import Layout, chosen_layout
-from graspfx.loop.device import OperatedDevice, RawDevice, SimulatedDevice
+from graspfx.loop.device import OperatedDevice, RawDevice, SimulatedDevice, is_hardware
 from graspfx.loop.energy.observer import Observer
 from graspfx.loop.hand import join
 from graspfx.loop.played import Playback
@@ -140,7 +140,7 @@ def make_plants(
 def _components(wired: Sequence[Wire], hands: Sequence[HandPart]) -> Iterator[list[int]]:
     """Find the sets of simulated devices that share a hand, directly or through other devices."""
     of_finger = {int(f): i for i, wire in enumerate(wired) for f in wire.used}
-    left = {i for i, wire in enumerate(wired) if isinstance(wire.device, SimulatedDevice)}
+    left = {i for i, wire in enumerate(wired) if not is_hardware(wire.device)}
     while left:
         members = [min(left)]
         for member in members:  # this list grows during the loop
@@ -205,7 +205,7 @@ def build(
         else:
             plants = list(make_plants(parts, wired, inward, live=live))
             for wire in wired:
-                if isinstance(wire.device, SimulatedDevice):
+                if not is_hardware(wire.device):
                     stack.enter_context(wire.device)
                     wire.device.open(scene.period)
         observers, safety = list(_observers(parts, objects, movers)), _safety(parts, objects, fields)

@@ -22,6 +22,7 @@ from graspfx.loop.motion import motion as motions
 from graspfx.loop.motion.tremor import Tremor
 from graspfx.loop.motion.turn import Turn
 from graspfx.loop.operator import NOISE, Operator
+from graspfx.scene.keys import Key
 from graspfx.scene.tables.reading import AXES, listed
 
 if TYPE_CHECKING:
@@ -73,14 +74,13 @@ OPERATOR = (
     ("limb", "a limb's mass"), ("stiffening", "stiffer with grip"), ("reaction", "a late reaction"),
     ("tremor", "tremor"), ("noise", "noise"),
 )  # fmt: skip
-Location = tuple[str | int, ...]
 
 
 @dataclass(frozen=True)
 class Holding:
     """Fingers of one hand, its table (None without a hand) and the table's location."""
 
-    at: Location
+    at: Key
     table: OwnHand | SharedHand | MadeHand | SharedMadeHand | None
     fingers: list[int]
 
@@ -88,7 +88,7 @@ class Holding:
 def holdings(scene: SceneTable) -> list[Holding]:
     """List the hands of a scene in the order of their first fingers; a finger without a hand has its own entry."""
     shared = {table.name: (("hand", k), table) for k, table in enumerate(scene.hand)}
-    hands: dict[Location, Holding] = {}
+    hands: dict[Key, Holding] = {}
     for i, finger in enumerate(scene.finger):
         label = finger.hand
         at, table = shared[label] if isinstance(label, str) else (("finger", i, "hand"), label)

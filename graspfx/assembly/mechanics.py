@@ -74,17 +74,17 @@ def mechanics(parts: Parts, position: FloatArray, hands: Sequence[StillHand]) ->
     assumed: set[str] = set()
     for wire in parts.wires:
         used = wire.used
-        mechanics_of = _device_mechanics(parts.scene, used, wire.features)
+        own_mass, own_friction = _mass_and_friction(parts.scene, used, wire.features)
         assumed.update(_assumed(wire, [parts.scene.finger_names[i] for i in used]))
         lateness[used], age[used] = wire.features.lateness or 0.0, wire.features.latency or 0.0
         jitter[:, used] = np.array(wire.fitting.jitter or (wire.features.lateness or 0.0,) * 2)[:, None]
         round_trip[used], hardware[used] = wire.fitting.round_trip, is_hardware(wire.device)
+        delay[used] = wire.features.delay or 0
         for i in used:
-            delay[i] = mechanics_of.delay or 0
             if isinstance(wire.device, Postured) and not MECHANICAL & wire.fitting.measures.keys():
                 mass[i], friction[i] = _in_posture(wire.device, wire.fitting.frame, position[i])
             else:
-                mass[i], friction[i] = mechanics_of.mass * np.eye(d), mechanics_of.friction * np.eye(d)
+                mass[i], friction[i] = own_mass * np.eye(d), own_friction * np.eye(d)
     K, B = np.zeros((n, d, n, d)), np.zeros((n, d, n, d))
     for still in hands:
         for total, part in ((K, still.hand.stiffness), (B, still.hand.damping)):
@@ -115,21 +115,12 @@ def _in_posture(device: Postured, frame: Frame | None, position: FloatArray) -> 
     return frame.impedance(device.effective_mass(own)), frame.impedance(device.effective_friction(own))
 
 
-@dataclass(frozen=True)
-class _DeviceMechanics:
-    mass: float
-    friction: float
-    delay: int | None
-
-
-def _device_mechanics(scene: Scene, fingers: NDArray[np.intp], features: Features) -> _DeviceMechanics:
+def _mass_and_friction(scene: Scene, fingers: NDArray[np.intp], features: Features) -> tuple[float, float]:
+    if features.mass is not None and features.friction is not None:
+        return features.mass, features.friction
     lacking = [name for name in ("mass", "friction") if getattr(features, name) is None]
-    if features.mass is None or features.friction is None:
-        names = ", ".join(scene.finger_names[i] for i in fingers)
-        raise InputError(
-            f"the device of {names}",
-            None,
-            f"a device that reports its {' and '.join(lacking)}",
-            "a stability limit depends on both; pass the driver the settings that determine its features",
-        )
-    return _DeviceMechanics(features.mass, features.friction, features.delay)
+    raise InputError(
+        f"the device of {', '.join(scene.finger_names[i] for i in fingers)}", None,
+        f"a device that reports its {' and '.join(lacking)}",
+        "a stability limit depends on both; pass the driver the settings that determine its features",
+    )  # fmt: skip

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from graspfx import installed
-from graspfx.compile.array_cache import content_key, load_arrays, store_arrays
 from graspfx.compile.records import numbers
+from graspfx.compile.value_cache import through_cache
 from graspfx.environment import require_file, to_path
 from graspfx.errors import InputError
 from graspfx.spatial import Quaternion, Vector, quaternion, rotate
@@ -20,38 +20,6 @@ from graspfx.spatial import Quaternion, Vector, quaternion, rotate
 if TYPE_CHECKING:
     from graspfx.scene.tables.part_tables import Object, Obstacle
     from graspfx.surfaces.triangles.mesh import MassProperties, Mesh
-
-
-SHARES = ("centre", "inertia", "moments", "axes")  # mass properties except the mass
-
-
-def through_cache(
-    content: bytes, settings: object, make: Callable[[], tuple[Mesh, MassProperties]]
-) -> tuple[Mesh, MassProperties]:
-    """Return the mesh and mass properties from the cache if it has an entry for the content, else from `make`.
-
-    Args:
-        content: Content of the mesh's file, or bytes of its arrays.
-        settings: Everything else on which the mesh depends, as a value with a complete text form.
-        make: Function that makes the mesh and its mass properties, or raises; an invalid mesh is not cached.
-    """
-    distributions = installed.distributions()
-    if distributions is None:
-        return make()
-    key = content_key((distributions, settings), content)
-    entry = load_arrays(key)
-    if entry is None:
-        mesh, unit = make()
-        head = {"shell": mesh.shell, "notes": mesh.notes, "mass": unit.mass.hex()}
-        arrays = mesh.vertices, mesh.faces, mesh.data, *(getattr(unit, name) for name in SHARES)
-        store_arrays(key, head, arrays)
-        return mesh, unit
-    from graspfx.surfaces.triangles.mesh import MassProperties, Mesh
-
-    table, (vertices, faces, data, *shares) = entry
-    mesh = Mesh(vertices, faces, table["shell"], tuple(table["notes"]))
-    vars(mesh)["data"] = data  # value of its cached property
-    return mesh, MassProperties(float.fromhex(table["mass"]), *shares)
 
 
 Numbers = tuple[float, ...]
@@ -132,39 +100,51 @@ def mesh_name(table: Object) -> str:
 @lru_cache(CACHED)
 def _read(path: str, version: tuple[int, int], scale: float, shell: bool, limits: tuple[int, int]) -> SceneMesh:
     most_bytes, most_triangles = limits
+    file = Path(path)
 
-    def make() -> tuple[Mesh, MassProperties]:
+    def make() -> Mesh:
         from graspfx.surfaces.triangles.mesh import load_mesh
 
-        return _weighed(load_mesh(path, scale=scale, shell=shell, most_bytes=most_bytes, most_triangles=most_triangles))
+        return load_mesh(path, scale=scale, shell=shell, most_bytes=most_bytes, most_triangles=most_triangles)
 
-    file = Path(path)
-    if version[1] > most_bytes:
-        return SceneMesh(*make())
     try:
-        content = file.read_bytes()
+        content = file.read_bytes() if version[1] <= most_bytes else None
     except OSError:  # `load_mesh` reports the error
-        return SceneMesh(*make())
-    return SceneMesh(*through_cache(content, (file.suffix.lower(), scale, shell, limits), make))
+        content = None
+    return _weighed(content, (file.suffix.lower(), scale, shell, limits), make)
 
 
 @lru_cache(CACHED)
 def _scene_mesh(vertices: Any, faces: Any, scale: float, shell: bool) -> SceneMesh:
     arrays = np.array(vertices), np.array(faces)
 
-    def make() -> tuple[Mesh, MassProperties]:
+    def make() -> Mesh:
         from graspfx.surfaces.triangles.mesh import make_mesh
 
-        return _weighed(make_mesh(*arrays, scale=scale, shell=shell, name="vertices"))
+        return make_mesh(*arrays, scale=scale, shell=shell, name="vertices")
 
-    if any(each.dtype == object for each in arrays):  # ragged: refused
-        return SceneMesh(*make())
-    content = b"".join(each.tobytes() for each in arrays)
+    is_ragged = any(each.dtype == object for each in arrays)  # refused by `make_mesh`
     kinds = [(each.dtype.str, each.shape) for each in arrays]
-    return SceneMesh(*through_cache(content, (kinds, scale, shell), make))
+    return _weighed(None if is_ragged else b"".join(each.tobytes() for each in arrays), (kinds, scale, shell), make)
 
 
-def _weighed(mesh: Mesh) -> tuple[Mesh, MassProperties]:
-    """Transform a mesh to its body's frame; return it, with its mass properties in the file's frame."""
-    unit = mesh.mass_properties(mass=1.0) if mesh.shell else mesh.mass_properties(density=1.0)
-    return mesh.seen_from(unit.centre, unit.axes), unit
+def _weighed(content: bytes | None, settings: object, make: Callable[[], Mesh]) -> SceneMesh:
+    """Make a mesh in its body's frame, with its mass properties in the file's frame, or take both from the cache.
+
+    Args:
+        content: Content of the mesh's file, or bytes of its arrays; None for a mesh that is not cached.
+        settings: Everything else on which the mesh depends, as a value with a complete text form.
+        make: Function that makes the mesh in the file's frame, or raises.
+    """
+
+    def weigh() -> SceneMesh:
+        mesh = make()
+        unit = mesh.mass_properties(mass=1.0) if mesh.shell else mesh.mass_properties(density=1.0)
+        own = mesh.seen_from(unit.centre, unit.axes)
+        _ = own.data  # computed here, so that it is cached too
+        return SceneMesh(own, unit)
+
+    distributions = installed.distributions()
+    if content is None or distributions is None:
+        return weigh()
+    return through_cache((distributions, settings), content, weigh)

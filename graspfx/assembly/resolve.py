@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,7 +16,7 @@ from graspfx.assembly.bodies import Solid, Stock, fill, obstacles, place
 from graspfx.assembly.device_limits import force_limits, safety_limits
 from graspfx.assembly.hands import HandPart, holdings, make_hand
 from graspfx.assembly.meshes import mesh_name
-from graspfx.assembly.wiring import Finding, Wire, placing_faults, wires, wires_anew
+from graspfx.assembly.wiring import Wire, placing_faults, wires, wires_anew
 from graspfx.compile.memory import ROOM, Memory, within
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import FADE, Rules
@@ -28,6 +28,7 @@ from graspfx.loop.device_exchange import device_name
 from graspfx.loop.safety.chain import SafetyLimits
 from graspfx.loop.servo_parts import DeviceWiring
 from graspfx.objects.surroundings import Obstacle, place_obstacle
+from graspfx.scene.keys import Finding
 from graspfx.surfaces.standoff import standoff
 
 if TYPE_CHECKING:
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
 
 
 Point = tuple[float, ...]
-Location = tuple[str | int, ...]
 
 
 def start_of(scene: SceneTable, i: int, stock: Stock) -> Point | None:
@@ -142,28 +142,24 @@ class ObjectPart:
             predicts: Whether the implicit integrator is used as such (`bodies.fill`).
             live: Names of the block's fields that may change during a run.
         """
-        n, d, fill_body = len(self.fingers), self.scene.dimensions, self._fill_body(predicts)
-        return GraspedObject(n, d, law=self.law, fill_body=fill_body, live=live, **self._numbers(limits))
-
-    def _numbers(self, limits: FloatArray | None) -> dict[str, Any]:
-        return {
-            "rules": self.rules,
-            "period": self.scene.period,
-            "shape": self.solid.shape,
-            "radius": [self.scene.finger[f].radius for f in self.fingers],
-            "limit": None if limits is None else limits[self.fingers],
-        }
-
-    def _fill_body(self, predicts: bool) -> Callable[[FloatArray], None]:
-        return lambda state: fill(self.scene, self.table, self.solid, state, predicts=predicts)
+        scene, own = self.scene, self.fingers
+        return GraspedObject(
+            len(own), scene.dimensions, law=self.law, rules=self.rules, period=scene.period, shape=self.solid.shape,
+            radius=[scene.finger[f].radius for f in own], limit=None if limits is None else limits[own], live=live,
+            fill_body=lambda state: fill(scene, self.table, self.solid, state, predicts=predicts),
+        )  # fmt: skip
 
 
-def make_objects(scene: Scene, stock: Stock, wired: Sequence[Wire]) -> tuple[ObjectPart, ...]:
+def make_objects(scene: Scene, stock: Stock, wired: Sequence[Wire]) -> Iterator[ObjectPart]:
     """Make the law and the rules of each object of a scene; masses for the split are those of `wired`."""
     masses = device_masses(scene, wired) if scene.coupling.split == "mass" else None
     if scene.coupling.split == "weights":
         masses = np.array(scene.coupling.weights)
-    return tuple(_make_object(scene, stock, index, masses) for index in range(len(scene.object)))
+    for i, table in enumerate(scene.object):
+        fingers = np.flatnonzero(np.array(scene.finger_objects) == i)
+        solid = stock.solid(("object", i), table)
+        law = make_law(scene, fingers, solid)
+        yield ObjectPart(scene, table, i, fingers, solid, law, _rules(scene, fingers, masses))
 
 
 def device_masses(scene: Scene, wired: Sequence[Wire]) -> FloatArray:
@@ -172,21 +168,6 @@ def device_masses(scene: Scene, wired: Sequence[Wire]) -> FloatArray:
     for wire in wired:
         masses[wire.used] = wire.features.mass
     return masses
-
-
-def _make_object(scene: Scene, stock: Stock, index: int, masses: FloatArray | None) -> ObjectPart:
-    table = scene.object[index]
-    fingers = np.flatnonzero(np.array(scene.finger_objects) == index)
-    solid = stock.solid(("object", index), table)
-    return ObjectPart(
-        scene,
-        table,
-        index,
-        fingers,
-        solid,
-        make_law(scene, fingers, solid),
-        _rules(scene, fingers, masses),
-    )
 
 
 def make_law(scene: Scene, fingers: Index, solid: Solid) -> Coupling:
@@ -228,28 +209,17 @@ def _own(gain: Gains, fingers: Index) -> float | FloatArray:
     return values[fingers] if values.ndim in (1, 3) else values
 
 
-def _share(masses: FloatArray | None, fingers: Index) -> list[float] | None:
-    if masses is None or not len(fingers):
-        return None
-    shares: list[float] = (masses[fingers] / masses[fingers].mean()).tolist()
-    return shares
-
-
-def _fade(scene: Scene) -> tuple[float, float] | None:
-    rules = scene.coupling
-    return None if rules.absent == "follow" else FADE if rules.fade == "auto" else rules.fade
-
-
 def _rules(scene: Scene, fingers: Index, masses: FloatArray | None) -> Rules:
     """Make the contact rules of one object's fingers."""
     rules, own = scene.coupling, [scene.finger[i] for i in fingers]
+    fade = None if rules.absent == "follow" else FADE if rules.fade == "auto" else rules.fade
     return Rules(
         attached=rules.contact == "attached",
         stick=rules.friction == "stick",
         friction=[scene.coefficients[i] for i in fingers],
         patch=[finger.patch or 0.0 for finger in own],
-        share=_share(masses, fingers),
-        fade=_fade(scene),
+        share=(masses[fingers] / masses[fingers].mean()).tolist() if masses is not None and len(fingers) else None,
+        fade=fade,
         at_contact=rules.reaction == "contact",
         blend=None if rules.blend == "off" else rules.blend,
         axes=rules.axes,
@@ -309,7 +279,7 @@ class Parts:
     @cached_property
     def objects(self) -> tuple[ObjectPart, ...]:
         """Objects with their solids, laws and rules, in the scene's order."""
-        return make_objects(self.scene, self.stock, self.wires)
+        return tuple(make_objects(self.scene, self.stock, self.wires))
 
     @cached_property
     def hands(self) -> tuple[HandPart, ...]:

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import pickle
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
-
-import numpy as np
 
 from graspfx import installed, plugins
 from graspfx.compile import cache
@@ -20,15 +17,13 @@ from graspfx.errors import Fault, InputError, SceneError
 from graspfx.plugins import BUILT_IN
 from graspfx.scene.keys import Key
 from graspfx.scene.source import Source
-from graspfx.scene.table_memory import CheckedTable
 from graspfx.scene.tables.reading import Readable, listed
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
 
 
-FORMAT = 3
-PLAIN: tuple[type, ...] = (bool, int, float, str, type(None))
+FORMAT = 4
 
 
 class Place(NamedTuple):
@@ -99,11 +94,11 @@ def cached(where: Place) -> tuple[Scene, list[str]] | None:
     content = cache.load(where.key)
     if content is None:
         return None
-    entry = json.loads(content)
+    entry = pickle.loads(content)
     if entry["files"] != digests(where.source, entry["names"]):
         return None
     source = replace(where.source, preset_values=entry["preset_values"])
-    return cast("Scene", KeptScene(vars(_read(entry["scene"])), source, entry["written"])), entry["notes"]
+    return cast("Scene", KeptScene(vars(entry["scene"]), source, entry["written"])), entry["notes"]
 
 
 def keep(where: Place, scene: Scene, notes: list[str]) -> None:
@@ -114,13 +109,11 @@ def keep(where: Place, scene: Scene, notes: list[str]) -> None:
     files = digests(where.source, names)
     if files is None:
         return
-    try:
-        values = dict(scene.source.preset_values)
-        entry = {"scene": _written(scene), "written": scene.to_dict(), "preset_values": values, "notes": notes}
-        entry |= {"names": names, "files": files}
-    except TypeError:  # a setting of a type that JSON lacks
-        return
-    cache.store(where.key, json.dumps(entry, allow_nan=False).encode())
+    entry = {
+        "scene": _kept(scene), "written": scene.to_dict(), "preset_values": dict(scene.source.preset_values),
+        "notes": notes, "names": names, "files": files,
+    }  # fmt: skip
+    cache.store(where.key, pickle.dumps(entry, protocol=pickle.HIGHEST_PROTOCOL))
 
 
 def is_self_contained(scene: Scene) -> bool:
@@ -160,120 +153,15 @@ def digests(source: Source, names: Iterable[str]) -> list[list[str]] | None:
         return None
 
 
-def _written(value: Any) -> Any:
-    """Convert a table, tuple or list to a list of its name and its parts; plain values are unchanged."""
-    if isinstance(value, PLAIN):
-        return value
+def _kept(value: Any) -> Any:
+    """Replace the tables of a scene by their fields and settings, which can be read without the classes of tables."""
     if isinstance(value, tuple | list):
-        return [type(value).__name__, [_written(each) for each in value]]
+        return type(value)(map(_kept, value))
     if isinstance(value, dict):
-        return ["dict", [[key, _written(each)] for key, each in value.items()]]
-    fields = {name: getattr(value, name) for name in type(value).model_fields}
+        return {key: _kept(each) for key, each in value.items()}
+    if not hasattr(type(value), "model_fields"):
+        return value
+    fields = {name: _kept(getattr(value, name)) for name in type(value).model_fields}
     if hasattr(value, "form"):
         fields["form"] = value.form
-    return ["table", [_written(fields), _written(getattr(value, "settings", {}))]]
-
-
-def _read(value: Any) -> Any:
-    if not isinstance(value, list):
-        return value
-    name, parts = value
-    if name == "dict":
-        return {key: _read(each) for key, each in parts}
-    items = [_read(each) for each in parts]
-    if name == "table":
-        return KeptTable(*items)
-    return tuple(items) if name == "tuple" else items
-
-
-SEPARATOR = b"\n"  # separates names and digests of data files from the scene
-
-
-class SceneMemory:
-    """A cache of scenes and their notes on disk, by everything on which the scenes' checks depend.
-
-    The key includes the whole table with exact numbers, the folder of relative paths, installed packages, and time and
-    size of every source file of GraspFX and of its device drivers. Data files are compared by their content. A scene
-    that names code is not cached.
-    """
-
-    def __init__(self) -> None:
-        shelf = list(stamps_in(str(plugins.shelf("devices"))))
-        distributions = installed.distributions()
-        self._about = FORMAT, sys.version, distributions, source_stamps(), shelf
-        self._usable = distributions is not None
-
-    def recall(self, table: Mapping[str, Any], source: Source) -> CheckedTable | None:
-        """Return the checked form of a table; None if it is not cached."""
-        content = self._load("scene", table, source)
-        return None if content is None else CheckedTable(*pickle.loads(content))
-
-    def keep(self, table: Mapping[str, Any], source: Source, scene: Scene) -> None:
-        """Cache a scene that has just passed its checks, if its table and data files determine it completely."""
-        if self._usable and is_self_contained(scene):
-            parts = vars(scene), scene.model_fields_set, scene.to_dict()
-            self._store("scene", table, source, scene, pickle.dumps(parts, protocol=pickle.HIGHEST_PROTOCOL))
-
-    def notes(self, scene: Scene) -> list[str] | None:
-        """Return the notes on a scene; None if they are not cached."""
-        content = self._load("notes", scene.to_dict(), scene.source)
-        return None if content is None else [str(note) for note in json.loads(content)]
-
-    def keep_notes(self, scene: Scene, notes: list[str]) -> None:
-        """Cache the notes on a scene."""
-        if self._usable and is_self_contained(scene):
-            self._store("notes", scene.to_dict(), scene.source, scene, json.dumps(notes).encode())
-
-    def _load(self, kind: str, table: Mapping[str, Any], source: Source) -> bytes | None:
-        key = self._key(kind, table, source)
-        entry = cache.load(key) if key else None
-        if entry is None:
-            return None
-        head, _, content = entry.partition(SEPARATOR)
-        names, files = json.loads(head)
-        return content if files == digests(source, names) else None
-
-    def _store(self, kind: str, table: Mapping[str, Any], source: Source, scene: Scene, content: bytes) -> None:
-        key, names = self._key(kind, table, source), list(data_files(scene))
-        files = digests(source, names)
-        if key and files is not None:
-            cache.store(key, json.dumps([names, files]).encode() + SEPARATOR + content)
-
-    def _key(self, kind: str, table: Mapping[str, Any], source: Source) -> str:
-        """Compute the digest of the key; empty for a table with values that are not plain."""
-        if not self._usable:
-            return ""
-        try:
-            values = _canonical(table)
-        except TypeError:
-            return ""
-        origin = (
-            str(source.path),
-            source.name,
-            source.is_trusted,
-            source.is_recorded,
-            _canonical(source.overrides),
-            source.preset,
-        )
-        return sha256(repr((kind, self._about, origin, values)).encode()).hexdigest()
-
-
-def _canonical(value: Any) -> Any:
-    """Convert nested values to a form whose `repr` is unique, including types and exact numbers.
-
-    Raises:
-        TypeError: If a value is not a number, text, list, table or array of numbers.
-    """
-    if type(value) in PLAIN:
-        return value
-    if isinstance(value, list | tuple):
-        return type(value)(map(_canonical, value)) if type(value) in (list, tuple) else _refuse(value)
-    if isinstance(value, dict):
-        return [(_canonical(key), _canonical(each)) for key, each in value.items()]
-    if isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "biuf":
-        return "array", value.dtype.str, value.shape, value.tobytes()
-    return _refuse(value)
-
-
-def _refuse(value: Any) -> Any:
-    raise TypeError(type(value).__name__)
+    return KeptTable(fields, _kept(getattr(value, "settings", {})))

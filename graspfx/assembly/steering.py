@@ -25,8 +25,7 @@ from graspfx.assembly.live import (
     value_of,
 )
 from graspfx.assembly.process.orders import goal_places
-from graspfx.compile.entry_names import name_of
-from graspfx.compile.records import entries_of, start_of
+from graspfx.compile.records import entries_of, name_of, start_of
 from graspfx.coupling.block_entries import compliant_entry, has_problems, matrix_entries
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.errors import InputError

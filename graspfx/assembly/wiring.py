@@ -20,6 +20,7 @@ from graspfx.compile.memory import within
 from graspfx.errors import DeviceError, InputError, abbreviate
 from graspfx.loop.device import Device, Features, OperatedDevice, SimulatedDevice
 from graspfx.loop.device_mount import PLAIN, Fitting, frame
+from graspfx.scene.keys import Finding, Key
 
 if TYPE_CHECKING:
     from graspfx.assembly.bodies import Stock
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
     from graspfx.scene.tables.scene_table import SceneTable
 
 
-Location = tuple[str | int, ...]
-Finding = tuple[Location, str]
 KEYS = ("frame", "deadman", "rate")
 OF_RUNS = ("jitter", "round_trip")  # measures that are not features
 MOST = 4  # largest number of ticks between calls of a device; more would be felt as steps
@@ -52,7 +51,7 @@ def fitting_of(table: DeviceTable, scene: SceneTable) -> Fitting:
     )
 
 
-def fitting_faults(scene: SceneTable, at: Location, table: DeviceTable, device: Device) -> Iterator[Finding]:
+def fitting_faults(scene: SceneTable, at: Key, table: DeviceTable, device: Device) -> Iterator[Finding]:
     """Find faults of a connected device's frame, deadman switch and rate."""
     from graspfx.scene.tables.fields import NotValid
 
@@ -70,7 +69,7 @@ def fitting_faults(scene: SceneTable, at: Location, table: DeviceTable, device: 
         yield from _rate_faults(scene, at, table)
 
 
-def _frame_faults(scene: SceneTable, at: Location, table: DeviceTable) -> Iterator[Finding]:
+def _frame_faults(scene: SceneTable, at: Key, table: DeviceTable) -> Iterator[Finding]:
     place = table.frame
     if place is not None:
         try:
@@ -79,14 +78,14 @@ def _frame_faults(scene: SceneTable, at: Location, table: DeviceTable) -> Iterat
             yield (*at, "frame", error.name), str(error).removeprefix(f"{error.name}: ")
 
 
-def _deadman_faults(at: Location, table: DeviceTable, device: Device) -> Iterator[Finding]:
+def _deadman_faults(at: Key, table: DeviceTable, device: Device) -> Iterator[Finding]:
     deadman, switches = table.deadman, device.features.switches
     if deadman is not None and deadman >= switches:
         has = f"{table.name!r} has {switches or 'no'} switch{'' if switches == 1 else 'es'}"
         yield (*at, "deadman"), f"expected the number of a switch of the device, counted from 0: {has}; given {deadman}"
 
 
-def _rate_faults(scene: SceneTable, at: Location, table: DeviceTable) -> Iterator[Finding]:
+def _rate_faults(scene: SceneTable, at: Key, table: DeviceTable) -> Iterator[Finding]:
     rate = table.rate
     if rate is not None and _ticks(rate, scene.period) > MOST:
         least = 1.0 / (MOST * scene.period)
@@ -99,7 +98,7 @@ def _ticks(rate: float, period: float) -> int:
 
 
 FloatArray = NDArray[np.float64]
-Connected = Mapping[Location, Device]
+Connected = Mapping[Key, Device]
 AUTOMATIC = "dimensions"  # argument for drivers that accept it, from the scene's key
 
 
@@ -108,14 +107,14 @@ class Wire:
     """A connected device and its features before it is opened.
 
     Attributes:
-        at: Location of its table.
+        at: Key of its table.
         device: Device, not opened.
         fingers: Finger of each of its channels, -1 for none.
         features: Features that the device reports, converted to axes and units of the scene.
         fitting: Relation of the device to the scene.
     """
 
-    at: Location
+    at: Key
     device: Device
     fingers: NDArray[np.intp]
     features: Features
@@ -136,7 +135,7 @@ def connect(driver: ModuleType, table: DeviceTable, dimensions: int) -> Device:
     return device
 
 
-def table_at(scene: SceneTable, i: int) -> tuple[Location, DeviceTable]:
+def table_at(scene: SceneTable, i: int) -> tuple[Key, DeviceTable]:
     """Return the location and the table of the device of finger i."""
     device = scene.finger[i].device
     if not isinstance(device, str):
@@ -146,7 +145,7 @@ def table_at(scene: SceneTable, i: int) -> tuple[Location, DeviceTable]:
 
 
 def fitted(
-    at: Location, device: Device, fingers: NDArray[np.intp], table: DeviceTable, scene: SceneTable
+    at: Key, device: Device, fingers: NDArray[np.intp], table: DeviceTable, scene: SceneTable
 ) -> Wire:  # fmt: skip
     """Combine a connected device with the fitting from its table."""
     fitting = fitting_of(table, scene)
@@ -167,9 +166,9 @@ def wires_anew(scene: SceneTable, folder: Path | None) -> tuple[Wire, ...]:
     return tuple(_wires(scene, folder, {}))
 
 
-def _wires(scene: SceneTable, folder: Path | None, devices: dict[Location, Device]) -> Iterator[Wire]:
-    channels: dict[Location, dict[int, int]] = {}
-    tables: dict[Location, DeviceTable] = {}
+def _wires(scene: SceneTable, folder: Path | None, devices: dict[Key, Device]) -> Iterator[Wire]:
+    channels: dict[Key, dict[int, int]] = {}
+    tables: dict[Key, DeviceTable] = {}
     for i, finger in enumerate(scene.finger):
         at, tables[at] = table_at(scene, i)
         channels.setdefault(at, {})[finger.channel] = i
@@ -184,7 +183,7 @@ def wiring_faults(scene: SceneTable, connected: Connected) -> Iterator[Finding]:
     """Find inconsistencies between fingers and connected devices."""
     from graspfx.scene.tables.fields import NotValid
 
-    channels: dict[Location, list[int]] = {at: [] for at in connected}
+    channels: dict[Key, list[int]] = {at: [] for at in connected}
     kinds: dict[str, type] = {}
     for i, finger in enumerate(scene.finger):
         with suppress(NotValid, StopIteration):  # invalid tables and missing devices have their own faults
@@ -210,7 +209,7 @@ def wiring_faults(scene: SceneTable, connected: Connected) -> Iterator[Finding]:
             yield at, f"no finger uses its channel {free[0]}: a simulated device needs a finger for each channel"
 
 
-def _table(scene: SceneTable, at: Location) -> DeviceTable:
+def _table(scene: SceneTable, at: Key) -> DeviceTable:
     first, number = at[:2]
     part = getattr(scene, str(first))[number]
     table: DeviceTable = part.device if first == "finger" else part
@@ -225,7 +224,7 @@ def _hand_table(scene: SceneTable, finger: Finger) -> object:
 
 
 def _hand_faults(
-    scene: SceneTable, at: Location, finger: Finger, device: Device, kinds: dict[str, type]
+    scene: SceneTable, at: Key, finger: Finger, device: Device, kinds: dict[str, type]
 ) -> Iterator[Finding]:
     if finger.hand is None:
         return

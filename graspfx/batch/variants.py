@@ -19,7 +19,7 @@ from graspfx.assembly.resolve import require_no_host, require_prompt_simulations
 from graspfx.batch.varied_entries import Column, Columns, NotAlikeError, plain_keys
 from graspfx.errors import Fault, InputError, SceneError
 from graspfx.loop.arena import Arena
-from graspfx.loop.python_parts import foreign, guests, looked_ahead
+from graspfx.loop.servo import foreign, guests, looked_ahead
 
 if TYPE_CHECKING:
     from graspfx.loop.servo import Servo

@@ -36,7 +36,7 @@ from graspfx.loop.plant import is_still
 from graspfx.numeric import LARGEST, SMALLEST
 from graspfx.objects.body import VISCOUS_LIMIT
 from graspfx.objects.body_state import BodyState
-from graspfx.scene.keys import general
+from graspfx.scene.keys import Key, general
 from graspfx.scene.tables.fields import Table
 from graspfx.scene.tables.part_tables import Device
 
@@ -48,7 +48,6 @@ if TYPE_CHECKING:
     from graspfx.scene.tables.scene_table import SceneTable
 
 
-Location = tuple[str | int, ...]
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 Index = NDArray[np.intp]
@@ -108,7 +107,7 @@ class PartColumns:
                 tables[first][k] = _with(tables[first][k], path, value)
         return self.scene.model_copy(update={name: tuple(items) for name, items in tables.items()})
 
-    def _changed(self, parts: Parts, scene: Scene) -> list[Location]:
+    def _changed(self, parts: Parts, scene: Scene) -> list[Key]:
         """List the locations of device tables that differ."""
         return [wire.at for wire in parts.wires if _device_at(scene, wire) is not _device_at(self.scene, wire)]
 
@@ -223,7 +222,7 @@ def _device_at(scene: SceneTable, wire: Wire) -> Any:
     return table.device if first == "finger" else table
 
 
-def _wires(parts: Parts, scene: Scene, places: Collection[Location]) -> list[Wire]:
+def _wires(parts: Parts, scene: Scene, places: Collection[Key]) -> list[Wire]:
     """Connect the devices at some locations again, and reuse the others."""
     out = []
     for wire in parts.wires:

@@ -18,7 +18,7 @@ from graspfx.certificate.notes import is_damped, why_not_gradual
 from graspfx.compile.cache import folder_text
 from graspfx.errors import GraspFXError, InputError, KernelError, SceneError, message
 from graspfx.loop.engine import is_machine_code, kept_program, machine_codes
-from graspfx.loop.python_parts import foreign, guests, looked_ahead
+from graspfx.loop.servo import foreign, guests, looked_ahead
 from graspfx.objects.dynamics_table import dynamics_of
 from graspfx.scene.model import Scene
 from graspfx.scene.tables.hand_tables import Moving

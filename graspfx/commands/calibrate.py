@@ -27,7 +27,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    from graspfx.assembly.calibration.device_calibration import calibrate, require_hardware
+    from graspfx.assembly.device_calibration import calibrate, require_hardware
     from graspfx.assembly.resolve import resolve
 
     file = options.out or Path(f"{Path(options.scene).stem}-measures.toml")

@@ -46,12 +46,9 @@ def execute(options: Namespace) -> int:
         name = "--out" if options.out is not None else "--samples"
         raise InputError(name, options.out or options.samples, f"{name} together with --operators")
     with waiting(f"reading {options.scene}"):
-        from graspfx.assembly.scene_cache import SceneMemory
         from graspfx.certificate.report import report
-        from graspfx.scene.table_memory import remembering
 
-        with remembering(SceneMemory()):
-            scene = load_scene(options)
+        scene = load_scene(options)
     if options.tick:
         lines = _tick(scene)
         if options.json:

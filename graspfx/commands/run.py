@@ -47,7 +47,7 @@ def execute(options: Namespace) -> int:
         require_room_of(options, options.out / NAME)
     where = place(options.scene, dict(options.overrides), options.preset)
     entry = cached(where) if where is not None else None
-    scene, notes = entry or (_checked(options) if where is not None else _from_python(options))
+    scene, notes = entry or _checked(options)
     note(notes)
     with destination(options, Path(options.scene).stem, latest=True) as folder:
         code, complete = _run_into(folder, scene, options)
@@ -107,22 +107,6 @@ def _log_plan(scene: Readable) -> None:
     for row in plan(whole_scene(scene)):
         if not row.runs:
             log.info("skipped: %s: %s", row.step, row.why)
-
-
-def _from_python(options: Namespace) -> tuple[Scene, list[str]]:
-    """Load a scene from a Python file, with its warnings. A scene that was checked before is not checked again."""
-    with waiting(f"checking {options.scene}"):
-        from graspfx.assembly.scene_cache import SceneMemory
-        from graspfx.scene.table_memory import remembering
-
-        memory = SceneMemory()
-        with remembering(memory):
-            scene = load_scene(options)
-        notes = memory.notes(scene)
-        if notes is None:
-            notes = doubts(scene)
-            memory.keep_notes(scene, notes)
-        return scene, notes
 
 
 def _checked(options: Namespace) -> tuple[Scene, list[str]]:

@@ -45,7 +45,7 @@ def _lowered(function: FunctionType) -> FunctionType:
 def keep_lowerings() -> None:
     """Write lowered kernels to the disk cache for the next process."""
     if _lowered.cache_info().currsize:
-        from graspfx.compile.lower.store import store
+        from graspfx.compile.lower.lowering import store
 
         store().save()
 

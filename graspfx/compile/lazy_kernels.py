@@ -7,14 +7,13 @@ same bits.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from graspfx.compile.footprints import was_compiled
 from graspfx.compile.kernel import keep_lowerings, source_function
+from graspfx.compile.own_sources import was_compiled
 from graspfx.errors import GraspFXError
 
 if TYPE_CHECKING:
@@ -28,14 +27,13 @@ class KernelOnDemand:
 
     Args:
         kernel: Kernel function.
-        few: Work above which cached machine code is used if LLVM is loaded.
-        load: Work above which cached machine code is used if LLVM must be loaded.
+        load: Work above which cached machine code is used.
         make: Work that takes as long as compiling.
     """
 
-    def __init__(self, kernel: Callable[..., object], *, few: float, load: float, make: float) -> None:
+    def __init__(self, kernel: Callable[..., object], *, load: float, make: float) -> None:
         self.kernel = kernel
-        self._few, self._load, self._make = few, load, make
+        self._load, self._make = load, make
         self._work, self._tried = 0.0, False
         self._machine: Machine | None = None
 
@@ -48,7 +46,7 @@ class KernelOnDemand:
         """Return the machine code for further `work`, or None if the work is to be interpreted."""
         if self._machine is None:
             self._work += work
-            least = self._make if self._tried else self._few if "llvmlite" in sys.modules else self._load
+            least = self._make if self._tried else self._load
             if self._work >= least:
                 self._take()
         return self._machine

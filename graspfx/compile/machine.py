@@ -16,10 +16,10 @@ import numpy as np
 from graspfx.compile import library
 from graspfx.compile.definitions import definition
 from graspfx.compile.emission import require_llvm
-from graspfx.compile.footprints import footprint, is_ours, note_compiled, was_compiled
 from graspfx.compile.kernel import source_function
 from graspfx.compile.native import Bound, Native
 from graspfx.compile.native import compiled as native
+from graspfx.compile.own_sources import footprint, is_ours, note_compiled, was_compiled
 from graspfx.compile.program import program_source
 
 _MACHINES: dict[Any, Machine] = {}

@@ -1,4 +1,4 @@
-"""Source files of the package, whose digests show whether cache entries are up to date."""
+"""Sources of kernels, whose digests show whether entries of the cache and programs of the library are up to date."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ import hashlib
 import json
 import os
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from graspfx.compile import cache as disk
 from graspfx.compile import library
+from graspfx.compile.kernel_marks import written
 
 PACKAGE = __name__.partition(".")[0]
 NO_KERNELS = ("commands", "live", "show")  # packages without kernels; they are imported by no package with kernels
@@ -172,3 +173,85 @@ def _name(file: str) -> str:
     folder = next(each for each in folders if file.startswith(each + os.sep))
     name = os.path.basename(folder) + file.removeprefix(folder)  # noqa: PTH119 (of hundreds of files)
     return name if folder == package else f"{PACKAGE}{os.sep}{name}"  # location of the drivers in a wheel
+
+
+# Entries made from kernels --------------------------------------------------------------------------------------------
+
+
+def identity(kernel: Callable[..., Any]) -> list[str]:
+    """Return a kernel's identity: its name and, for a third-party kernel, its file, because names may be ambiguous."""
+    code = getattr(written(kernel), "__code__", None)
+    file = "" if code is None or is_own(code.co_filename) else code.co_filename
+    return [f"{kernel.__module__}.{kernel.__qualname__}", file]
+
+
+def request_key(modules: Iterable[str], *parts: str) -> str:
+    """Return the key of a request, which covers its parts, the sources of its modules, and those of the compiler."""
+    digest = closure_digest(*sorted(set(modules)), *compiler_modules())
+    return hashlib.sha256("\0".join([digest, *parts]).encode()).hexdigest()
+
+
+def recall(key: str) -> str | None:
+    """Load the result of a request if third-party files and numbers are unchanged; the key covers this package."""
+    content = disk.load(key)
+    if content is None:
+        return None
+    entry = json.loads(content)
+    files, numbers = entry["files"], entry["numbers"]
+    same = all(_file_digest(file) == digest for file, digest in files.items())
+    same = same and all(_present(module, name) == number for module, name, number in numbers)
+    return str(entry["content"]) if same else None
+
+
+def remember(key: str, files: Iterable[str], numbers: Mapping[tuple[str, str], str], content: str) -> None:
+    """Store the result of a request.
+
+    Args:
+        files: Source files of the kernels. All files beside a third-party kernel are compared in `recall`.
+        numbers: Numbers of modules that the result contains, by module and name. Those of this package are constants of
+            its sources.
+    """
+    folders = {Path(file).parent for file in files if not is_own(file)}
+    digests = {str(file): _file_digest(str(file)) for folder in folders for file in folder.glob("*.py")}
+    others = [[*where, each] for where, each in numbers.items() if where[0].partition(".")[0] not in ("math", PACKAGE)]
+    disk.store(key, json.dumps({"files": digests, "numbers": others, "content": content}).encode())
+
+
+def _present(module: str, name: str) -> str:
+    """Return a module's present number, which the module may have read from another source on import."""
+    return repr(getattr(sys.modules.get(module), name, None))
+
+
+def _file_digest(file: str) -> str:
+    try:
+        return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+    except OSError:
+        return ""
+
+
+# Marks of kernels that were compiled separately, which are read without loading LLVM ----------------------------------
+
+
+def is_ours(kernel: Callable[..., Any]) -> bool:
+    """Return whether a kernel's source belongs to this package."""
+    return is_own(written(kernel).__code__.co_filename)
+
+
+def footprint(kernel: Callable[..., Any]) -> str:
+    """Return the cache key of a kernel of this package, which covers the kernel's sources."""
+    sources = closure_digest(kernel.__module__, *compiler_modules())
+    return f"kernel-{hashlib.sha256(f'{kernel.__module__}.{kernel.__qualname__} {sources}'.encode()).hexdigest()}"
+
+
+def was_compiled(kernel: Callable[..., Any]) -> bool:
+    """Return whether a kernel of this package was compiled from its present sources."""
+    if not is_ours(kernel):
+        return False
+    key = footprint(kernel)
+    return library.has(key) or disk.load(key) is not None
+
+
+def note_compiled(kernel: Callable[..., Any]) -> None:
+    """Record that a kernel was compiled, if it belongs to this package; the key does not cover other sources."""
+    if is_ours(kernel):
+        disk.store(footprint(kernel), b"")

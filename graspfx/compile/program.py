@@ -20,10 +20,10 @@ from typing import Any
 
 from graspfx import log
 from graspfx.compile.definitions import definition
-from graspfx.compile.freshness import identity, recall, remember, request_key
 from graspfx.compile.kernel import keep_lowerings, source_function
 from graspfx.compile.kernel_marks import BOUND_LATE
 from graspfx.compile.llvm.llvm import is_indexed
+from graspfx.compile.own_sources import identity, recall, remember, request_key
 from graspfx.compile.syntax import assigned, constant, leaves, nodes
 from graspfx.errors import GraspFXError, InputError, KernelError
 
@@ -326,5 +326,5 @@ def program_source(
     source = program.source()
     log.debug("program %s: written, %d lines", key[:12], source.count("\n"))
     keep_lowerings()
-    remember(key, program, source)
+    remember(key, program.files, program.numbers_of_modules, source)
     return source

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from graspfx.card import Card, Carded, counted
 from graspfx.compile import library
-from graspfx.compile.footprints import footprint
 from graspfx.compile.kernel import source_function
 from graspfx.compile.machine import compiled
+from graspfx.compile.own_sources import footprint
 from graspfx.compile.records import size_for
 from graspfx.errors import InputError, MissingPackageError, UnknownNameError
 from graspfx.grasp import direct

@@ -26,8 +26,7 @@ LOAD = 1_000  # number of contacts whose interpretation takes a tenth of the tim
 COMPILE = 300_000  # number of contacts whose interpretation takes as long as compiling
 
 COUPLE, COUPLE_ROWS, MODE_ROWS = (
-    KernelOnDemand(kernel, few=LOAD, load=LOAD, make=COMPILE)
-    for kernel in (direct.couple, direct.couple_rows, direct.mode_rows)
+    KernelOnDemand(kernel, load=LOAD, make=COMPILE) for kernel in (direct.couple, direct.couple_rows, direct.mode_rows)
 )
 
 

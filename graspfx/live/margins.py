@@ -13,13 +13,13 @@ from multiprocessing.connection import Connection
 from subprocess import Popen
 from typing import Any
 
-from graspfx.assembly.process import boot
 from graspfx.assembly.process.orders import Errand
 from graspfx.environment import granted
 from graspfx.errors import GraspFXError
 from graspfx.live.certifier import Certifier, Verdict
 from graspfx.resource import Resource
 from graspfx.scene.model import Scene
+from graspfx.system import child_process
 from graspfx.system.process_end import KILL, die_with_parent
 from graspfx.system.scheduling import be_nice
 
@@ -96,7 +96,7 @@ class Margins(Resource):
         """Start the process, send requests to it, and end it; the system ends the process with this thread."""
         try:
             errand = Errand(self._scene, ticks=0, width=0).text()
-            process, line = boot.spawn(__name__)
+            process, line = child_process.spawn(__name__)
         except (GraspFXError, OSError) as error:
             self._fail(str(error))
             return

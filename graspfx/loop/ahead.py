@@ -11,11 +11,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from graspfx.compile import webassembly
-from graspfx.compile.footprints import footprint
 from graspfx.compile.library import build
 from graspfx.compile.llvm.llvm import LlvmProgram, llvm_program
 from graspfx.compile.machine import request_of
-from graspfx.compile.own_sources import all_imports
+from graspfx.compile.own_sources import all_imports, footprint
 from graspfx.grasp import direct
 from graspfx.loop import step_program
 from graspfx.loop.realtime import beat

@@ -200,10 +200,10 @@ class Arena:
         devices = [cast("Device", device) for device in m.devices]
         return plants.fused(m.plant) is not None and all(fused(d) is not None and id(d) in wired for d in devices)
 
-    def _motion_of(self, m: PlantWiring) -> FloatArray:
-        """Return a plant's block, or the positions of its fingertips, flat."""
+    def _motion_of(self, m: PlantWiring) -> tuple[FloatArray, int]:
+        """Return a plant's block, or the positions of its fingertips, flat; and the entry of the first position."""
         if isinstance(m.plant, FusedPlant):
-            return self._block(m.plant.state)
+            return self._block(m.plant.state), m.plant.ports.position
         flat: FloatArray = m.plant.position.reshape(-1)
         if not np.shares_memory(flat, m.plant.position):
             raise InputError(
@@ -211,7 +211,7 @@ class Arena:
                 "a `position` that is the same contiguous array for the plant's lifetime",
                 "keep one array, and write the positions into it",
             )  # fmt: skip
-        return self._block(flat)
+        return self._block(flat), 0
 
     # The world --------------------------------------------------------------------------------------------------------
 
@@ -316,16 +316,16 @@ class Arena:
     def _tip(self, f: int, position: int) -> int:
         """Return the place of a fingertip's true position, or of its reading if the true position is unknown."""
         if self.parts.layout.simulated:
-            for m, memory in zip(self.parts.plants, self._motions, strict=True):
+            for m, (memory, start) in zip(self.parts.plants, self._motions, strict=True):
                 if f in m.fingers:
-                    start: int = m.plant.ports.position if isinstance(m.plant, FusedPlant) else 0
                     return self.place(memory) + start + int(m.fingers.tolist().index(f)) * self.d
         return position
 
     def _device(self, i: int, station: DeviceWiring) -> dict[str, Any]:
-        device, plant = station.device, self._plant_of(station.device)
-        if plant is None or not isinstance(device, FusedDevice):
+        plant = self._plant_of(station.device)
+        if plant is None:
             return self._port(i, station)
+        device = cast("FusedDevice", station.device)
         state, port = self._block(device.state), device.ports
         place, seen, first = self.place(state), device.sensed.tolist(), len(self._copies)
         runs = [0, *(a for a in range(1, len(seen)) if seen[a] != seen[a - 1] + 1), len(seen)]
@@ -433,7 +433,7 @@ class Arena:
 
     def _plant_of(self, device: Device) -> FloatArray | None:
         """Return the block of the native plant that moves a device."""
-        for m, memory, native in zip(self.parts.plants, self._motions, self._native, strict=True):
+        for m, (memory, _), native in zip(self.parts.plants, self._motions, self._native, strict=True):
             if native and id(device) in map(id, m.devices):
                 return memory
         return None
@@ -443,16 +443,10 @@ class Arena:
             if not native:
                 self.plants.append(j)
                 continue
-            assert isinstance(m.plant, FusedPlant)
-            place, port, width, first = (
-                self.place(m.plant.state),
-                m.plant.ports,
-                len(m.fingers) * self.d,
-                len(self._copies),
-            )
+            plant, first, width = cast("FusedPlant", m.plant), len(self._copies), len(m.fingers) * self.d
+            place, port = self.place(plant.state), plant.ports
             start = place + port.effort
-            for device in m.devices:
-                assert isinstance(device, FusedDevice)
+            for device in cast("Sequence[FusedDevice]", m.devices):
                 size = cast("Device", device).features.fingers * self.d
                 self._copy(start, self.place(device.state) + device.ports.effort, size)
                 start += size
@@ -462,7 +456,7 @@ class Arena:
                 "index": j,
                 "stuck": self.place(self.own) + self.servo.stuck_plants.offset + j,
                 "state": place,
-                "kernel": self._kernel(m.plant.kernel, OF_PART, m.plant.state),
+                "kernel": self._kernel(plant.kernel, OF_PART, plant.state),
                 "first": first,
                 "count": len(m.devices),
                 "width": width,
@@ -479,11 +473,11 @@ class Arena:
             return {"hand_kind": TABLE, "hand": self.place(table.memory)}
         hand = m.hand
         if plants.is_still(hand):
-            assert isinstance(m.plant, FusedPlant)
+            plant = cast("FusedPlant", m.plant)
             target = np.concatenate([hand.state[at : at + width] for at in hand.ports])
-            for port in (m.plant.ports.middle, m.plant.ports.end):
+            for port in (plant.ports.middle, plant.ports.end):
                 if port is not None:
-                    m.plant.state[port : port + 2 * width] = target
+                    plant.state[port : port + 2 * width] = target
             return {"hand_kind": STILL}
         place = self.place(self._block(hand.state))
         return {

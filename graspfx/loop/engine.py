@@ -8,7 +8,7 @@ from collections.abc import Callable
 from functools import cache
 from importlib.util import find_spec
 from types import FunctionType
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,27 +35,6 @@ Kernel = Callable[..., Any]
 FIRST = 16  # number of ticks for which third-party kernels are interpreted and checked before machine code takes over
 
 
-class Engine(Protocol):
-    """Protocol of an engine that runs ticks."""
-
-    @property
-    def name(self) -> str:
-        """Name of the engine, as recorded."""
-        ...
-
-    @property
-    def patience(self) -> int:
-        """Largest number of ticks per call; it bounds the delay of a stop."""
-        ...
-
-    def write_to(self, rows: FloatArray) -> None:
-        """Set the block of rows (r, width) for the following ticks."""
-
-    def run(self, k: int, count: int, row: int) -> int:
-        """Run ticks k, ..., k + count - 1 and record them from `row` on; return the number of completed ticks."""
-        ...
-
-
 class Interpreted:
     """Engine that runs `steps` in Python, and checks every index of a third-party kernel.
 
@@ -67,7 +46,7 @@ class Interpreted:
     """
 
     name = "interpreted"
-    patience = 1
+    patience = 1  # largest number of ticks per call; it bounds the delay of a stop
 
     def __init__(self, arena: Arena) -> None:
         from graspfx.loop.step import steps
@@ -84,9 +63,11 @@ class Interpreted:
         keep_lowerings()
 
     def write_to(self, rows: FloatArray) -> None:
+        """Set the block of rows (r, width) for the following ticks."""
         self._rows = memoryview(rows.reshape(-1))
 
     def run(self, k: int, count: int, row: int) -> int:
+        """Run ticks k, ..., k + count - 1 and record them from `row` on; return the number of completed ticks."""
         for each, function in self._foreign:
             for entry in each.entries:
                 self._arena.world.buffer[entry] = float(announce(function))
@@ -121,6 +102,7 @@ class Compiled:
         self._addressed = False
 
     def write_to(self, rows: FloatArray) -> None:
+        """Set the block of rows (r, width) for the following ticks."""
         if rows is self._rows:
             return
         self._rows, flat = rows, rows.reshape(-1)
@@ -133,6 +115,7 @@ class Compiled:
             self._first.write_to(rows)
 
     def run(self, k: int, count: int, row: int) -> int:
+        """Run ticks k, ..., k + count - 1 and record them from `row` on; return the number of completed ticks."""
         if self._left and self._first is not None:
             done = self._first.run(k, min(count, self._left), row)
             self._left -= done
@@ -161,6 +144,9 @@ class Compiled:
             for entry in each.entries:
                 self._arena.world.buffer[entry] = float(native.entry)
         self._addressed = True
+
+
+Engine = Interpreted | Compiled
 
 
 def engine_for(kind: str, arena: Arena) -> Engine:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +24,36 @@ SYMMETRY = 1e-12  # relative tolerance for rounding of a symmetric matrix
 GAIN = "one finite number of zero or more, or one per axis (d,)"
 
 
-class Hand:
+class _HeldByGains:
+    """Base class of hands: gains K and B, and a block with all parameters of the targets."""
+
+    followers: Sequence[int] = ()  # entries of the block that `adopt` does not overwrite
+    goals: Sequence[NDArray[np.intp]] = ()  # entries of the goals that guide the hand: offsets (n d), then the squeeze
+    operator: Operator | None = None  # operator model of the hand; spring and damper only if None
+    _stiffness: FloatArray
+    _damping: FloatArray
+
+    @property
+    def stiffness(self) -> FloatArray:
+        """K, (d, n, n) [N/m], read-only."""
+        return self._stiffness
+
+    @property
+    def damping(self) -> FloatArray:
+        """B, (d, n, n) [N s/m], read-only."""
+        return self._damping
+
+    def adopt(self, other: Self) -> None:
+        """Adopt the gains, rest positions and motions of a hand, or of joined hands, of the same structure."""
+        adopt_block(self, other)
+        self._stiffness, self._damping, self.operator = other.stiffness, other.damping, other.operator
+
+    def regain(self, stiffness: FloatArray, damping: FloatArray) -> None:
+        """Set K and B, (d, n, n) each [N/m, N s/m]; the plant must then be attached to the hand again."""
+        self._stiffness, self._damping = _frozen(stiffness), _frozen(damping)
+
+
+class Hand(_HeldByGains):
     """Force on the fingertips K (r - p) + B (r' - v) per axis, with the intended positions
 
         r_i(t) = c + R(t) (rest_i + s(t) share_i u_i - c) + x(t)
@@ -50,9 +79,6 @@ class Hand:
     """
 
     declaration = HandState
-    followers: Sequence[int] = ()  # entries of the block that `adopt` does not overwrite
-    goals: Sequence[NDArray[np.intp]] = ()  # entries of the goals that guide the hand: offsets (n d), then the squeeze
-    operator: Operator | None = None  # operator model of the hand; spring and damper only if None
 
     def __init__(
         self,
@@ -144,30 +170,11 @@ class Hand:
         return cls(rest, gains[0], gains[1], motion, squeeze, inward, squeeze_ramp, share, turns)
 
     @property
-    def stiffness(self) -> FloatArray:
-        """K, (d, n, n) [N/m], read-only."""
-        return self._stiffness
-
-    @property
-    def damping(self) -> FloatArray:
-        """B, (d, n, n) [N s/m], read-only."""
-        return self._damping
-
-    @property
     def still(self) -> bool:
         """Whether the hand's targets never change."""
         block = HandState(self.state)
         moves = block.turns or block.squeeze.count or block.motion.count
         return type(self).target is Hand.target and not moves
-
-    def adopt(self, other: Hand) -> None:
-        """Adopt the gains, rest positions and motions of another hand of the same structure."""
-        adopt_block(self, other)
-        self._stiffness, self._damping, self.operator = other.stiffness, other.damping, other.operator
-
-    def regain(self, stiffness: FloatArray, damping: FloatArray) -> None:
-        """Set K and B, (d, n, n) each [N/m, N s/m]; the plant must then be attached to the hand again."""
-        self._stiffness, self._damping = _frozen(stiffness), _frozen(damping)
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
         """Return read-only intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]."""
@@ -177,7 +184,7 @@ class Hand:
         return targets_of(self.state, self.ports, self._stiffness)
 
 
-class JoinedHands:
+class JoinedHands(_HeldByGains):
     """Several hands as one, without forces between fingers of different hands.
 
     Args:
@@ -187,8 +194,6 @@ class JoinedHands:
     """
 
     declaration = JoinedHandsState
-    followers: Sequence[int]
-    goals: Sequence[NDArray[np.intp]]
 
     def __init__(self, hands: Sequence[plant.Hand], order: Sequence[int] | None = None) -> None:
         if not hands:
@@ -203,7 +208,7 @@ class JoinedHands:
         self._damping = _frozen(_block_diagonal([hand.damping for hand in hands])[:, *rows])
         self._still = all(map(plant.is_still, hands))
         own = [getattr(hand, "operator", None) for hand in hands]
-        self.operator: Operator | None = joined(own, [hand.stiffness.shape[1] for hand in hands], where)
+        self.operator = joined(own, [hand.stiffness.shape[1] for hand in hands], where)
         d = len(self._stiffness)
         whole = {"hands": len(hands), "fingers": n, "dimensions": d}
         at = size_for(JoinedHandsState, **whole)
@@ -241,28 +246,9 @@ class JoinedHands:
             self.kernel: plant.HandKernel = self._all  # makes it a FusedHand
 
     @property
-    def stiffness(self) -> FloatArray:
-        """K, (d, n, n) [N/m], read-only."""
-        return self._stiffness
-
-    @property
-    def damping(self) -> FloatArray:
-        """B, (d, n, n) [N s/m], read-only."""
-        return self._damping
-
-    @property
     def still(self) -> bool:
         """Whether no target of any hand ever changes."""
         return type(self).target is JoinedHands.target and not self._plain_parts and self._still
-
-    def adopt(self, other: JoinedHands) -> None:
-        """Adopt the gains, rest positions and motions of other joined hands of the same structure."""
-        adopt_block(self, other)
-        self._stiffness, self._damping, self.operator = other.stiffness, other.damping, other.operator
-
-    def regain(self, stiffness: FloatArray, damping: FloatArray) -> None:
-        """Set K and B, (d, n, n) each [N/m, N s/m]; the plant must then be attached to the hand again."""
-        self._stiffness, self._damping = _frozen(stiffness), _frozen(damping)
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
         """Return read-only intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]."""

@@ -59,18 +59,14 @@ def _numbers() -> dict[str, int]:
 @cache
 def _kernel(number: int) -> Kernel:
     """Import a kernel of this package in its lowered form, a function of buffers, offsets and numbers."""
-    return source_function(_written(number))
-
-
-def _written(number: int) -> Kernel:
-    module, _, name = KERNELS[number].rpartition(".")
-    kernel: Kernel = getattr(import_module(module), name)
-    return kernel
+    return source_function(kernel_of(number))
 
 
 def kernel_of(number: int) -> Kernel:
-    """Return the kernel of this package with this number."""
-    return _written(number)
+    """Import the kernel of this package with this number."""
+    module, _, name = KERNELS[number].rpartition(".")
+    kernel: Kernel = getattr(import_module(module), name)
+    return kernel
 
 
 def announce(kernel: Kernel) -> int:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.compile.entry_names import name_of
+from graspfx.compile.records import name_of
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.errors import InputError
 from graspfx.loop.servo_parts import GraspedPart

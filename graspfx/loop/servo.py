@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -13,15 +13,16 @@ from numpy.typing import NDArray
 from graspfx import log
 from graspfx.compile.memory import Memory
 from graspfx.compile.records import start_of
+from graspfx.coupling.grasped import fault_text
 from graspfx.errors import GraspFXError, InputError
 from graspfx.feedback.bridge import HostPart
+from graspfx.loop import plant as plants_
 from graspfx.loop.arena import Arena
 from graspfx.loop.columns import Layout, RowTaker, RunFault
-from graspfx.loop.device import is_hardware
-from graspfx.loop.device_exchange import DeviceExchange, DevicePort, LoopLog, device_name
+from graspfx.loop.device import fused, is_hardware
+from graspfx.loop.device_exchange import DeviceExchange, DevicePort, LoopLog, device_name, part_name
 from graspfx.loop.energy.observer import Observer
 from graspfx.loop.engine import Compiled, Engine, engine_for
-from graspfx.loop.kernel_faults import finger_names, kernel_fault, object_names
 from graspfx.loop.number_watch import Watch
 from graspfx.loop.plant import FusedPlant
 from graspfx.loop.played import Playback
@@ -30,7 +31,7 @@ from graspfx.loop.realtime.pacing import Pacer, SoftEnd, WallClock
 from graspfx.loop.realtime.readings import GUARDS, Guards
 from graspfx.loop.safety.chain import SafetyChain
 from graspfx.loop.servo_parts import BodyGroup, DeviceWiring, GraspedPart, Parts, PlantWiring
-from graspfx.loop.world import CHUNK, FOREIGN, MOVER, NATIVE, ServoState, latch
+from graspfx.loop.world import CHUNK, FOREIGN, MOVER, NATIVE, OBJECT_, SAFETY, STATION, ServoState, latch
 from graspfx.objects.guest import CallingGuest, Guest
 
 if TYPE_CHECKING:
@@ -560,3 +561,73 @@ def settle_guests(guests: Sequence[int], movers: Sequence[BodyGroup], servo: Ser
         if code:
             latch(servo, k, MOVER, i, code)
             servo.stuck_bodies[i] = 1.0
+
+
+# Faults of kernels ----------------------------------------------------------------------------------------------------
+
+
+def kernel_fault(parts: Parts, kind: int, index: int, code: int) -> str:
+    """Return the message for the fault code of a kernel.
+
+    Args:
+        parts: Parts of the scene.
+        kind: Kind of the part that failed, as latched by the tick.
+        index: Index of the part among the parts of this kind.
+        code: Fault code of the part's kernel.
+    """
+    fingers = parts.layout.fingers
+    if kind == SAFETY and parts.safety is not None:
+        devices = [device_name(each, fingers) for each in parts.stations]
+        return parts.safety.fault_text(code, fingers, devices)
+    if kind == STATION:
+        return parts.stations[index].device.fault_text(code)  # type: ignore[attr-defined,no-any-return]
+    if kind == OBJECT_:
+        part = parts.objects[index]
+        return fault_text(code, [fingers[f] for f in part.fingers], part.grasped)
+    if kind == MOVER:
+        return f"{object_names(parts, index)}: {parts.movers[index].body.fault_text(code)}"
+    return f"{finger_names(parts, index)}: {parts.plants[index].plant.fault_text(code)}"  # type: ignore[attr-defined]
+
+
+def object_names(parts: Parts, mover: int) -> str:
+    """Return the names of the objects that a body group moves."""
+    return ", ".join(parts.objects[number].name for number in parts.movers[mover].objects)
+
+
+def finger_names(parts: Parts, plant: int) -> str:
+    """Return the names of a plant's fingers."""
+    return ", ".join(parts.layout.fingers[f] for f in parts.plants[plant].fingers)
+
+
+# Parts that run as Python code, or wait for other software, between the engine's calls --------------------------------
+
+
+def foreign(servo: Servo) -> list[str]:
+    """List devices, plants and bodies whose Python methods run between the engine's calls in each tick."""
+    arena = servo.arena
+    stations = [servo.stations[port.station] for port in arena.ports]
+    moved = [servo.plants[j] for j in arena.plants]
+    return [
+        *(_of_fingers(servo, "device", s.device, s.fingers) for s in stations if fused(s.device) is None),
+        *(_of_fingers(servo, "plant", m.plant, m.fingers) for m in moved if plants_.fused(m.plant) is None),
+        *(_body(servo, i) for i in arena.bodies),
+    ]
+
+
+def guests(servo: Servo) -> list[str]:
+    """List bodies that other software moves after the engine's call in each tick."""
+    return [_body(servo, i) for i in servo.arena.guests]
+
+
+def looked_ahead(servo: Servo) -> list[str]:
+    """List hands in plain Python, whose targets are computed for many ticks at once."""
+    return [_of_fingers(servo, "hand", m.hand, m.fingers) for m in (table.wiring for table in servo.arena.tables)]
+
+
+def _body(servo: Servo, i: int) -> str:
+    mover = servo.movers[i]
+    return part_name("body", mover.body, (servo.objects[o].name for o in mover.objects))
+
+
+def _of_fingers(servo: Servo, kind: str, part: object, numbers: Iterable[int]) -> str:
+    return part_name(kind, part, (servo.layout.fingers[f] for f in numbers if f >= 0))

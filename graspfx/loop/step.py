@@ -14,7 +14,7 @@ from graspfx.coupling.limit import limit
 from graspfx.coupling.sample import conclude, couple, let_go, sample
 from graspfx.feedback.bridge import HostState, host_forces, tell_fault
 from graspfx.loop.energy.books import LedgerState
-from graspfx.loop.energy.watch import watch
+from graspfx.loop.energy.brake import watch
 from graspfx.loop.kernels import call, invoke, invoke_at, invoke_beside
 from graspfx.loop.safety.restrain import restrain
 from graspfx.loop.safety.safety_state import Pace, SafetyState

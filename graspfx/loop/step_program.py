@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 from graspfx.compile.kernel_marks import parameter_kinds, written
+from graspfx.compile.own_sources import recall, remember, request_key
 from graspfx.coupling.sample import external_forces, sample
 from graspfx.loop.kernels import BODIES, HANDS, KERNELS, PARTS, call, call_at, call_beside, kernel_of
 from graspfx.loop.step import steps
@@ -22,8 +23,6 @@ def run(world, k, count, r):
 @cache
 def program_key() -> str:
     """Return the cache key of the program, which depends on the sources from which it is made."""
-    from graspfx.compile.freshness import request_key
-
     modules = {name.rpartition(".")[0] for name in KERNELS if name}
     return request_key(("graspfx.loop.step", *sorted(modules)), "steps", ENTRY)
 
@@ -37,7 +36,6 @@ def source(*, make: bool = True) -> str:
     Args:
         make: Whether to write the program if it is not cached; if False, a missing program raises LookupError.
     """
-    from graspfx.compile.freshness import recall, remember
     from graspfx.compile.kernel import keep_lowerings
     from graspfx.compile.program import Program
 
@@ -66,5 +64,5 @@ def source(*, make: bool = True) -> str:
         program.add_text(ENTRY, entry, ["arena", "rows"])
         text = program.source()
         keep_lowerings()
-        remember(key, program, text)
+        remember(key, program.files, program.numbers_of_modules, text)
     return text

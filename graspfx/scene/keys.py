@@ -8,7 +8,8 @@ from typing import Any
 
 from graspfx.errors import Fault
 
-Key = tuple[str | int, ...]
+Key = tuple[str | int, ...]  # names and numbers that lead to a table or a value of a scene
+Finding = tuple[Key, str]  # a fault and its place
 
 
 PART = re.compile(r'"([^"]*)"|([^.]+)')

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from copy import deepcopy
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -19,7 +18,6 @@ from graspfx.errors import Fault, InputError, SceneError
 from graspfx.scene.keys import Key, as_faults, parts_of
 from graspfx.scene.overrides import by_key, is_within, overridden, replacing
 from graspfx.scene.source import Source
-from graspfx.scene.table_memory import current_memory
 from graspfx.scene.tables.reading import WIDTHS, Readable
 from graspfx.scene.tables.scene_table import COUPLING, OBJECT, SceneTable
 from graspfx.scene.toml_text import KeyLines
@@ -41,8 +39,6 @@ class Scene(Carded, SceneTable):
     _source: Source = PrivateAttr(default_factory=Source)
     _stock: Any = PrivateAttr(default=None)  # devices and meshes that the checks loaded, for `graspfx.assembly.resolve`
 
-    _written: dict[str, Any] | None = PrivateAttr(default=None)  # nested tables of `to_dict`, if known
-
     def __init__(self, source: Source | None = None, /, **table: Any) -> None:
         from graspfx.assembly.checks.faults import find_faults
 
@@ -51,27 +47,13 @@ class Scene(Carded, SceneTable):
         if table.get("host") is not None:  # whose program simulates the object
             table = without_object(table)
         origin = source or Source()
-        memory = current_memory()
-        checked = memory.recall(table, origin) if memory is not None else None
-        if checked is not None:
-            self._take(checked.fields, checked.names, origin, None, checked.written)
-            return
         faults, stock = find_faults(table, origin)
         if faults:
             raise SceneError(origin.name, faults)
         valid = SceneTable(**table)  # reuses the validator of the checks, because building another validator takes time
-        self._take(vars(valid), valid.model_fields_set, origin, stock, None)
-        if memory is not None:
-            memory.keep(table, origin, self)
-
-    def _take(
-        self, fields: dict[str, Any], names: set[str], source: Source, stock: Any, written: dict[str, Any] | None
-    ) -> None:
-        """Set valid fields, and the names of the fields that were given."""
-        private = {"_source": source, "_stock": stock, "_written": written}
         self.__setstate__({
-            "__dict__": fields, "__pydantic_fields_set__": names, "__pydantic_extra__": None,
-            "__pydantic_private__": private,
+            "__dict__": vars(valid), "__pydantic_fields_set__": valid.model_fields_set, "__pydantic_extra__": None,
+            "__pydantic_private__": {"_source": origin, "_stock": stock},
         })  # fmt: skip
 
     def __eq__(self, other: object) -> bool:
@@ -83,7 +65,7 @@ class Scene(Carded, SceneTable):
     def __copy__(self) -> Self:
         """Copy the description only, so that a copy with replaced fields has its own devices and shapes."""
         copy = super().__copy__()
-        copy._stock = copy._written = None
+        copy._stock = None
         return copy
 
     def _card(self) -> Card:
@@ -107,8 +89,6 @@ class Scene(Carded, SceneTable):
         Raises:
             InputError: If the scene holds an object that cannot be written as data.
         """
-        if self._written is not None:
-            return deepcopy(self._written)
         serializer = SceneTable.__pydantic_serializer__
         try:
             table: dict[str, Any] = serializer.to_python(self, mode="json", exclude_unset=True)

@@ -28,7 +28,7 @@ from graspfx.batch.measured_columns import STATISTICS, Statistics
 from graspfx.environment import is_granted
 from graspfx.errors import InputError, SceneError
 from graspfx.loop.columns import Layout
-from graspfx.loop.python_parts import foreign, guests, looked_ahead
+from graspfx.loop.servo import foreign, guests, looked_ahead
 from graspfx.progress import waiting
 from graspfx.recording.header import now
 from graspfx.sweeps.chunk import RUN, Chunk, ChunkResult, SceneOrder, SweepError, column_of, forget

@@ -7,11 +7,17 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from socket import socketpair
+from typing import TYPE_CHECKING
 
 import graspfx
-from graspfx.errors import GraspFXError
+from graspfx.errors import GraspFXError, InputError
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
 
 TEXT = "import sys; sys.path[:] = {path!r}; from {module} import main; main({arguments})"
+THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")  # thread limits of numerical libraries
 REFUSAL = "needs a system whose processes can share memory by file descriptors, such as Linux or macOS"
 
 
@@ -53,3 +59,33 @@ def start(
         [sys.executable, "-c", text], stdin=inputs, stdout=outputs, pass_fds=tuple(descriptors), process_group=0,
         env=environment,
     )  # fmt: skip
+
+
+def spawn(module: str, *descriptors: int) -> tuple[subprocess.Popen[bytes], Connection]:
+    """Start a process that calls `main` of a module with descriptors of its connection and other files.
+
+    The new process is in a separate process group: a terminal's Ctrl-C reaches only the calling process, which
+    passes the signal on.
+
+    Args:
+        module: Module of this package.
+        descriptors: Descriptors of shared files.
+
+    Raises:
+        InputError: If this system does not support such processes.
+    """
+    from multiprocessing.connection import Connection  # only where a process starts
+
+    if not is_possible():
+        raise InputError("loop", "process", "a system with processes that share memory, such as Linux")
+    ours, theirs = socketpair()
+    numbers = (theirs.fileno(), *descriptors)
+    environment = os.environ | dict.fromkeys(THREADS, "1")
+    try:
+        process = start(module, numbers, numbers, inputs=subprocess.DEVNULL, environment=environment)
+    except BaseException:
+        ours.close()
+        raise
+    finally:
+        theirs.close()
+    return process, Connection(ours.detach())

@@ -10,8 +10,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.assembly.build import build
-from graspfx.compile.entry_names import name_of
-from graspfx.compile.records import start_of
+from graspfx.compile.records import name_of, start_of
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.errors import InputError
 from graspfx.recording.header import Header

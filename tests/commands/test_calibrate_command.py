@@ -9,7 +9,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.__main__ import main
-from graspfx.assembly.calibration import device_calibration
+from graspfx.assembly import device_calibration
 from tests.support.hardware import VirtualClock
 from tests.support.late_mass import late_driver, late_masses
 

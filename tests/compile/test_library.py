@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 
 from graspfx.compile import library, own_sources
-from graspfx.compile.footprints import footprint, was_compiled
 from graspfx.compile.llvm.llvm import llvm_program
 from graspfx.compile.machine import Machine, request_of
 from graspfx.compile.native import compiled
+from graspfx.compile.own_sources import footprint, was_compiled
 from graspfx.grasp import direct
 from graspfx.testing.wire import compiler
 from tests.support.optional import require

@@ -12,12 +12,23 @@ import numpy as np
 import pytest
 
 from graspfx.compile import cache, records
-from graspfx.compile.entry_names import name_of
 from graspfx.compile.kernel import inline, kernel, source_function, written
-from graspfx.compile.lower.lowering import lowered_text
-from graspfx.compile.lower.store import Lowering, Store
+from graspfx.compile.lower.lowering import Lowering, Store, lowered_text
 from graspfx.compile.machine import compiled
-from graspfx.compile.records import Floats, Many, Record, Ref, Table, floats, many, room, size_for, size_of, table
+from graspfx.compile.records import (
+    Floats,
+    Many,
+    Record,
+    Ref,
+    Table,
+    floats,
+    many,
+    name_of,
+    room,
+    size_for,
+    size_of,
+    table,
+)
 from graspfx.errors import InputError
 from graspfx.spatial import ZERO, Matrix, Quaternion, Vector, angle_matrix, cross, dot, length, outer
 

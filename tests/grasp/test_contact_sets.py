@@ -190,7 +190,7 @@ def test_machine_code_and_interpreter_give_the_same_bits(monkeypatch: pytest.Mon
     for most in (float("inf"), 0):  # never, and at once
         for name in ("COUPLE", "COUPLE_ROWS", "MODE_ROWS"):
             kernel = getattr(point_sets, name).kernel
-            monkeypatch.setattr(point_sets, name, KernelOnDemand(kernel, few=most, load=most, make=most))
+            monkeypatch.setattr(point_sets, name, KernelOnDemand(kernel, load=most, make=most))
         monkeypatch.setattr(point_sets, "SPACES", point_sets.Workspaces())
         split = gx.Grasp(points).split()
         alone = [LAW.force(gx.Grasp(points[i]).split(), e[i]) for i in np.ndindex(3, 4)]

@@ -126,11 +126,12 @@ def test_a_pause_is_not_late() -> None:
     """Periods of 5 ms; the time of a pause is no lateness, and its end begins a new grid of deadlines."""
     clock = VirtualClock()
     pacer = PausingPacer(0.005, clock)
-    begin, pacer.orders = clock.now(), SimpleNamespace(is_paused=False)
+    orders: Any = SimpleNamespace(is_paused=False)
+    begin, pacer.orders = clock.now(), orders
     assert [pacer.wait() for _ in range(3)] == [0, 0, 0] and clock.now() - begin == pytest.approx(0.01)
-    pacer.orders = SimpleNamespace(is_paused=True)
+    orders.is_paused = True
     assert pacer.wait(lambda: clock.now() - begin > 1.3) == 0
-    pacer.orders.is_paused = False
+    orders.is_paused = False
     resumed = clock.now()
     assert [pacer.wait() for _ in range(2)] == [0, 0] and clock.now() - resumed == pytest.approx(0.01)
     clock.sleep(0.0125)

@@ -17,7 +17,7 @@ from graspfx.bench.timing import is_installed
 from graspfx.compile import native
 from graspfx.errors import InputError, MissingPackageError
 from graspfx.loop.engine import Compiled, machine_codes
-from graspfx.loop.python_parts import foreign, looked_ahead
+from graspfx.loop.servo import foreign, looked_ahead
 from graspfx.recording.header import Header
 from graspfx.recording.recorder import Recorder
 from tests.support import foreign_parts

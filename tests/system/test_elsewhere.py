@@ -37,7 +37,7 @@ SEAMS = {
     "os.kill": {"graspfx/system/process_end.py"},
     "os.uname": {"graspfx/recording/header.py"},
     "signal.pidfd_send_signal": {"graspfx/system/process_end.py"},
-    "os.getuid": {"graspfx/compile/ownership.py", "graspfx/system/shared_memory.py"},
+    "os.getuid": {"graspfx/compile/cache.py", "graspfx/system/shared_memory.py"},
     "os.preadv": {"graspfx/recording/rows.py"},
     "select.poll": {"graspfx/serial_port.py", "graspfx/assembly/process/guard.py"},
     "time.CLOCK_MONOTONIC": {"graspfx/loop/realtime/beat.py"},

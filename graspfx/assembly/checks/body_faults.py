@@ -16,19 +16,18 @@ from graspfx.errors import GraspFXError, InputError, MissingPackageError, abbrev
 from graspfx.objects.body import VISCOUS_LIMIT
 from graspfx.objects.dynamics_table import MEETING, dynamics_of
 from graspfx.objects.integrators import SIZE
+from graspfx.scene.keys import Finding, Key
 from graspfx.scene.tables.fields import NotValid
 from graspfx.scene.tables.part_tables import Object
 from graspfx.scene.tables.reading import WIDTHS
 from graspfx.scene.tables.scene_table import SceneTable
 from graspfx.scene.tables.shapes import MeshShape
 
-Location = tuple[str | int, ...]
-Finding = tuple[Location, str]
 VECTORS = {"box": "size", "ellipsoid": "semi_axes", "half-space": "normal", "plane": "normal"}  # keys with d numbers
-ENDLESS = ("half-space", "plane")
+FLAT = ("half-space", "plane")  # unbounded shapes
 
 
-def shape_faults(scene: SceneTable, at: Location, thing: Any, stock: Stock) -> Iterator[Finding]:
+def shape_faults(scene: SceneTable, at: Key, thing: Any, stock: Stock) -> Iterator[Finding]:
     """Find the faults of an object's shape, and store a valid shape."""
     shape, d = thing.shape, scene.dimensions
     if shape is None and scene.coupling.contact == "unilateral":
@@ -53,7 +52,7 @@ def shape_faults(scene: SceneTable, at: Location, thing: Any, stock: Stock) -> I
         yield (*at, "shape", "kind"), f"there is no {shape.kind} in {d} dimension(s)"
 
 
-def _mesh(scene: SceneTable, owner: Location, thing: Any, stock: Stock) -> Iterator[Finding]:
+def _mesh(scene: SceneTable, owner: Key, thing: Any, stock: Stock) -> Iterator[Finding]:
     shape, at = thing.shape, (*owner, "shape")
     inline = [key for key in ("vertices", "faces") if getattr(shape, key) is not None]
     source = (*at, "mesh" if shape.mesh is not None else "vertices")
@@ -72,7 +71,7 @@ def _mesh(scene: SceneTable, owner: Location, thing: Any, stock: Stock) -> Itera
             yield source, str(error)
 
 
-def mass_faults(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
+def mass_faults(scene: SceneTable, at: Key, thing: Any) -> Iterator[Finding]:
     """Find faults of an object's mass and density; a density is allowed in three dimensions only."""
     if thing.density is None:
         if thing.mass is None:
@@ -84,7 +83,7 @@ def mass_faults(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding
         yield (*at, "density"), "a density needs a volume (dimensions = 3): give the mass"
     elif thing.shape is None:
         yield (*at, "density"), "a density needs a shape: give the mass"
-    elif thing.shape.kind in ENDLESS:
+    elif thing.shape.kind in FLAT:
         yield (*at, "density"), f"a {thing.shape.kind} is unbounded: give the mass"
     elif thing.shape.kind == "mesh" and thing.shape.shell:
         yield (*at, "density"), "a shell has no volume: give the mass"
@@ -96,7 +95,7 @@ def may_turn(scene: SceneTable, thing: Any) -> bool:
     return len(free) == WIDTHS[scene.dimensions] and any(free[scene.dimensions :])
 
 
-def viscosity_faults(scene: SceneTable, at: Location, thing: Any, stock: Stock) -> Iterator[Finding]:
+def viscosity_faults(scene: SceneTable, at: Key, thing: Any, stock: Stock) -> Iterator[Finding]:
     """Find viscosities for which explicit or semi-implicit integration is unstable."""
     if thing.dynamics != "native" or thing.integrator not in ("explicit", "semi-implicit"):
         return
@@ -115,7 +114,7 @@ def viscosity_faults(scene: SceneTable, at: Location, thing: Any, stock: Stock) 
 
 
 def _slowed(
-    scene: SceneTable, at: Location, thing: Any, key: str, viscosity: float, by: str, inertia: float
+    scene: SceneTable, at: Key, thing: Any, key: str, viscosity: float, by: str, inertia: float
 ) -> Iterator[Finding]:
     ratio = viscosity * scene.period / inertia
     if ratio >= VISCOUS_LIMIT:
@@ -126,7 +125,6 @@ def _slowed(
         )
 
 
-FLAT = ("half-space", "plane")
 STIFFEST = 1e4  # largest k T^2/m of a native contact point; from 1e5 on, rounding errors make a resting box jump
 DEEP = 1e-5  # largest initial depth in an obstacle [m]; a larger one is due neither to rounding nor to the weight
 
@@ -163,7 +161,7 @@ def meeting_faults(scene: SceneTable, stock: Stock, earlier: Sequence[Finding]) 
                 yield from _too_stiff(scene, i, thing, stock)
 
 
-def light_faults(scene: SceneTable, at: Location, thing: Object, stock: Stock) -> Iterator[Finding]:
+def light_faults(scene: SceneTable, at: Key, thing: Object, stock: Stock) -> Iterator[Finding]:
     """Find a mass or moment of inertia too small for the physics engine that moves the object."""
     engine = dynamics_of(thing.dynamics)
     if not engine.least:

@@ -22,21 +22,19 @@ from graspfx.assembly.checks.body_faults import (
 )
 from graspfx.assembly.checks.hand_faults import own_hand_faults, shared_hand_faults
 from graspfx.assembly.checks.settings import length_faults as _length
-from graspfx.assembly.checks.settings import numbers, reason, record_faults, setting_faults
+from graspfx.assembly.checks.settings import load_plugin, numbers, reason, record_faults, setting_faults
 from graspfx.assembly.resolve import placement_faults
 from graspfx.assembly.wiring import wiring_faults
 from graspfx.cones.friction import LEAST
-from graspfx.errors import GraspFXError, InputError, UnknownNameError, abbreviate, closest
+from graspfx.errors import InputError, abbreviate, closest
 from graspfx.loop.device import Device, is_hardware
 from graspfx.objects.dynamics_table import dynamics_of
 from graspfx.objects.integrators import SIZE
+from graspfx.scene.keys import Finding, Key
 from graspfx.scene.tables.fields import NotValid
 from graspfx.scene.tables.part_tables import ObjectImpedance
 from graspfx.scene.tables.reading import WIDTHS
 from graspfx.scene.tables.scene_table import OBJECT, SceneTable
-
-Location = tuple[str | int, ...]
-Finding = tuple[Location, str]
 
 
 def safety_faults(scene: SceneTable) -> Iterator[Finding]:
@@ -76,7 +74,7 @@ def finger_safety_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Fin
         yield from _box_faults(scene, ("finger", i, "safety"), finger.safety)
 
 
-def chain_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Finding]:
+def chain_faults(scene: SceneTable, connected: Mapping[Key, Device]) -> Iterator[Finding]:
     """Find finger limits in a simulation without a safety chain, and hardware whose first force would not be zero."""
     hardware = any(map(is_hardware, connected.values()))
     if scene.safety is None:
@@ -88,14 +86,14 @@ def chain_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Ite
         yield ("safety", "soft_start"), "expected a time above zero, because a person holds the hardware; given 0"
 
 
-def _box_faults(scene: SceneTable, at: Location, table: Any) -> Iterator[Finding]:
+def _box_faults(scene: SceneTable, at: Key, table: Any) -> Iterator[Finding]:
     box = table.workspace
     if isinstance(box, tuple) and len(box[0]) != scene.dimensions:
         expected = numbers(scene.dimensions)
         yield (*at, "workspace"), f"expected two corners of {expected} each; given {abbreviate([list(x) for x in box])}"
 
 
-def own_coefficient(scene: SceneTable, at: Location, finger: Any) -> Iterator[Finding]:
+def own_coefficient(scene: SceneTable, at: Key, finger: Any) -> Iterator[Finding]:
     """Find a friction coefficient of a single finger that the coupling does not allow."""
     if finger.friction is None:
         return
@@ -110,7 +108,7 @@ def own_coefficient(scene: SceneTable, at: Location, finger: Any) -> Iterator[Fi
 
 def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
     """Find missing settings of soft fingers, and hard fingers with settings of soft fingers."""
-    at: Location = ("finger", i, "patch")
+    at: Key = ("finger", i, "patch")
     if finger.model == "hard":
         if finger.patch is not None:
             yield at, "only soft fingers have this setting (model = 'soft')"
@@ -144,7 +142,7 @@ def pad_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
     """Find compliant fingertips with couplings that do not support a pad in series."""
     if finger.pad is None:
         return
-    at: Location = ("finger", i, "pad")
+    at: Key = ("finger", i, "pad")
     coupling, thing = scene.coupling, scene.object[scene.finger_objects[i]]
     if coupling.contact == "attached":
         yield at, "expected unilateral contact: a pad can only push, but attached contacts also pull"
@@ -164,7 +162,7 @@ def contact_axes_faults(scene: SceneTable, share: str) -> Iterator[Finding]:
     if coupling.axes != "contact":
         return
     for quantity in ("stiffness", "damping"):
-        at: Location = ("coupling", share, quantity)
+        at: Key = ("coupling", share, quantity)
         gain = np.asarray(getattr(getattr(coupling, share), quantity), dtype=float)
         if gain.ndim < 2:
             continue
@@ -180,7 +178,7 @@ def contact_axes_faults(scene: SceneTable, share: str) -> Iterator[Finding]:
         yield ("coupling", "axes"), "'contact' requires objects with a shape, which have normals"
 
 
-def control_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Finding]:
+def control_faults(scene: SceneTable, connected: Mapping[Key, Device]) -> Iterator[Finding]:
     """Find devices that do not report the mass that limits the damping of passivity control."""
     if scene.coupling.passivity != "control":
         return
@@ -191,7 +189,7 @@ def control_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> I
             yield ("coupling", "passivity"), f"{text} ('observe' needs no mass)"
 
 
-def metric_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Finding]:
+def metric_faults(scene: SceneTable, connected: Mapping[Key, Device]) -> Iterator[Finding]:
     """Find devices that do not report the mass that the metric needs, and invalid weights."""
     coupling = scene.coupling
     if coupling.metric == "mass" and coupling.split != "mass":
@@ -228,9 +226,8 @@ def cross_faults(scene: SceneTable, stock: Stock) -> list[Finding]:
 def _checks(scene: SceneTable, stock: Stock, faults: list[Finding]) -> Iterator[Iterator[Finding]]:
     yield _enough(scene)
     yield _length(scene, (), scene, "gravity")
-    for table in NAME_KEYS:
+    for table in (*NAME_KEYS, "finger"):
         yield _unique(scene, table)
-    yield _finger_names(scene)
     for i, thing in enumerate(_items(scene, "object")):
         for field in ("position", "velocity"):
             yield _length(scene, ("object", i), thing, field)
@@ -279,8 +276,8 @@ def _checks(scene: SceneTable, stock: Stock, faults: list[Finding]) -> Iterator[
     for quantity in ("stiffness", "damping"):
         yield _ratio(scene, quantity)
     yield record_faults(scene)
-    yield _fade(scene)
-    yield _blend(scene)
+    yield _pair(scene, "fade", "auto", "h", "<=")
+    yield _pair(scene, "blend", "off", "l", "<")
 
 
 def _start(scene: SceneTable, i: int, finger: Any, stock: Stock) -> Iterator[Finding]:
@@ -306,35 +303,22 @@ def _enough(scene: SceneTable) -> Iterator[Finding]:
 
 
 def _unique(scene: SceneTable, table: str) -> Iterator[Finding]:
-    names: set[str] = set()
-    for i, item in enumerate(_items(scene, table)):
-        try:
-            name = getattr(item, NAME_KEYS.get(table, "name"))
-        except NotValid:
-            continue
-        if name in names:
-            yield (
-                (table, i, NAME_KEYS.get(table, "name")),
-                f"{name!r} is used twice; every {table} needs a different name",
-            )
-        names.add(name)
-
-
-def _finger_names(scene: SceneTable) -> Iterator[Finding]:
-    names = scene.finger_names
+    key = NAME_KEYS.get(table, "name")
+    given = [getattr(item, key, NotValid) for item in _items(scene, table)]
+    names = scene.finger_names if table == "finger" else given  # fingers without a name are numbered
     for i, name in enumerate(names):
-        if name in names[:i]:
-            yield ("finger", i, "name"), f"{name!r} is used twice; every finger needs a different name"
+        if name is not NotValid and name in names[:i]:
+            yield (table, i, key), f"{name!r} is used twice; every {table} needs a different name"
 
 
-def _free(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
+def _free(scene: SceneTable, at: Key, thing: Any) -> Iterator[Finding]:
     width = WIDTHS[scene.dimensions]
     if thing.free is not None and len(thing.free) != width:
         moves = {1: "translation", 3: "two translations, one rotation", 6: "three translations, three rotations"}[width]
         yield (*at, "free"), f"expected {width} values, true or false ({moves}); given {abbreviate(list(thing.free))}"
 
 
-def _inertia(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
+def _inertia(scene: SceneTable, at: Key, thing: Any) -> Iterator[Finding]:
     inertia, d = thing.inertia, scene.dimensions
     if inertia is None:
         if may_turn(scene, thing) and thing.shape is None and scene.coupling.contact == "attached":
@@ -350,7 +334,7 @@ def _inertia(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
         yield (*at, "inertia"), f"expected more than 0; given {abbreviate(inertia)}"
 
 
-def _turning(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
+def _turning(scene: SceneTable, at: Key, thing: Any) -> Iterator[Finding]:
     if thing.rotational_viscosity is None and may_turn(scene, thing):
         yield (
             (*at, "rotational_viscosity"),
@@ -358,7 +342,7 @@ def _turning(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
         )
 
 
-def _orientation(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
+def _orientation(scene: SceneTable, at: Key, thing: Any) -> Iterator[Finding]:
     yield from _turned(scene, at, "orientation", thing.orientation, "a quaternion of 4 numbers x, y, z, w", 4)
     value = thing.orientation
     if scene.dimensions == 3 and isinstance(value, tuple) and len(value) == 4:
@@ -367,11 +351,11 @@ def _orientation(scene: SceneTable, at: Location, thing: Any) -> Iterator[Findin
             yield (*at, "orientation"), f"expected a unit quaternion; its norm is {norm:.6g}"
 
 
-def _angular_velocity(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
+def _angular_velocity(scene: SceneTable, at: Key, thing: Any) -> Iterator[Finding]:
     yield from _turned(scene, at, "angular_velocity", thing.angular_velocity, "3 numbers", 3)
 
 
-def _turned(scene: SceneTable, at: Location, field: str, value: Any, in_space: str, count: int) -> Iterator[Finding]:
+def _turned(scene: SceneTable, at: Key, field: str, value: Any, in_space: str, count: int) -> Iterator[Finding]:
     if value is None:
         return
     if scene.dimensions == 1:
@@ -382,7 +366,7 @@ def _turned(scene: SceneTable, at: Location, field: str, value: Any, in_space: s
         yield (*at, field), f"expected {in_space}; given {abbreviate(value)}"
 
 
-def _body(scene: SceneTable, at: Location, thing: Any, stock: Stock, faults: list[Finding]) -> Iterator[Finding]:
+def _body(scene: SceneTable, at: Key, thing: Any, stock: Stock, faults: list[Finding]) -> Iterator[Finding]:
     """Find errors raised when the body is created, if there is no other fault."""
     if any(place[: len(at)] == at or place == ("gravity",) for place, _ in faults):
         return
@@ -392,17 +376,11 @@ def _body(scene: SceneTable, at: Location, thing: Any, stock: Stock, faults: lis
         yield (*at, error.name), reason(error)
 
 
-def _dynamics(at: Location, thing: Any, folder: Path | None) -> Iterator[Finding]:
-    try:
-        plugins.find("dynamics", thing.dynamics, folder)
-        if thing.dynamics not in plugins.BUILT_IN["dynamics"]:
-            module = plugins.load_blaming("dynamics", thing.dynamics, folder)
-            if not callable(getattr(module, "create", None)):
-                yield (*at, "dynamics"), f"the dynamics {thing.dynamics!r} has no function create(state)"
-    except (UnknownNameError, InputError) as error:
-        yield (*at, "dynamics"), reason(error)
-    except GraspFXError as error:
-        yield (*at, "dynamics"), f"the dynamics {thing.dynamics!r} cannot be imported: {error}"
+def _dynamics(at: Key, thing: Any, folder: Path | None) -> Iterator[Finding]:
+    if thing.dynamics not in plugins.BUILT_IN["dynamics"]:
+        module = load_plugin("dynamics", "dynamics", thing.dynamics, folder, "create(state)")
+        if isinstance(module, str):
+            yield (*at, "dynamics"), module
     engine = dynamics_of(thing.dynamics)
     if engine.missing:
         yield (
@@ -411,7 +389,7 @@ def _dynamics(at: Location, thing: Any, folder: Path | None) -> Iterator[Finding
         )
 
 
-def _reference(scene: SceneTable, at: Location, finger: Any, table: str) -> Iterator[Finding]:
+def _reference(scene: SceneTable, at: Key, finger: Any, table: str) -> Iterator[Finding]:
     name = getattr(finger, table)
     if not isinstance(name, str):
         return
@@ -422,7 +400,7 @@ def _reference(scene: SceneTable, at: Location, finger: Any, table: str) -> Iter
         yield at, f"no [[{table}]] has the {NAME_KEYS[table]} {name!r}{hint}"
 
 
-def _own_device(scene: SceneTable, at: Location, finger: Any, stock: Stock) -> Iterator[Finding]:
+def _own_device(scene: SceneTable, at: Key, finger: Any, stock: Stock) -> Iterator[Finding]:
     if not isinstance(finger.device, str):
         yield from setting_faults(scene, at, finger.device, stock)
 
@@ -513,17 +491,12 @@ def _ratio(scene: SceneTable, quantity: str) -> Iterator[Finding]:
         )
 
 
-def _fade(scene: SceneTable) -> Iterator[Finding]:
-    if scene.coupling.fade == "auto":
+def _pair(scene: SceneTable, key: str, word: str, letter: str, relation: str) -> Iterator[Finding]:
+    """Find a pair of lengths of a rule that are not in increasing order; a word stands for no pair."""
+    pair = getattr(scene.coupling, key)
+    if pair == word:
         return
-    low, high = scene.coupling.fade
-    if not 0.0 <= low < high:
-        yield ("coupling", "fade"), f"expected [h1, h2] with 0 <= h1 < h2; given {abbreviate([low, high])}"
-
-
-def _blend(scene: SceneTable) -> Iterator[Finding]:
-    if scene.coupling.blend == "off":
-        return
-    low, high = scene.coupling.blend
-    if not 0.0 < low < high:
-        yield ("coupling", "blend"), f"expected [l1, l2] with 0 < l1 < l2; given {abbreviate([low, high])}"
+    low, high = pair
+    if not (0.0 <= low < high if relation == "<=" else 0.0 < low < high):
+        expected = f"[{letter}1, {letter}2] with 0 {relation} {letter}1 < {letter}2"
+        yield ("coupling", key), f"expected {expected}; given {abbreviate([low, high])}"

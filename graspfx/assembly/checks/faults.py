@@ -12,7 +12,7 @@ from graspfx.assembly.checks.cross_faults import cross_faults
 from graspfx.assembly.checks.units import unit_doubts
 from graspfx.errors import LONGEST_KEY, Fault, InputError, abbreviate, closest
 from graspfx.plugins import is_file_name
-from graspfx.scene.keys import Key, as_faults
+from graspfx.scene.keys import Finding, Key, as_faults
 from graspfx.scene.source import Source
 from graspfx.scene.tables.fields import DRAFT, NotValid, Table
 from graspfx.scene.tables.hand_tables import MadeHand, Path
@@ -21,8 +21,6 @@ from graspfx.scene.tables.scene_table import SceneTable
 from graspfx.scene.tables.shapes import MeshShape
 from graspfx.scene.toml_text import too_deep
 
-Location = tuple[str | int, ...]
-Finding = tuple[Location, str]
 CODE: tuple[tuple[type[Table], str], ...] = ((Device, "name"), (MadeHand, "kind"), (Object, "dynamics"))
 DATA: tuple[tuple[type[Table], str], ...] = ((MeshShape, "mesh"), (Path, "file"))
 REPLAY, COMMAND = "gx.replay(..., trust=True) in Python", "--trust on the command line, or GRASPFX_TRUST=1"
@@ -41,7 +39,7 @@ def trust_faults(scene: SceneTable, source: Source) -> list[Finding]:
     return [] if source.is_trusted else list(_faults((), scene, source))
 
 
-def _faults(at: Location, part: Any, source: Source) -> Iterator[Finding]:
+def _faults(at: Key, part: Any, source: Source) -> Iterator[Finding]:
     if isinstance(part, tuple):
         for k, each in enumerate(part):
             yield from _faults((*at, k), each, source)

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from graspfx import plugins
 from graspfx.assembly.bodies import Stock
-from graspfx.assembly.checks.settings import Finding, Location, length_faults, numbers, reason, signature_faults
+from graspfx.assembly.checks.settings import length_faults, load_plugin, numbers, reason, signature_faults
 from graspfx.assembly.hands import AUTOMATIC, plugin_hand
 from graspfx.assembly.resolve import start_of
-from graspfx.errors import GraspFXError, InputError, UnknownNameError, abbreviate
+from graspfx.errors import GraspFXError, InputError, abbreviate
 from graspfx.loop.motion import motion
+from graspfx.scene.keys import Finding, Key
 from graspfx.scene.tables.fields import NotValid
 from graspfx.scene.tables.hand_tables import MadeHand, Reach, SharedHand, Sine, Step
 from graspfx.scene.tables.hand_tables import Path as RecordedPath
@@ -45,7 +45,7 @@ def own_hand_faults(scene: SceneTable, i: int, stock: Stock) -> Iterator[Finding
     )
 
 
-def shared_hand_faults(scene: SceneTable, at: Location, hand: Any, stock: Stock) -> Iterator[Finding]:
+def shared_hand_faults(scene: SceneTable, at: Key, hand: Any, stock: Stock) -> Iterator[Finding]:
     """Find faults of a hand that several fingers may share."""
     name = getattr(hand, "name", None)  # None if the name has its own fault
     fingers = [i for i, finger in enumerate(scene.finger) if name and getattr(finger, "hand", None) == name]
@@ -67,17 +67,17 @@ def _each(*checks: Iterator[Finding]) -> Iterator[Finding]:
             yield from check
 
 
-def _half(scene: SceneTable, at: Location, hand: Any, half: str) -> Iterator[Finding]:
+def _half(scene: SceneTable, at: Key, hand: Any, half: str) -> Iterator[Finding]:
     yield from _spring(scene, at, getattr(hand, half))
 
 
-def _spring(scene: SceneTable, at: Location, spring: Any) -> Iterator[Finding]:
+def _spring(scene: SceneTable, at: Key, spring: Any) -> Iterator[Finding]:
     for quantity in ("stiffness", "damping"):
         if isinstance(getattr(spring, quantity), tuple):
             yield from length_faults(scene, at, spring, quantity)
 
 
-def _moving(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int], stock: Stock) -> Iterator[Finding]:
+def _moving(scene: SceneTable, at: Key, hand: Any, fingers: Sequence[int], stock: Stock) -> Iterator[Finding]:
     yield from _each(
         *(_motion(scene, where, each, stock) for where, each in _numbered((*at, "motion"), hand, "motion")),
         *(_turn(scene, where, each, fingers) for where, each in _numbered((*at, "turn"), hand, "turn")),
@@ -87,7 +87,7 @@ def _moving(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int], 
     )
 
 
-def _operator(scene: SceneTable, at: Location, hand: Any) -> Iterator[Finding]:
+def _operator(scene: SceneTable, at: Key, hand: Any) -> Iterator[Finding]:
     """Find faults of a hand's operator model, except its spring and damper."""
     if hand.limb is not None:
         yield from _spring(scene, (*at, "limb"), hand.limb)
@@ -101,7 +101,7 @@ def _operator(scene: SceneTable, at: Location, hand: Any) -> Iterator[Finding]:
         )
 
 
-def _guide(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int]) -> Iterator[Finding]:
+def _guide(scene: SceneTable, at: Key, hand: Any, fingers: Sequence[int]) -> Iterator[Finding]:
     guide = hand.guide
     if guide is None or guide.offset is None:
         return
@@ -116,7 +116,7 @@ def _guide(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int]) -
             yield (*at, "offset", i), f"expected {numbers(scene.dimensions)}; given {abbreviate(list(each))}"
 
 
-def _numbered(at: Location, hand: Any, field: str) -> Iterator[tuple[Location, Any]]:
+def _numbered(at: Key, hand: Any, field: str) -> Iterator[tuple[Key, Any]]:
     """List the tables of a field that accepts one table or a list, each with its location."""
     try:
         value = getattr(hand, field)
@@ -126,7 +126,7 @@ def _numbered(at: Location, hand: Any, field: str) -> Iterator[tuple[Location, A
         yield ((*at, k) if isinstance(value, tuple) else at), each
 
 
-def _motion(scene: SceneTable, at: Location, motion: Any, stock: Stock) -> Iterator[Finding]:
+def _motion(scene: SceneTable, at: Key, motion: Any, stock: Stock) -> Iterator[Finding]:
     if isinstance(motion, Sine):
         yield from _axis(scene, at, motion)
     elif isinstance(motion, Reach):
@@ -135,7 +135,7 @@ def _motion(scene: SceneTable, at: Location, motion: Any, stock: Stock) -> Itera
         yield from _recorded(scene, at, motion, stock)
 
 
-def _axis(scene: SceneTable, at: Location, part: Any) -> Iterator[Finding]:
+def _axis(scene: SceneTable, at: Key, part: Any) -> Iterator[Finding]:
     axis = part.axis
     if isinstance(axis, tuple):
         wrong = list(length_faults(scene, at, part, "axis"))
@@ -144,12 +144,12 @@ def _axis(scene: SceneTable, at: Location, part: Any) -> Iterator[Finding]:
         yield (*at, "axis"), f"expected an axis of {scene.dimensions} dimensions; given {abbreviate(axis)}"
 
 
-def _zero(at: Location, vector: Sequence[float]) -> Iterator[Finding]:
+def _zero(at: Key, vector: Sequence[float]) -> Iterator[Finding]:
     if not any(vector):
         yield at, f"expected a direction of nonzero length; given {abbreviate(list(vector))}"
 
 
-def _recorded(scene: SceneTable, at: Location, path: RecordedPath, stock: Stock) -> Iterator[Finding]:
+def _recorded(scene: SceneTable, at: Key, path: RecordedPath, stock: Stock) -> Iterator[Finding]:
     times, positions = path.times, path.positions
     if path.file is not None:
         if times is not None or positions is not None:
@@ -176,7 +176,7 @@ def _recorded(scene: SceneTable, at: Location, path: RecordedPath, stock: Stock)
             return
 
 
-def _turn(scene: SceneTable, at: Location, turn: Any, fingers: Sequence[int]) -> Iterator[Finding]:
+def _turn(scene: SceneTable, at: Key, turn: Any, fingers: Sequence[int]) -> Iterator[Finding]:
     d = scene.dimensions
     if d == 1:
         yield at, "a line has no rotation: leave it out"
@@ -186,7 +186,7 @@ def _turn(scene: SceneTable, at: Location, turn: Any, fingers: Sequence[int]) ->
         yield (*at, "centre"), "required if a hand touches several objects"
 
 
-def _turn_axis(scene: SceneTable, at: Location, turn: Any) -> Iterator[Finding]:
+def _turn_axis(scene: SceneTable, at: Key, turn: Any) -> Iterator[Finding]:
     if scene.dimensions == 3:
         if turn.axis is None:
             yield (*at, "axis"), "required in space: x, y, z or a direction"
@@ -196,7 +196,7 @@ def _turn_axis(scene: SceneTable, at: Location, turn: Any) -> Iterator[Finding]:
         yield (*at, "axis"), f"a turn in 2-D is about z: remove it; given {abbreviate(turn.axis)}"
 
 
-def _squeeze(at: Location, hand: Any) -> Iterator[Finding]:
+def _squeeze(at: Key, hand: Any) -> Iterator[Finding]:
     squeeze = hand.squeeze
     if isinstance(squeeze, int | float):
         return
@@ -215,7 +215,7 @@ def _squeeze(at: Location, hand: Any) -> Iterator[Finding]:
             )
 
 
-def _normals(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int]) -> Iterator[Finding]:
+def _normals(scene: SceneTable, at: Key, hand: Any, fingers: Sequence[int]) -> Iterator[Finding]:
     bare = [thing.name for thing in _touched(scene, fingers) if thing.shape is None]
     closes = hand.squeeze != 0.0 or (hand.guide is not None and hand.guide.squeeze != 0.0)
     if bare and hand.closing == "normal" and closes:
@@ -225,15 +225,13 @@ def _normals(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int])
         )
 
 
-def _own_closing(scene: SceneTable, at: Location, hand: Any) -> Iterator[Finding]:
+def _own_closing(scene: SceneTable, at: Key, hand: Any) -> Iterator[Finding]:
     if isinstance(hand.closing, tuple):
         wrong = list(length_faults(scene, at, hand, "closing"))
         yield from wrong or _zero((*at, "closing"), hand.closing)
 
 
-def _closing(
-    scene: SceneTable, at: Location, hand: SharedHand, fingers: Sequence[int], stock: Stock
-) -> Iterator[Finding]:
+def _closing(scene: SceneTable, at: Key, hand: SharedHand, fingers: Sequence[int], stock: Stock) -> Iterator[Finding]:
     closing = hand.closing
     if isinstance(closing, tuple):
         if fingers and len(closing) != len(fingers):
@@ -248,26 +246,19 @@ def _closing(
             yield (*at, "closing"), "a finger starts at the fingers' mean position, so it has no closing direction"
 
 
-def _share(at: Location, hand: SharedHand, fingers: Sequence[int]) -> Iterator[Finding]:
+def _share(at: Key, hand: SharedHand, fingers: Sequence[int]) -> Iterator[Finding]:
     share = hand.share
     if fingers and isinstance(share, tuple) and len(share) != len(fingers):
         yield (*at, "share"), f"expected one for each of its {len(fingers)} fingers; given {abbreviate(list(share))}"
 
 
 def _plugin_faults(
-    scene: SceneTable, at: Location, table: MadeHand, fingers: Sequence[int], stock: Stock
+    scene: SceneTable, at: Key, table: MadeHand, fingers: Sequence[int], stock: Stock
 ) -> Iterator[Finding]:
     kind = table.kind
-    try:
-        module = plugins.load_blaming("hands", kind, stock.folder)
-    except (UnknownNameError, InputError) as error:
-        yield (*at, "kind"), reason(error)
-        return
-    except GraspFXError as error:
-        yield (*at, "kind"), f"the hand {kind!r} cannot be imported: {error}"
-        return
-    if not callable(getattr(module, "hold", None)):
-        yield (*at, "kind"), f"the hand {kind!r} has no function hold(**settings)"
+    module = load_plugin("hands", "hand", kind, stock.folder, "hold(**settings)")
+    if isinstance(module, str):
+        yield (*at, "kind"), module
         return
     parameters, settings = inspect.signature(module.hold).parameters, table.settings
     clashes = [key for key in settings if key in AUTOMATIC and key in parameters]

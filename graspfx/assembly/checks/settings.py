@@ -17,14 +17,12 @@ from graspfx.compile.memory import within
 from graspfx.errors import LONGEST_KEY, GraspFXError, InputError, UnknownNameError, abbreviate, closest
 from graspfx.loop.columns import Layout, columns_of
 from graspfx.loop.device import Features, lacking
+from graspfx.scene.keys import Finding, Key
 from graspfx.scene.tables.part_tables import Device
 from graspfx.scene.tables.scene_table import SceneTable
 
-Location = tuple[str | int, ...]
-Finding = tuple[Location, str]
 
-
-def length_faults(scene: SceneTable, at: Location, part: Any, field: str) -> Iterator[Finding]:
+def length_faults(scene: SceneTable, at: Key, part: Any, field: str) -> Iterator[Finding]:
     """Find a vector with a number of components other than d."""
     value = getattr(part, field)
     if value is not None and len(value) != scene.dimensions:
@@ -35,7 +33,7 @@ def numbers(count: int) -> str:
     return "1 number (dimensions = 1)" if count == 1 else f"{count} numbers (dimensions = {count})"
 
 
-def record_faults(scene: SceneTable) -> Iterator[tuple[tuple[str | int, ...], str]]:
+def record_faults(scene: SceneTable) -> Iterator[Finding]:
     """Find names of columns that no recording of these fingers and objects contains, for any coupling."""
     names = scene.record.columns
     if not names:
@@ -60,18 +58,23 @@ def record_faults(scene: SceneTable) -> Iterator[tuple[tuple[str | int, ...], st
 OPEN_ENDED = inspect.Parameter.VAR_KEYWORD
 
 
-def setting_faults(scene: SceneTable, at: Location, table: Device, stock: Stock) -> Iterator[Finding]:
-    """Find the reasons why a device cannot be connected; store a device that can be connected."""
+def load_plugin(group: plugins.Group, what: str, name: str, folder: Path | None, function: str) -> ModuleType | str:
+    """Load a plug-in that has a function; return the reason as a text if this is not possible."""
     try:
-        driver = plugins.load_blaming("devices", table.name, stock.folder)
+        module = plugins.load_blaming(group, name, folder)
     except (UnknownNameError, InputError) as error:
-        yield (*at, "name"), reason(error)
-        return
+        return reason(error)
     except GraspFXError as error:
-        yield (*at, "name"), f"the driver {table.name!r} cannot be imported: {error}"
-        return
-    if not callable(getattr(driver, "connect", None)):
-        yield (*at, "name"), f"the driver {table.name!r} has no function connect(**settings)"
+        return f"the {what} {name!r} cannot be imported: {error}"
+    has = callable(getattr(module, function.partition("(")[0], None))
+    return module if has else f"the {what} {name!r} has no function {function}"
+
+
+def setting_faults(scene: SceneTable, at: Key, table: Device, stock: Stock) -> Iterator[Finding]:
+    """Find the reasons why a device cannot be connected; store a device that can be connected."""
+    driver = load_plugin("devices", "driver", table.name, stock.folder, "connect(**settings)")
+    if isinstance(driver, str):
+        yield (*at, "name"), driver
         return
     parameters, settings = inspect.signature(driver.connect).parameters, table.settings
     faults = list(signature_faults(at, table.name, settings, parameters, {AUTOMATIC}))
@@ -91,7 +94,7 @@ def reason(error: GraspFXError) -> str:
     return str(error).removeprefix(f"{error.name}: ") if isinstance(error, InputError) else str(error)
 
 
-def _connection(scene: SceneTable, at: Location, table: Device, driver: ModuleType, stock: Stock) -> Iterator[Finding]:
+def _connection(scene: SceneTable, at: Key, table: Device, driver: ModuleType, stock: Stock) -> Iterator[Finding]:
     dimensions = scene.dimensions
     try:
         with plugins.blaming(Path(driver.__file__ or driver.__name__)), within(stock.memory):
@@ -119,7 +122,7 @@ def _connection(scene: SceneTable, at: Location, table: Device, driver: ModuleTy
 
 
 def signature_faults(
-    at: Location,
+    at: Key,
     name: str,
     settings: Mapping[str, Any],
     parameters: Mapping[str, inspect.Parameter],

@@ -13,16 +13,14 @@ from graspfx.assembly.bodies import Stock
 from graspfx.assembly.hands import holdings
 from graspfx.assembly.resolve import start_of
 from graspfx.errors import GraspFXError
-from graspfx.scene.keys import dotted
+from graspfx.scene.keys import Finding, Key, dotted
 from graspfx.scene.tables.fields import NotValid
 from graspfx.scene.tables.hand_tables import MadeHand, OwnHand, Reach, SharedHand, SharedMadeHand, Step, TurnReach
 from graspfx.scene.tables.reading import listed
 from graspfx.scene.tables.scene_table import SceneTable
 from graspfx.scene.tables.shapes import MeshShape
 
-Location = tuple[str | int, ...]
-Doubt = tuple[Location, float, str, str]  # key, value, unit, and the probable meaning or an empty string
-Finding = tuple[Location, str]
+Doubt = tuple[Key, float, str, str]  # key, value, unit, and the probable meaning or an empty string
 
 FARTHEST = 5.0  # [m]: initial distance between finger and object, and amplitude of a reach: more than an arm
 LARGEST = 0.1  # [m]: fingertip radius, squeeze and depth
@@ -80,7 +78,7 @@ def _gravity(scene: SceneTable, stock: Stock) -> Iterator[Doubt]:
 
 def _objects(scene: SceneTable, stock: Stock) -> Iterator[Doubt]:
     for i, thing in enumerate(scene.object):
-        at: Location = ("object", i)
+        at: Key = ("object", i)
         if thing.mass is not None and thing.mass > HEAVIEST:
             yield (*at, "mass"), thing.mass, "kg", _in(thing.mass, "g", 1e-3)
         if thing.density is not None and not LIGHTEST_MATTER <= thing.density <= HEAVIEST_MATTER:
@@ -97,7 +95,7 @@ def _objects(scene: SceneTable, stock: Stock) -> Iterator[Doubt]:
             yield (*at, "shape"), size, "m across", meaning
 
 
-SIZES: dict[str, Callable[[Stock, Location, Any], float]] = {  # largest side of a shape, by kind
+SIZES: dict[str, Callable[[Stock, Key, Any], float]] = {  # largest side of a shape, by kind
     "box": lambda stock, at, thing: max(thing.shape.size),
     "sphere": lambda stock, at, thing: 2.0 * thing.shape.radius,
     "capsule": lambda stock, at, thing: thing.shape.length + 2.0 * thing.shape.radius,
@@ -126,7 +124,7 @@ def _gains(scene: SceneTable, stock: Stock) -> Iterator[Doubt]:
         yield ("coupling", "damping_depth"), depth, "m", _in(depth, "mm", 1e-3)
 
 
-def _soft(at: Location, stiffness: Any) -> Iterator[Doubt]:
+def _soft(at: Key, stiffness: Any) -> Iterator[Doubt]:
     """Report the largest stiffness if all springs are too soft to be felt; zero stiffness is intended."""
     springs = [k for k in np.ravel(stiffness).tolist() if k > 0.0]
     if springs and max(springs) < SOFTEST:

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.assembly.process import boot
 from graspfx.assembly.process.orders import LETTER
 from graspfx.assembly.process.quenching import Quencher, quench_all
 from graspfx.loop.device_exchange import call_of
@@ -25,7 +24,7 @@ from graspfx.loop.realtime.process import GUARD
 from graspfx.loop.realtime.readings import MOST_STILL, STILL_PERIODS, patience
 from graspfx.loop.realtime.ring import SLOTS, Phase, Ring, Word
 from graspfx.recording.recorder import Recorder
-from graspfx.system import process_end
+from graspfx.system import child_process, process_end
 from graspfx.system.scheduling import set_fifo
 
 if TYPE_CHECKING:
@@ -134,6 +133,7 @@ LONGER = 0.25  # time until the next, stronger step [s]
 OPENING = 30.0  # time for a device to open, and for all devices to come to rest [s]
 CLOSING = 3.0  # time to close hardware that was not armed [s]
 STEPS = (process_end.ASK, process_end.KILL)
+SERVO = "graspfx.assembly.process.servo_child"
 DEATH = "death"  # message of the guard: the process has ended
 
 
@@ -192,7 +192,7 @@ class Guard(Thread):
 
     def run(self) -> None:
         try:
-            self.process, self._line = boot.start(self._ring.file)
+            self.process, self._line = child_process.spawn(SERVO, self._ring.file)
         except BaseException as error:  # noqa: BLE001 - it is raised where a message is awaited
             self.messages.put(("failed", error))
             self.messages.put((DEATH, ""))

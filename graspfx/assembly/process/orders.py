@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from threading import Lock
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,23 +88,18 @@ class GoalPlace(NamedTuple):
     """Goals of one guided hand.
 
     Attributes:
-        plant: Index of the plant that the hand moves.
         memory: Block of the hand.
         entries: Indices of the goals in that block: offsets, (n d,), then the squeeze.
     """
 
-    plant: int
     memory: FloatArray
     entries: Index
 
 
 def goal_places(servo: Servo) -> list[GoalPlace]:
     """List the places of the goals of a servo's guided hands, plant by plant and hand by hand."""
-    places = []
-    for j, wiring in enumerate(servo.plants):
-        hand: Any = wiring.hand
-        places += [GoalPlace(j, hand.state, entries) for entries in getattr(hand, "goals", ())]
-    return places
+    hands: list[Any] = [wiring.hand for wiring in servo.plants]
+    return [GoalPlace(hand.state, entries) for hand in hands for entries in getattr(hand, "goals", ())]
 
 
 class GuideKeys(NamedTuple):
@@ -308,15 +303,6 @@ def is_carried(hand: Any) -> bool:
 LOOK = 0.002  # interval of checks whether a pause is over [s]
 
 
-class Pause(Protocol):
-    """Protocol of a source of pauses, during which ticks must wait."""
-
-    @property
-    def is_paused(self) -> bool:
-        """Whether the next tick must wait."""
-        ...
-
-
 class PausingPacer(Pacer):
     """A pacer that delays ticks during pauses; after a pause the grid of deadlines starts again.
 
@@ -325,12 +311,12 @@ class PausingPacer(Pacer):
         clock: Clock for waiting.
 
     Attributes:
-        orders: Source of pauses; None without pauses.
+        orders: Orders, which may include a pause; None without pauses.
     """
 
     def __init__(self, period: float, clock: Clock | None = None) -> None:
         super().__init__(period, clock)
-        self.orders: Pause | None = None
+        self.orders: Orders | None = None
 
     def wait(self, stop: Callable[[], bool] | None = None) -> int:
         skipped = super().wait(stop)

@@ -28,8 +28,7 @@ from graspfx.live.sliders import Slider, live_keys, sliders, values_of, widened
 from graspfx.loop import step_program
 from graspfx.loop.arena import Arena
 from graspfx.loop.columns import Layout
-from graspfx.loop.kernel_faults import kernel_fault
-from graspfx.loop.servo import Servo
+from graspfx.loop.servo import Servo, kernel_fault
 from graspfx.loop.world import MOVER, OBJECT_, PLANT, SAFETY, STATION, ServoState
 from graspfx.recording.header import Outcome, conclusion, description
 

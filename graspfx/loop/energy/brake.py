@@ -1,4 +1,4 @@
-"""The passivity controller of a grasp: minimal damping in the mode that generates energy, within finger limits."""
+"""A sample of the energy observer, and its passivity controller: minimal damping in the mode that generates energy."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from graspfx.coupling.law import react
 from graspfx.coupling.limit import limit_again
 from graspfx.loop.energy.books import FingerBooks, LedgerState
 from graspfx.loop.energy.leak import add_damping, balance
+from graspfx.loop.energy.ledger import hold, observe, report
 from graspfx.spatial import NOTHING, ZERO, dot, with_torsion
 
 ROUNDING = 1e-12  # fraction of the largest energy so far below which a debt counts as zero
@@ -89,3 +90,32 @@ def push(grasp: GraspState, finger: FingerState, books: FingerBooks) -> None:
     new = with_torsion(tangent + normal * n, t)
     books.brake = new - force
     finger.local = new
+
+
+# The observer's work in a sample --------------------------------------------------------------------------------------
+
+
+@kernel
+def watch(grasp: GraspState, ledger: LedgerState, T: float) -> int:
+    """Book the previous sample, apply the passivity controller, store the next sample's forces, and report; return 0.
+
+    The ledger must already contain the obstacles' wrench on the body in that sample (`Observer.met`).
+    """
+    book_sample(grasp, ledger, T)
+    store_sample(grasp, ledger)
+    return 0
+
+
+@kernel
+def book_sample(grasp: GraspState, ledger: LedgerState, T: float) -> None:
+    """Book the previous sample and apply the passivity controller if enabled: the first half of `watch`."""
+    observe(grasp, ledger, T)
+    if ledger.control:
+        control(grasp, ledger, T)
+
+
+@kernel
+def store_sample(grasp: GraspState, ledger: LedgerState) -> None:
+    """Store the displayed forces for the next sample and report: the second half of `watch`."""
+    hold(grasp, ledger)
+    report(grasp, ledger)

@@ -14,7 +14,6 @@ contacts. For the coupling D is their difference, the change of e = p - c.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Floats, Many, Record, Table, floats, many, table
@@ -58,16 +57,6 @@ class Accounts(Record):
     whole: Sum
 
 
-@dataclass(frozen=True, slots=True)
-class Works:
-    """Work f'D by account, and its total [J]."""
-
-    internal: float
-    translation: float
-    rotation: float
-    whole: float
-
-
 @kernel
 def reach(split: ModeSplit, contacts: Many[Contact], steps: Many[Vector4]) -> None:
     """Compute beta_k q_k'W^1/2 D for each mode."""
@@ -79,41 +68,6 @@ def reach(split: ModeSplit, contacts: Many[Contact], steps: Many[Vector4]) -> No
             for a in range(width):
                 total += w * modes[k, 1 + width * i + a] * steps[i][a]
         split.reach[k] = modes[k, 0] * total
-
-
-@kernel
-def works(split: ModeSplit, contacts: Many[Contact], forces: Many[Vector4], steps: Many[Vector4]) -> Works:
-    """Compute f'(I - Q) D, the sums of f'Q_k D over translations and over rotations, and f'D [J].
-
-    Each is summed independently, so that the first three can be checked against the fourth. The work of a finger of
-    zero weight is internal.
-    """
-    reach(split, contacts, steps)
-    width, modes = split.width, split.modes
-    translation = rotation = internal = whole = 0.0
-    for k in range(split.count):
-        push = 0.0
-        for i, contact in enumerate(contacts):
-            w = contact.weight
-            if w > 0.0:
-                w = 1.0 / math.sqrt(w)
-                for a in range(width):
-                    push += w * modes[k, 1 + width * i + a] * forces[i][a]
-        if k < split.shifts:
-            translation += push * split.reach[k]
-        else:
-            rotation += push * split.reach[k]
-    for i, contact in enumerate(contacts):
-        w = contact.weight
-        if w > 0.0:
-            w = 1.0 / math.sqrt(w)
-        for a in range(width):
-            left = steps[i][a]
-            whole += forces[i][a] * left
-            for k in range(split.count):
-                left -= w * modes[k, 1 + width * i + a] * split.reach[k]
-            internal += forces[i][a] * left
-    return Works(internal, translation, rotation, whole)
 
 
 @kernel
@@ -145,45 +99,6 @@ def squares(split: ModeSplit, contacts: Many[Contact], steps: Many[Vector4]) -> 
 
 
 @kernel
-def store(
-    accounts: Accounts, split: ModeSplit, contacts: Many[Contact], displacements: Many[Vector4], external: float,
-    internal: float,
-) -> None:  # fmt: skip
-    """Write 1/2 k e'W Q e of each account, the energy [J] of the springs of eq. (4) at e with these gains."""
-    square = squares(split, contacts, displacements)
-    accounts.parts[INTERNAL].stored = 0.5 * internal * square.x
-    accounts.parts[TRANSLATION].stored = 0.5 * external * square.y
-    accounts.parts[ROTATION].stored = 0.5 * external * square.z
-
-
-@kernel
-def open_accounts(accounts: Accounts) -> None:
-    """Start the accounts at zero; the present energy of the springs is the initial energy."""
-    for account in accounts.parts:
-        account.work.value = account.work.carry = account.spent = 0.0
-        account.opened = account.stored
-    accounts.whole.value = accounts.whole.carry = 0.0
-
-
-@kernel
-def observe(
-    accounts: Accounts, split: ModeSplit, contacts: Many[Contact], forces: Many[Vector4], steps: Many[Vector4],
-    drag: float,
-) -> None:  # fmt: skip
-    """Book one sample: the work of the held force on the step, and `drag` = b/T [N/m] times the squares of the step.
-
-    Friction of the devices is b w_i at finger i [N s/m]; b = 0 books no friction.
-    """
-    work = works(split, contacts, forces, steps)
-    book(accounts.parts[INTERNAL].work, work.internal)
-    book(accounts.parts[TRANSLATION].work, work.translation)
-    book(accounts.parts[ROTATION].work, work.rotation)
-    book(accounts.whole, work.whole)
-    if drag > 0.0:
-        spend(accounts, drag, squares(split, contacts, steps))
-
-
-@kernel
 def spend(accounts: Accounts, drag: float, square: Vector) -> None:
     """Add the energy that friction of `drag` [N/m] dissipates on a step with these squares [m^2]."""
     accounts.parts[INTERNAL].spent += drag * square.x
@@ -209,15 +124,6 @@ def balance(account: Account) -> float:
     work = account.work.value + account.work.carry
     gained = account.stored - account.opened
     return work + account.spent - gained
-
-
-@kernel
-def gap(accounts: Accounts) -> float:
-    """Compute the difference between the three accounts and the total [J]: rounding, or an error of the ledger."""
-    total = -(accounts.whole.value + accounts.whole.carry)
-    for account in accounts.parts:
-        total += account.work.value + account.work.carry
-    return total
 
 
 @kernel

@@ -12,8 +12,8 @@ from graspfx.compile.records import layout, size_for, start_of
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.loop.energy.books import EnergyReport, LedgerState
+from graspfx.loop.energy.brake import watch
 from graspfx.loop.energy.leak import ModeSplit
-from graspfx.loop.energy.watch import watch
 from graspfx.objects.body import NativeBody
 from graspfx.objects.energy import SampleStart
 

@@ -13,10 +13,10 @@ import time
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from graspfx.compile.footprints import footprint
 from graspfx.compile.kernel import kernel
 from graspfx.compile.kernel_marks import bound_late
 from graspfx.compile.memory import Scattered, address_of
+from graspfx.compile.own_sources import footprint
 from graspfx.compile.program import program_source
 from graspfx.compile.records import Floats, Many, Record, floats, many
 from graspfx.loop.realtime.loop_log import LoopState, note_times

@@ -13,8 +13,8 @@ import math
 from graspfx.compile.kernel import inline, kernel
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.loop.energy.books import LedgerState
+from graspfx.loop.energy.brake import book_sample, store_sample
 from graspfx.loop.energy.ledger import total_of
-from graspfx.loop.energy.watch import book_sample, store_sample
 from graspfx.loop.safety.safety_state import SafetyState, Tank
 
 SLIP = 1.25  # a contact that slides under Coulomb's law lets dV exceed 1/2 w'dK w by at most a fifth

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx import elementary, installed
-from graspfx.compile.array_cache import content_key, load_arrays, store_arrays
 from graspfx.compile.kernel import kernel
 from graspfx.compile.memory import zeros
 from graspfx.compile.records import Many, size_for, size_of, start_of
+from graspfx.compile.value_cache import through_cache
 from graspfx.cones.cone import contact_frame
 from graspfx.cones.problem import problem_size, set_up
 from graspfx.errors import GraspFXError, InputError
@@ -232,14 +232,8 @@ def hull_points(vertices: FloatArray) -> FloatArray:
 @lru_cache(maxsize=8)
 def _hull_vertices(shape: tuple[int, ...], entries: bytes) -> NDArray[np.intp]:
     """Load the indices of the hull's vertices from disk, or compute and store them."""
-    key = content_key(("hull", installed.version("scipy"), shape), entries)
-    entry = load_arrays(key)
-    if entry is not None:
-        selection: NDArray[np.intp] = entry[1][0]
-        return selection
-    selection = _hull(np.frombuffer(entries).reshape(shape))
-    store_arrays(key, {}, [selection])
-    return selection
+    settings = "hull", installed.version("scipy"), installed.version("numpy"), shape
+    return through_cache(settings, entries, lambda: _hull(np.frombuffer(entries).reshape(shape)))
 
 
 def _hull(vertices: FloatArray) -> NDArray[np.intp]:

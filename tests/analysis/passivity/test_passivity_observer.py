@@ -1,7 +1,8 @@
-"""The ledger of a grasp's energy: closed forms of held springs, dense projectors, the brake in a loop that leaks."""
+"""Accounts of a grasp's energy: closed forms of held springs, dense projectors, the brake in a loop that leaks."""
 
 from __future__ import annotations
 
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -67,17 +68,28 @@ class Observed:
     def part(self, field: Any) -> Any:
         return self.fingers.part(field)
 
-    def works(self, run: Any = po.works) -> Any:
-        return run(self.split, self.fingers, self.part(Finger.force), self.part(Finger.step))
-
-    def squares(self) -> Any:
-        return po.squares(self.split, self.fingers, self.part(Finger.step))
+    def squares(self, run: Any = po.squares) -> Any:
+        return run(self.split, self.fingers, self.part(Finger.step))
 
     def store(self, external: float, internal: float) -> None:
-        po.store(self.accounts, self.split, self.fingers, self.part(Finger.displacement), external, internal)
+        """Energy of springs at the displacements, 1/2 k e'W Q e of each account."""
+        squares = po.squares(self.split, self.fingers, self.part(Finger.displacement))
+        for j, gain in enumerate((internal, external, external)):
+            self.accounts.parts[j].stored = 0.5 * gain * squares[j]
 
-    def observe(self, drag: float = 0.0, run: Any = po.observe) -> None:
-        run(self.accounts, self.split, self.fingers, self.part(Finger.force), self.part(Finger.step), drag)
+    def open(self) -> None:
+        """Start at zero, with what the springs hold now."""
+        for account in self.accounts.parts:
+            account.work.value = account.work.carry = account.spent = 0.0
+            account.opened = account.stored
+
+    def observe(self, drag: float = 0.0) -> None:
+        """Book the work f'Q D of the held force on the step, by dense projectors, and friction on the step."""
+        f, D = self.array(Finger.force).ravel(), self.array(Finger.step).ravel()
+        for j, Q in enumerate(self.projectors):
+            self.book(j, float(f @ Q @ D))
+        if drag > 0.0:
+            po.spend(self.accounts, drag, self.squares())
 
     def brake(self, most: float, run: Any = po.add_damping) -> Any:
         forces, steps = self.part(Finger.force), self.part(Finger.step)
@@ -89,8 +101,12 @@ class Observed:
     def balances(self) -> np.ndarray:
         return np.array([po.balance(account) for account in self.accounts.parts])
 
+    @cached_property
     def projectors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """I - Q, Q of translations, Q of rotations, dense, in the metric of the weights; from grasp matrices."""
+        if self.d == 1:
+            mean = np.tile(self.weights / self.weights.sum(), (self.n, 1))
+            return np.eye(self.n) - mean, mean, np.zeros_like(mean)
         W = np.repeat(self.weights, self.d)
         points = self.points
         every = gx.Split(gx.grasp_matrix(points), metric=W).displacement_external
@@ -122,7 +138,7 @@ def test_a_held_spring_moved_in_a_sine_creates_energy_of_known_size(samples):
     assert created[po.TRANSLATION] == pytest.approx(0.0, abs=1e-18)
     # the devices' friction covers it iff b >= K T/2: the wall's limit
     for factor, sign in ((1.001, 1.0), (0.999, -1.0)):
-        po.open_accounts(grasp.accounts)
+        grasp.open()
         for k in range(samples):
             grasp.put(Finger.force, K * np.array([[x[k]], [-x[k]]]))
             grasp.put(Finger.step, (x[k + 1] - x[k]) * np.array([[1.0], [-1.0]]))
@@ -155,42 +171,18 @@ def test_turning_is_told_from_shifting_where_the_mean_velocity_is_zero():
 @pytest.mark.parametrize(
     ("n", "d", "weighted"), [(2, 1, False), (2, 2, True), (3, 2, False), (5, 3, False), (4, 3, True)]
 )
-def test_works_and_squares_are_those_of_the_dense_projectors(n, d, weighted):
+def test_squares_are_those_of_the_dense_projectors(n, d, weighted):
     rng = np.random.default_rng(n + d)
     points = ring(n, d) + rng.normal(scale=0.003, size=(n, d))
     grasp = Observed(points, rng.uniform(0.2, 2.0, n) if weighted else None)
-    f, D = rng.normal(size=(n, d)), 1e-4 * rng.normal(size=(n, d))
-    grasp.put(Finger.force, f)
+    D = 1e-4 * rng.normal(size=(n, d))
     grasp.put(Finger.step, D)
-    projectors = (
-        grasp.projectors() if d > 1 else ((np.eye(2) - 0.5 * np.ones((2, 2))), 0.5 * np.ones((2, 2)), np.zeros((2, 2)))
-    )
     W = np.repeat(grasp.weights, d)
-    works, squares = list(numbers(grasp.works())), list(numbers(grasp.squares()))
-    for j, Q in enumerate(projectors):
-        assert works[j] == pytest.approx(f.ravel() @ Q @ D.ravel(), abs=1e-14 * abs(f.ravel()) @ abs(D.ravel()) * n)
+    squares = list(numbers(grasp.squares()))
+    for j, Q in enumerate(grasp.projectors):
         assert squares[j] == pytest.approx(
             (W * D.ravel()) @ Q @ D.ravel(), abs=float(1e-13 * (W * D.ravel()) @ D.ravel())
         )
-    assert works[3] == pytest.approx(f.ravel() @ D.ravel(), rel=1e-13, abs=1e-18)
-
-
-def test_the_ledger_closes_to_rounding_over_a_long_run_at_both_ports():
-    """The three accounts make the whole at each port, and the devices' less the object's is the coupling's."""
-    rng = np.random.default_rng(8)
-    ports = [Observed(ring(5, 3)) for _ in range(3)]
-    turned = 0.0
-    for _ in range(3000):
-        f, finger, contact = rng.normal(size=(3, 5, 3)) * np.array([1.0, 1e-4, 1e-4])[:, None, None]
-        turned += float(np.abs(f).ravel() @ (np.abs(finger) + np.abs(contact)).ravel())
-        for port, step in zip(ports, (finger, contact, finger - contact), strict=True):
-            port.put(Finger.force, f)
-            port.put(Finger.step, step)
-            port.observe()
-    # each sample's products round at 1e-16 of themselves, at random: far less than the sum of all
-    assert max(abs(po.gap(port.accounts)) for port in ports) < 2e-17 * turned
-    device, object_, coupling = (port.balances() for port in ports)
-    assert np.abs(device - object_ - coupling).max() < 2e-17 * turned
 
 
 def test_a_coupling_of_eq_4_leaks_half_its_stiffness_times_each_step_squared():
@@ -198,12 +190,12 @@ def test_a_coupling_of_eq_4_leaks_half_its_stiffness_times_each_step_squared():
     rng = np.random.default_rng(4)
     kep, kip = 40.0, 160.0
     grasp = Observed(ring(4, 3), rng.uniform(0.5, 1.5, 4))
-    internal, shift, turn = grasp.projectors()
+    internal, shift, turn = grasp.projectors
     W = np.repeat(grasp.weights, 3)
     e = 1e-3 * rng.normal(size=(300, 12)).cumsum(axis=0)
     grasp.put(Finger.displacement, e[0].reshape(4, 3))
     grasp.store(kep, kip)
-    po.open_accounts(grasp.accounts)
+    grasp.open()
     expected = np.zeros(3)
     for now, then in pairwise(e):
         force = W * (kep * (shift + turn) @ now + kip * internal @ now)
@@ -217,13 +209,9 @@ def test_a_coupling_of_eq_4_leaks_half_its_stiffness_times_each_step_squared():
     np.testing.assert_allclose(grasp.balances(), expected, rtol=1e-11)
 
 
-def test_a_finger_of_no_weight_is_internal():
+def test_a_finger_of_no_weight_has_no_square():
     grasp = Observed(ring(3), np.array([1.0, 1.0, 0.0]))
-    grasp.put(Finger.force, [[0.0, 0.0], [0.0, 0.0], [2.0, 0.0]])
     grasp.put(Finger.step, [[0.0, 0.0], [0.0, 0.0], [1e-3, 0.0]])
-    work = grasp.works()
-    assert (work.internal, work.whole) == (pytest.approx(2e-3), pytest.approx(2e-3))
-    assert (work.translation, work.rotation) == (0.0, 0.0)
     assert grasp.squares() == Vector(0.0, 0.0, 0.0)
 
 
@@ -239,7 +227,7 @@ def test_the_brake_pays_a_debt_with_the_next_step_like_the_last_and_in_its_mode_
     assert found[leaking] == pytest.approx(3e-7 * T / grasp.squares()[leaking])
     force = grasp.array(Finger.force).ravel()
     W = np.repeat(grasp.weights, 3)
-    expected = found[leaking] / T * W * (grasp.projectors()[leaking] @ D.ravel())
+    expected = found[leaking] / T * W * (grasp.projectors[leaking] @ D.ravel())
     np.testing.assert_allclose(force, expected, rtol=1e-10, atol=1e-14)
     grasp.observe()
     assert abs(grasp.balances()[leaking]) < 1e-20
@@ -255,7 +243,7 @@ def test_the_brake_is_limited_and_idle_where_nothing_is_owed():
     grasp.book(po.INTERNAL, -1.0)
     damping = grasp.brake(0.1)
     assert damping in (Vector(0.1, 0.1, 0.0), Vector(0.0, 0.1, 0.0))  # squeezed by rounding, or not
-    po.open_accounts(grasp.accounts)
+    grasp.open()
     assert grasp.balances().tolist() == [0.0, 0.0, 0.0]
 
 
@@ -319,7 +307,9 @@ def test_kernels_as_written_lowered_and_compiled_compute_the_same_numbers(seed: 
         for _ in range(3):
             grasp.put(Finger.force, rng.normal(size=(4, 3)))
             grasp.put(Finger.step, 1e-4 * rng.normal(size=(4, 3)))
-            grasp.observe(10.0, run=way(po.observe))
+            squares = grasp.squares(run=way(po.squares))
+            drained = squares if isinstance(squares, Vector) else Vector(*squares)
+            po.spend(grasp.accounts, 10.0, drained)
         way(po.book)(grasp.accounts.parts[po.ROTATION].work, -1.0)
         damping = grasp.brake(0.3, run=way(po.add_damping))
         results.append(([*(damping if isinstance(damping, tuple) else numbers(damping))], grasp.S, grasp.modes))

@@ -20,8 +20,8 @@ from graspfx.coupling.rules import Rules
 from graspfx.errors import SceneError
 from graspfx.grasp.impedance import Coupling, Impedance
 from graspfx.loop.energy.books import FingerBooks, LedgerState
+from graspfx.loop.energy.brake import watch
 from graspfx.loop.energy.observer import Observer
-from graspfx.loop.energy.watch import watch
 from graspfx.objects import energy
 from graspfx.objects.body import NativeBody, fill_body
 from graspfx.objects.body_state import EXACT, BodyState, Motion

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.assembly.calibration import device_calibration
-from graspfx.assembly.calibration.device_calibration import calibrate
+from graspfx.assembly import device_calibration
+from graspfx.assembly.device_calibration import calibrate
 from graspfx.devices import haply_2diy, rig
 from graspfx.devices.haply_2diy.emulator import DiyWire
 from graspfx.devices.rig.emulator import RigWire
