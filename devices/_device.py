@@ -6,6 +6,7 @@ import ctypes
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from os import PathLike
 from typing import Any, Self
 
 import numpy as np
@@ -96,9 +97,10 @@ def library_path(library: object, title: str) -> Any:
         library: Value of the setting.
         title: Name of the library in messages.
     """
-    if not (library is None or isinstance(library, ctypes.CDLL) or (isinstance(library, str) and library)):
-        raise InputError("library", library, f"the path of {title}, or None for its usual names")
-    return library
+    path = str(library) if isinstance(library, PathLike) else library
+    if not (path is None or isinstance(path, ctypes.CDLL) or (isinstance(path, str) and path)):
+        raise InputError("library", library, f"the path of {title}, a ctypes.CDLL, or None for its usual names")
+    return path
 
 
 def load_library(

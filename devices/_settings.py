@@ -16,7 +16,7 @@ def number(name: str, value: object, least: float, most: float = LARGEST, expect
     """Return a finite number between two bounds; `expected` replaces the description of the bounds in errors."""
     expected = expected or f"a number from {least:g} to {most:g}"
     figure = finite(name, value, expected)
-    if isinstance(value, bool | np.bool_) or figure.shape != () or not least <= figure <= most:
+    if np.asarray(value).dtype == bool or figure.shape != () or not least <= figure <= most:
         raise InputError(name, value, expected)
     return float(figure)
 

@@ -153,6 +153,7 @@ class Delta(Handle):  # type: ignore[misc] # mypy does not see devices from insi
     def begin(self, period: float) -> None:
         """Open the device without its C functions, which take time to compile."""
         self.close()
+        self._estimator = self._estimator_at(period)
         dhd = Dhd(self.library)
         self._id = dhd.call("dhdOpen") if self.serial is None else dhd.call("dhdOpenSerial", self.serial)
         self._dhd = dhd
@@ -162,7 +163,6 @@ class Delta(Handle):  # type: ignore[misc] # mypy does not see devices from insi
             self._watch()
             dhd.call("dhdEnableForce", 1, self._id)
             dhd.call("dhdSetForce", 0.0, 0.0, 0.0, self._id)
-            self._estimator = self._estimator_at(period)
             self._time, self._began = 0.0, self.now()
             if not self._refresh():
                 raise DeviceError("the device returned no initial position")

@@ -231,7 +231,7 @@ class Haply2Diy(Closing):  # type: ignore[misc] # mypy does not see devices from
         if not (math.isfinite(first) and math.isfinite(second)):
             self.stop()
             raise DeviceError(
-                f"a force of {forces[0].tolist()} N is not finite and cannot be displayed: "
+                f"a force of {np.asarray(forces[0]).tolist()} N is not finite and cannot be displayed: "
                 "the motors are at zero torque"
             )
         excess = max(1.0, abs(first) / self.torque_limit, abs(second) / self.torque_limit)

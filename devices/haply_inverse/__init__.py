@@ -71,6 +71,7 @@ class Inverse(Handle):  # type: ignore[misc] # mypy does not see devices from in
 
     def open(self, period: float) -> None:
         self.close()
+        self._estimator = self._estimator_at(period)
         name = self.service.join(self.device, self.basis, self.damping)
         self._name = name
         try:
@@ -89,7 +90,6 @@ class Inverse(Handle):  # type: ignore[misc] # mypy does not see devices from in
         except DeviceError:
             self.close()
             raise
-        self._estimator = self._estimator_at(period)
         self._estimator.update(self._position[0], self._time - self._began)
 
     def ask(self) -> None:

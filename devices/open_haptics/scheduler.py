@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from contextlib import suppress
 from functools import cache
-from threading import RLock
+from threading import Lock, RLock
 from typing import Any, Protocol
 
 import numpy as np
@@ -226,7 +226,15 @@ def _calls(hd: Hd, handle: int, velocity: VelocityEstimator) -> Calls:
     )
 
 
-@cache
+_CREATION = Lock()  # devices may be quenched by several threads at once, but a library has one scheduler
+
+
 def scheduler_of(library: str | ctypes.CDLL | None) -> Scheduler:
     """Return the scheduler of a library, shared by all devices of this process; the library is loaded on first use."""
+    with _CREATION:
+        return _scheduler(library)
+
+
+@cache
+def _scheduler(library: str | ctypes.CDLL | None) -> Scheduler:
     return Scheduler(Hd(library))

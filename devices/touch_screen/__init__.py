@@ -102,8 +102,9 @@ def connect(
     Raises:
         MissingPackageError: Raised by `open` if websockets is not installed; `pip install graspfx[touch]` installs it.
     """
-    if whole("dimensions", dimensions, 1, 3) > 2:
+    if dimensions == 3:
         raise InputError("dimensions", dimensions, "1 or 2: a screen has no depth")
+    whole("dimensions", dimensions, 1, 2)
     count, corners = whole("fingers", fingers, 1, MOST_FINGERS), area(workspace, dimensions)
     low, high = corners
     if start is None:

@@ -323,3 +323,22 @@ from tests.support.scripted_devices import Plain
 def connect():
     return Plain([[[[-0.03, 0.0, 0.0]], [[0.0, 0.0, 0.0]]]])
 """
+
+
+def test_threads_that_meet_have_one_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Devices are quenched in parallel; a second scheduler of their library would be refused."""
+    from graspfx.devices.open_haptics import scheduler
+
+    def load(library: str) -> object:
+        time.sleep(0.05)  # as the loading of a vendor's library may take
+        return object()
+
+    monkeypatch.setattr(scheduler, "Hd", load)
+    found: list[object] = []
+    threads = [threading.Thread(target=lambda: found.append(scheduler.scheduler_of("slow"))) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    scheduler._scheduler.cache_clear()
+    assert len(found) == 4 and len(set(map(id, found))) == 1
