@@ -117,9 +117,11 @@ def take(rows: FloatArray, measures: FloatArray, k: int, ticks: int) -> None:
     if k == 0:
         measures[:, FIRST] = rows[0]
     measures[:, LAST] = rows[-1]
+    terms = np.empty((len(rows) + 1, 2, rows.shape[1]))
+    terms[0], terms[1:, 0] = measures[:, [SUM, SQUARES]].T, rows
     with np.errstate(over="ignore", invalid="ignore"):
-        for each, terms in ((SUM, rows), (SQUARES, rows * rows)):
-            measures[:, each] = np.add.accumulate(np.concatenate([measures[None, :, each], terms]))[-1]
+        np.multiply(rows, rows, out=terms[1:, 1])
+        measures[:, [SUM, SQUARES]] = np.add.reduce(terms, axis=0).T  # along the slower axis, so row by row
     half = max(ticks // 2 - k, 0)
     for part, low in ((rows[:half], LOW), (rows[half:], LATE_LOW)):
         measures[:, low] = np.fmin(measures[:, low], np.fmin.reduce(part, initial=np.inf))
