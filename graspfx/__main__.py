@@ -80,7 +80,8 @@ def parse(words: Sequence[str]) -> Namespace:
 
     Raises:
         UnknownNameError: If no command or option has that name.
-        SystemExit: For --help, --version, or invalid arguments.
+        InputError: If the command has an argument too many.
+        SystemExit: For --help, --version, or other invalid arguments.
     """
     if not words:
         words = ["--help"]
@@ -114,7 +115,7 @@ def parser(words: Collection[str] = tuple(COMMANDS)) -> ArgumentParser:
 
 
 def _refuse(command: str, words: Sequence[str], options: Sequence[str]) -> NoReturn:
-    """Raise the error for unknown arguments of the command, with a close match."""
+    """Raise the error for unknown arguments of the command; for an option, with a close match."""
     option = next((word.partition("=")[0] for word in words if word.startswith("-")), None)
     if option is not None:
         raise UnknownNameError("option", option, options, f"`graspfx {command} --help` describes the options")

@@ -38,7 +38,7 @@ def numbers(name: str, argument: ArrayLike, unit: str, *, zero: bool = True, neg
 
 
 def count(name: str, argument: float, least: int = 0) -> int:
-    """Check an integer."""
+    """Check an integer, which must be `least` or more."""
     value = numbers(name, argument, "1", negative=True)
     if value.ndim or value % 1.0 or value < least or isinstance(argument, bool):
         raise InputError(name, argument, f"a whole number, {least} or more")
@@ -53,7 +53,7 @@ def one_of(kind: str, name: str, names: Iterable[str]) -> str:
 
 
 def samples(name: str, argument: float) -> int:
-    """Check a delay: an integer number of samples."""
+    """Check a delay: an integer from 0 to `LONGEST` [samples]."""
     lag = count(name, argument)
     if lag > LONGEST:
         raise InputError(name, argument, f"a whole number of samples, {LONGEST} at most", "use a longer period")

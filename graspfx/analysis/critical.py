@@ -127,9 +127,9 @@ def to_half_plane(n: int) -> FloatArray:
 def critical_gains(D: FloatArray, N: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Find k and y = tan^2(theta/2), (c, ...), at which D + k N = 0 for z = exp(j theta); non-finite if there is none.
 
-    On |z| = 1, w = j sqrt(y) and y = (1 - cos theta)/(1 + cos theta): Im(N conj D)/sin theta is a polynomial in cos
-    theta, written here in y to remain accurate near z = 1, for slow loops. The last two entries belong to z = 1 and
-    z = -1.
+    k is real where Im(N conj D) = 0. Divided by sin theta, this is a polynomial in cos theta; it is solved as a
+    polynomial in y, which remains accurate near z = 1, where the roots of slow loops lie. On |z| = 1, w = j sqrt(y) and
+    y = (1 - cos theta)/(1 + cos theta). The last two entries belong to z = 1 and z = -1.
 
     Args:
         D, N: Coefficients in ascending powers of s = z - 1, (n + 1, ...).
@@ -211,7 +211,7 @@ def _cubic(monic: FloatArray) -> NDArray[np.complex128]:
 
 
 def _polished(monic: FloatArray, y: FloatArray, steps: int = 3) -> FloatArray:
-    """Apply Newton steps to positive roots if they reduce |h|; this restores digits that a closed form loses."""
+    """Apply Newton steps to positive roots where they reduce the polynomial; a closed form has lost digits."""
     h = np.concatenate([monic, np.ones((1, monic.shape[1]))])
     slope: FloatArray = h[1:] * np.arange(1.0, len(h))[:, None]
     with np.errstate(all="ignore"):
@@ -225,7 +225,7 @@ def _polished(monic: FloatArray, y: FloatArray, steps: int = 3) -> FloatArray:
 
 
 def is_stable(D: FloatArray, N: FloatArray, k: FloatArray | float) -> NDArray[np.bool_]:
-    """Test whether all roots of D + k N lie inside the unit circle: Jury's test as Routh's array in w; k (...)."""
+    """Test whether all roots of D + k N lie inside the unit circle, for gains k (...), by Routh's array in w."""
     return is_hurwitz(in_half_plane(plus(D, k * N)))
 
 

@@ -22,11 +22,13 @@ WHOLE = 1e-9  # distance from a whole number [samples] up to which a delay count
 
 
 def force_response(p: Numbers, kappa: Numbers, T: Numbers) -> tuple[FloatArray, FloatArray]:
-    """Compute R and Q of x'' + p x' + kappa x = u: R is x after T from x' = 1, and Q is x after T from rest with u = 1.
+    """Compute R and Q of x'' + p x' + kappa x = u, with u held over T.
+
+    Both are x after T from x = 0: R for x' = 1 and u = 0, Q for x' = 0 and u = 1.
 
         x+ = (1 - kappa Q) x + R x' + Q u,   x'+ = -kappa R x + (1 - kappa Q - p R) x' + R u
 
-    Both are accurate to rounding for all p, kappa >= 0, because no differences are formed that would cancel.
+    R and Q are accurate to rounding for all p, kappa >= 0, because no differences are formed that would cancel.
     """
     p, kappa, T = np.broadcast_arrays(np.asarray(p, float), np.asarray(kappa, float), np.asarray(T, float))
     alpha = 0.5 * p

@@ -139,7 +139,7 @@ def pushing(
 
 
 def without_freedoms(linear: Linearisation, a: NDArray[np.bool_]) -> Linearisation:
-    """Restrict the loop to the device coordinates of a mask `a` (m,), without force on the others and no preload."""
+    """Restrict the loop to the device coordinates of a mask `a` (m,), with no force on the others and no preload."""
     block = np.ix_(a, a)
     G = linear.G[:, a]
     return linear.with_arrays(

@@ -332,8 +332,8 @@ def linear_of(subject: Subject, recording: object = None) -> Linearisation:
         recording: Recording of the scene, or its path, at whose end the grasp is linearised.
 
     Raises:
-        InputError: If the subject or the recording has another type; other errors are those of
-            `gx.load` and `Scene.linearise`.
+        InputError: If the subject or the recording has another type, or a recording is given with a `Linearisation`.
+            Other errors are those of `gx.load` and `Scene.linearise`.
     """
     if isinstance(subject, Linearisation):
         if recording is not None:

@@ -186,15 +186,16 @@ class WorstMotion:
 
 
 def worst_motion(H: object, damping: ArrayLike, period: float, samples: int) -> WorstMotion:
-    """Minimise E = sum_k D_k'B D_k/T + f_k'D_k over D, f_k = sum_{j <= k} h_{k-j} x_j, x_k = sum_{i < k} D_i.
+    """Minimise E = sum_k D_k'B D_k/T + f_k'D_k over D with sum_k |D_k|^2 = 1, for N samples from rest.
 
-    D_k = x_{k+1} - x_k. Of all motions between two samples, uniform motion dissipates least, D'B D/T. As N grows, the
-    smallest eigenvalue of this form decreases to the damping margin, about as 1/N^2, and is never below it. A negative
-    value is therefore proved by its motion.
+    f_k = sum_{j <= k} h_{k-j} x_j, with the impulse response h of H, and D_k = x_{k+1} - x_k, x_0 = 0. Of all motions
+    between two samples, uniform motion dissipates least, D'B D/T. As N grows, T times the smallest eigenvalue of this
+    form decreases to the damping margin, about as 1/N^2, and is never below it. A negative value is therefore proved by
+    its motion.
 
     Args:
         H: (A, B, C, D), an object with them, or a stiffness; not a function of z.
-        damping: Damping of the device, a number, (n,) or (n, n) [N s/m].
+        damping: Damping B of the device, a number, (n,) or (n, n) [N s/m].
         period: Period T [s].
         samples: Number N of samples. The computing time grows as (N n)^3, and N n may be at most 5000.
 

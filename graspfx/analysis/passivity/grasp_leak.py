@@ -24,7 +24,7 @@ class CouplingLimits:
     """Limits of kip and kep for passivity at the devices' ports, for all operators and masses of devices and object.
 
     The limit `internal` is also necessary. The limit `external` is necessary for a sufficiently heavy object if ked =
-    0.
+    0. Below, b is the damping of each device, T the period, and B_o the object's viscosity.
 
     Attributes:
         internal: Limit of kip, 2 (b - |kid|)/T, for squeezing [N/m]; inf if no force is internal.
@@ -74,8 +74,9 @@ def coupling_limits(
 ) -> CouplingLimits:
     """Compute the limits of kep and kip for equal devices of damping b in all directions; see `CouplingLimits`.
 
-    The leak matrix of K = kep P + kip (I - P) separates: squeezing moves no object, and in the frame (G G')^1/2 every
-    external mode has the same kep on both sides. The two limits are therefore independent.
+    For K = kep P + kip (I - P) the leak matrix is block diagonal: squeezing does not move the object, and in the object
+    coordinates (G G')^1/2 q each external mode couples one coordinate of the devices to one of the object with
+    stiffness kep. The two limits are therefore independent.
 
     Args:
         G: Grasp matrix (w, m), with rows for the object's free directions; dependent rows are left out.
@@ -183,8 +184,10 @@ def grasp_display(
     Args:
         K, damping: Stiffness and damping, (m, m) [N/m], [N s/m].
         G: Grasp matrix (w, m) with independent rows.
-        mass: Mass M_o, a number, (w,) or (w, w), positive definite.
-        viscosity: Viscosity B_o, a number, (w,) or (w, w); with zero viscosity, the display is not stable.
+        mass: Mass M_o, a number, (w,) or (w, w), positive definite [kg, kg m^2].
+        viscosity: Viscosity B_o, a number, (w,) or (w, w) [N s/m, N m s/rad]; with zero viscosity, the display is not
+            stable.
+        period: Period T [s].
         integrator: Integrator of the object; "semi-implicit" moves with the new velocity, "explicit" with the old one.
     """
     number("period", period, "s", zero=False)

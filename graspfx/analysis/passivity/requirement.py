@@ -26,8 +26,9 @@ def required_damping(H: object, period: float) -> float:
     exceeds this value (Colgate and Schenkel 1997). For n channels the value is the largest eigenvalue of the Hermitian
     part, for devices of equal b.
 
-    Matrices are searched without a grid, to about 1e-9 (`PositiveReal`). A function of z is searched on an adaptive
-    grid, to about 1e-9 if H has no time constant above 10000 samples and no resonance much narrower than pi/256.
+    Matrices are searched without a grid, to a relative error of about 1e-9 (`PositiveReal`). A function of z is
+    searched on an adaptive grid, to a relative error of about 1e-9 if H has no time constant above 10000 samples and no
+    resonance much narrower than pi/256 rad.
 
     Args:
         H: Opposing force per position [N/m]: a function of z that returns a number or (n, n); (A, B, C, D); an object
@@ -150,7 +151,7 @@ def refined(value: Callable[[FloatArray], FloatArray], angles: FloatArray) -> tu
 
 
 def polished(value: Callable[[FloatArray], FloatArray], best: float, at: float) -> tuple[float, float]:
-    """Refine a peak, whose angle is known to 0.1 %, until only rounding errors remain."""
+    """Refine a peak, whose angle is known to 1 %, until only rounding errors remain."""
     from scipy.optimize import minimize_scalar
 
     for width in (1e-2, 1e-4, 1e-6):

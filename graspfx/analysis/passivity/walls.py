@@ -25,7 +25,7 @@ UNITS = {
 
 
 def wall_limit(damping: float, period: float, *, wall_damping: float = 0.0, delay: float = 0.0) -> float:
-    """Compute K = (b - |B|)/(T/2 + t_d): b > K (T/2 + t_d) + |B| [N/m] (Colgate, Schenkel 1997; Diolaiti et al. 2006).
+    """Compute the K with b = K (T/2 + t_d) + |B| [N/m] (Colgate and Schenkel 1997; Diolaiti et al. 2006).
 
     The wall's force K x + B (x_k - x_{k-1})/T is held over a sample and reaches the device after the delay t_d.
 
@@ -88,11 +88,11 @@ class QuantisedWall:
             otherwise.
         coulomb: Ratio f_c/(K Delta); 1/2 or more is enough.
         passive: True if both ratios are large enough, so that no motion gains energy.
-        calm_below: Speed [m/s] below which no motion gains energy, because Coulomb friction also dissipates the energy
-            that the hold creates; inf if viscous friction dissipates this energy.
-        calm_above: Speed [m/s] above which no motion gains energy, because viscous friction also dissipates the energy
-            that the quantisation creates; limit cycles are slower. Zero if Coulomb friction dissipates that energy, inf
-            if viscous friction cannot.
+        calm_below: Speed [m/s] below which no motion gains energy. It is finite and above zero if only viscous friction
+            is too small: Coulomb friction then also dissipates energy that the hold creates. inf if `passive`, else 0.
+        calm_above: Speed [m/s] above which no motion gains energy; limit cycles are slower. It is finite and above zero
+            if only Coulomb friction is too small: viscous friction then also dissipates energy that the quantisation
+            creates. 0 if `passive`, else inf.
     """
 
     viscous: float
