@@ -47,7 +47,7 @@ VERDICT = ("vibration", "unstable")  # statistics of the quantity RUN
 
 
 class SweepError(GraspFXError):
-    """Error of a sweep: the folder contains another sweep, or a worker has other files or another GraspFX version."""
+    """Error of a sweep: its folder has another sweep, or its workers end, or have other files or package versions."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,8 @@ def take_order(content: bytes) -> tuple[SceneOrder, Scene]:
     """Make the scene of an order, once per process.
 
     Raises:
-        SweepError: If this process has another GraspFX version or other files than the process of the order.
+        SweepError: If this process has another version of GraspFX or of a physics engine, or other files, than the
+            process of the order.
     """
     from graspfx.scene.model import Scene
 
@@ -225,8 +226,8 @@ def run_chunk(content: bytes, chunk: Chunk, threads: int | None = None) -> Chunk
         threads: Number of threads; by default one per processor in the process that made the order, one in others.
 
     Raises:
-        SweepError: If this process has other files or another GraspFX version.
-        MissingPackageError: If a package that the whole sweep needs is missing.
+        SweepError: If this process has other files, or another version of GraspFX or of a physics engine.
+        MissingPackageError: If llvmlite, which all native variants need, is missing.
     """
     began = perf_counter()
     order, scene = take_order(content)
