@@ -72,7 +72,7 @@ class Terms(NamedTuple):
         path: Path of the WebSocket.
         longest: Length of the longest message in bytes; a longer one ends the connection.
         rate: Highest rate of a client's orders [Hz].
-        burst: Largest number of orders at once.
+        burst: Largest number of orders that are accepted at once.
         unsent: Send buffer of a client in bytes; newer messages replace those that wait for space.
     """
 
@@ -84,11 +84,11 @@ class Terms(NamedTuple):
 
 
 class Client:
-    """A client of a server.
+    """State of a connected client.
 
     Attributes:
-        number: Number of the client.
-        last: Number of its last order.
+        number: Number of the client, from 1, in the order of connections.
+        last: Number of its last valid order; a later order must have a larger number.
         silence: Time since its last valid order [s].
         dropped: Number of orders that were dropped.
         reason: Reason why the last dropped order was dropped.
@@ -122,7 +122,7 @@ class ClaimServer:
     Attributes:
         counts: Number of orders by outcome ("taken", or the reason for dropping), of requests refused by the gate
             ("refused" and the status), and of errors while items of a lost or silent client were released ("fault").
-        owners: Number of the client of each claimed item.
+        owners: Number of the client that has claimed an item, by item.
 
     Raises:
         DeviceError: If the socket cannot be served when the block is entered.

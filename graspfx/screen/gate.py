@@ -41,7 +41,7 @@ MOST_SESSIONS = 32
 
 
 def listen(host: str, port: int | None = None, first: int = FIRST, name: str = "port") -> socket.socket:
-    """Bind a port of an address, and listen.
+    """Bind a port of an address, and return the listening socket.
 
     Args:
         host: Address of this machine.
@@ -204,10 +204,10 @@ class Gate:
         return self._token
 
     def admit(self, target: str, headers: Mapping[str, str], peer: str, *, is_socket: bool) -> Admission:
-        """Answer a request.
+        """Decide on a request; a status of 200 admits it.
 
         Args:
-            target: Path and query.
+            target: Path and query of the request.
             headers: Headers of the request, from `single`, which refuses repeated headers.
             peer: Address of the sender.
             is_socket: Whether the request opens a WebSocket, for which every browser sends the Origin.
@@ -304,10 +304,10 @@ class StreamGate(Gate):
         self.origins = frozenset(origins)
 
     def admit(self, target: str, headers: Mapping[str, str], peer: str, *, is_socket: bool) -> Admission:
-        """Answer a request.
+        """Decide on a request; a status of 200 admits it.
 
         Args:
-            target: Path and query, with the token.
+            target: Path and query of the request, with the token.
             headers: Headers of the request, from `single`, which refuses repeated headers.
             peer: Address of the sender.
             is_socket: Whether the request opens a WebSocket; programs send no Origin.

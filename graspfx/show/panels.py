@@ -227,7 +227,7 @@ def pushes(parts: Sequence[Modes | None]) -> list[int]:
 def _parts(
     label: str, columns: Sequence[View], parts: Sequence[Modes | None], axes: Sequence[int], scale: float
 ) -> list[Row]:
-    """Plot the squeeze (for more than two fingers its mean and range), and the push along each noticeable axis."""
+    """Make the row of the squeeze (for more than two fingers its mean and range) and of the push along each axis."""
     if not any(parts):
         return []
     crowded = any(len(view.fingers) > 2 for view in columns)
@@ -274,7 +274,7 @@ def _internal(view: View) -> str:
 
 
 def _depth(view: View) -> tuple[Curve, ...]:
-    """Plot mean and range of the fingers' penetration depth, zero for free fingers."""
+    """Make the curve of mean and range of the fingers' penetration depth, zero for free fingers."""
     gap = view.recording.gap if view.has("gap") and view.has("touching") else None
     if gap is None or not view.fingers:
         return ()
@@ -287,7 +287,7 @@ def _forces(view: View, strokes: Mapping[str, Stroke]) -> tuple[Curve, ...]:
 
 
 def _grip(view: View) -> tuple[Curve, ...]:
-    """Plot the friction margin of the view's fingers, if any of them touches with a coefficient of friction."""
+    """Make the curve of the fingers' smallest friction margin, if any touches with a coefficient of friction."""
     try:
         margin = view.recording.grip_margin_of(view.fingers)
     except RecordingError:  # without some columns
@@ -296,7 +296,7 @@ def _grip(view: View) -> tuple[Curve, ...]:
 
 
 def _turns(columns: Sequence[View]) -> list[Row]:
-    """Plot the objects' rotations from their start about world axes; no row if none rotates by `TURN`."""
+    """Make the row of the objects' rotations from their start about world axes; no row if none rotates by `TURN`."""
     if not all(view.has("orientation") for view in columns):
         return []
     turns = [_rotation_vector(view.motion.orientation) for view in columns]

@@ -43,7 +43,7 @@ FURTHER = 3.2  # additional width for each further column [inches]
 
 
 def width_of(name: str, columns: int = 1) -> Width:
-    """Return a width by its name.
+    """Return the sizes of a named width; on a screen the figure's width grows with the number of columns.
 
     Raises:
         InputError: If no width has that name.

@@ -82,7 +82,7 @@ class SceneOrder:
 
     @property
     def bytes(self) -> bytes:
-        """The order as bytes."""
+        """The pickled order, for `run_chunk`."""
         return pickle.dumps(self, protocol=pickle.HIGHEST_PROTOCOL)
 
 
@@ -170,7 +170,7 @@ class ChunkResult:
 
     @classmethod
     def blank(cls, count: int, shapes: Mapping[str, tuple[int, ...]], statistics: Sequence[str]) -> ChunkResult:
-        """Make an empty result."""
+        """Make a result of `count` variants in which every measure is NaN, without faults and failures."""
         measures = {
             quantity: {name: np.full((count, *shape), np.nan) for name in (VERDICT if quantity == RUN else statistics)}
             for quantity, shape in shapes.items()
@@ -192,7 +192,7 @@ class ChunkResult:
         return {"fault_tick": self.faults, **named}
 
     def put(self, where: IndexArray, measures: Measures, faults: IndexArray) -> None:
-        """Fill in some variants.
+        """Write measures and fault ticks of the variants at the positions `where`.
 
         Raises:
             InputError: If a quantity has another shape for these variants.

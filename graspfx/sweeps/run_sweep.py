@@ -98,7 +98,8 @@ def sweep(
             number with which it began.
 
     Raises:
-        SweepError: If `out` has another sweep, another process is running it, or workers have other files.
+        SweepError: If `out` has another sweep, or this sweep without `resume`; another process is running a sweep in
+            `out`; or workers do not start, or have other files or versions.
         SceneError: If no variant is a valid scene.
         InputError: If values are invalid, the scene has hardware, or the executor is unknown.
         UnknownNameError: If a quantity or statistic does not exist.

@@ -53,7 +53,7 @@ def set_fifo(priority: int) -> str:
 
 
 def set_policy(policy: Any, priority: int) -> bool:
-    """Set the policy and priority of this thread; return whether the system allows it."""
+    """Set this thread's policy and priority, such as those of `real_time_policy`; return whether it is allowed."""
     with suppress(OSError):
         os.sched_setscheduler(0, policy, os.sched_param(priority))
         return True

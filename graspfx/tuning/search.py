@@ -243,7 +243,7 @@ class Subproblem:
 
     Args:
         problem: Problem for all hands.
-        hands: The hands.
+        hands: Hands in which the constraints must hold.
     """
 
     def __init__(self, problem: Problem, hands: Sequence[Hand]) -> None:
@@ -334,7 +334,7 @@ class Subproblem:
         return best[2], best[0]
 
     def _descended(self, start: Point) -> list[Point]:
-        """Maximise t subject to t below the objective in every hand and all slacks above zero (SLSQP, Kraft 1988)."""
+        """Maximise the objective of the worst hand with all slacks above zero (SLSQP, Kraft 1988); return points."""
         from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
         problem, size = self.problem, len(start)

@@ -1,4 +1,4 @@
-"""Contact of a finger with an ellipsoid: the nearest point, or on a flat ellipsoid the nearest point of its side."""
+"""Contact of a finger with an ellipsoid: the nearest point, or if it is flat the nearest one on the finger's side."""
 
 from __future__ import annotations
 

@@ -173,10 +173,10 @@ def make_mesh(
 ) -> Mesh:
     """Make a mesh from vertices (v, 3), scaled by `scale`, and triangles (f, 3), with checks and safe repairs.
 
-    Equal vertices are merged; if the surface then has open edges and is not a shell, vertices closer than 1e-6 of its
-    size are merged. Triangles without area are dropped, and their neighbours are split at the vertex in the middle of
-    the shared side. Triangles that face the wrong way are reversed. `notes` lists the repairs, except the merging of
-    equal vertices.
+    Equal vertices are merged; if the surface then has open edges and is not a shell, vertices that are equal after
+    rounding to 1e-6 of its size are merged, too. Triangles without area are dropped, and their neighbours are split at
+    the vertex in the middle of the shared side. Triangles that face the wrong way are reversed. `notes` lists the
+    repairs, except the merging of equal vertices.
 
     Raises:
         InputError: If values are not finite, there are no triangles, or there are too many pieces; or, unless `shell`
@@ -202,7 +202,7 @@ def make_mesh(
     v, f, dropped, cut = _joined(*apart, 0.0, size)
     if not shell and _open_edges(f):
         v, f, dropped, cut = _joined(*apart, SAME_POINT * size, size)
-        notes.append(f"vertices closer than {SAME_POINT * size:.1g} m were merged to close the surface")
+        notes.append(f"vertices within about {SAME_POINT * size:.1g} m were merged to close the surface")
     if not len(f):
         raise InputError(name, "triangles without area only", "a surface of triangles")
     if dropped:
@@ -228,7 +228,7 @@ def make_mesh(
 
 
 def _joined(v: FloatArray, f: IntArray, distance: float, size: float) -> tuple[FloatArray, IntArray, int, int]:
-    """Merge vertices (within `distance`) and drop triangles without area; count the dropped and the split triangles."""
+    """Merge vertices (equal after rounding to `distance`), drop triangles without area; count dropped and split."""
     used, index = np.unique(f, return_inverse=True)
     points = v[used] + 0.0  # turns minus zero into zero
     keys = np.round(points / distance) if distance else points
