@@ -1,4 +1,4 @@
-"""Serial port of a microcontroller board, with exclusive access, whole frames, and a time limit on every call."""
+"""Serial port of a microcontroller board: exclusive access, whole frames, time limits on sending and receiving."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from graspfx.errors import DeviceError
 from graspfx.system.file_lock import lock
 
 MOST = 4096  # bytes per read
-MOST_SELECTED = 1024  # descriptors that `select` accepts
+MOST_SELECTED = 1024  # `select` accepts descriptors below this number
 
 
 class SerialPort:
@@ -47,7 +47,7 @@ class SerialPort:
         """Open the port; if it is already open, reopen it.
 
         Raises:
-            DeviceError: If the port cannot be opened, or another program uses it.
+            DeviceError: If the port cannot be opened, does not support the rate, or is used by another program.
         """
         self.close()
         try:

@@ -10,7 +10,7 @@ from graspfx import elementary
 from graspfx.compile.kernel import inline, kernel, written
 from graspfx.compile.records import Table
 
-LARGEST = 1e300  # comparisons with NaN are false
+LARGEST = 1e300  # largest squared angle; a comparison with NaN is false, too
 SWEEPS = 12  # largest number of sweeps of Jacobi rotations; three or four suffice
 SMALL = 1e-8  # squared angle below which two terms of the series are accurate to rounding
 
@@ -275,9 +275,10 @@ def quaternion(R: Sequence[float]) -> Quaternion:
 
 @kernel
 def orthogonalise(rows: Table, first: int, count: int) -> None:
-    """Orthogonalise `count` rows by one-sided Jacobi rotations; the first entry of each row is ignored.
+    """Orthogonalise rows `first` to `first + count - 1` in place by one-sided Jacobi rotations.
 
-    Small norms keep their relative accuracy, unlike with a 3 x 3 moment matrix.
+    The first entry of each row is ignored. Rows of small norm remain accurate relative to their norm, which the
+    eigenvectors of the matrix of the rows' products would not.
     """
     for _ in range(SWEEPS):
         turned = False

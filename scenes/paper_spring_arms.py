@@ -6,7 +6,7 @@ import graspfx as gx
 
 
 def scene() -> gx.Scene:
-    """Stretch the springs by 7 mm, which press the tips 3 mm into the cube; sticking contacts hold it sideways."""
+    """Make the scene: springs stretched by 7 mm press the tips 3 mm into the cube; its contacts stick sideways."""
     spring = gx.load("paper-spring")
     fingers = [
         {

@@ -11,8 +11,8 @@ def scene(rotational_viscosity: float | None = None) -> gx.Scene:
     """Let the cube turn: its rotation is the weakest mode of the grasp, unstable without rotational viscosity.
 
     Args:
-        rotational_viscosity: Viscosity [N m s/rad]; by default b_v a^2 / 6, which damps rotation as much as
-            translation.
+        rotational_viscosity: Viscosity [N m s/rad]; by default b_v a^2 / 6 for the edge a, with which rotation decays
+            as fast as translation.
     """
     waving = gx.load("paper-waving")
     if rotational_viscosity is None:

@@ -14,10 +14,10 @@ KIP = 400.0  # [N/m]
 def scene(metric: str = "mass", pinch: float = 0.4) -> gx.Scene:
     """Scale each device's damping, and its hand's stiffness and damping, with its mass, which decouples the modes.
 
-    The fingers start at rest in the squeeze: finger i at the depth pinch/(kip M_i), its hand's spring stretched by
-    pinch/k_i. M_i is the device's mass over the mean mass, or 1 without the metric. The puck does not turn, like the
-    paper's cube; with rotation, contact displacements are not linear in the motion, and modes decouple only
-    approximately.
+    The fingers start at rest in the squeeze: finger i at the depth pinch/(kip M_i), its hand's spring of stiffness k_i
+    stretched by pinch/k_i. M_i is the device's mass over the mean mass, or 1 with the metric "equal". The puck does not
+    turn, like the paper's cube; with rotation, contact displacements are not linear in the motion, and modes decouple
+    only approximately.
 
     Args:
         metric: Metric of the split, "mass" or "equal".

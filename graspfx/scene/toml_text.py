@@ -1,4 +1,4 @@
-"""Text of a TOML file: limits that are checked before it is parsed, and the line of each key for faults."""
+"""Text of a TOML file: limits that are checked before the text is parsed, and the line of each key for faults."""
 
 from __future__ import annotations
 
@@ -37,9 +37,10 @@ TOKEN = re.compile(
 
 
 def excess(text: str) -> Fault | None:
-    """Find where TOML text exceeds the limits; None for text within the limits, and for text that is not TOML.
+    """Find where TOML text exceeds the limits; None for text within the limits.
 
-    The computing time is proportional to the length of the text, unlike the time of a parser for some texts.
+    Text from an unclosed quote on is not checked, because the parser refuses it. The computing time is proportional to
+    the length of the text, unlike the time of a parser for some texts.
     """
     depth = parts = keys = values = start = 0
     in_value = False
@@ -85,7 +86,7 @@ def excess(text: str) -> Fault | None:
 
 
 def outline(text: str) -> str:
-    """Replace long values in TOML by 0, so that the text is quick to search; keys keep their lines."""
+    """Replace long values in TOML by 0, so that the text is parsed quickly; keys keep their lines."""
     pieces, last, depth, value = [], 0, 0, -1
     for token in TOKEN.finditer(text):
         kind, at = token.lastgroup, token.start()

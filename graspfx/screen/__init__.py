@@ -1,1 +1,1 @@
-"""Servers of the touch-screen page and of streams, with access control and message formats."""
+"""Touch screen for devices; servers of its page and of streams, with access control and message formats."""

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection
     from websockets.http11 import Request, Response
 
-PATIENCE = 5.0  # timeout of handshakes, of closing, and of pings [s]
+PATIENCE = 5.0  # timeout of handshakes, and interval and timeout of pings [s]
 SILENCE = 0.5  # silence of a client after which its items are released [s]
 LOOK = 0.05  # interval between checks for silence [s]
-TURN = 32  # orders of one client before other clients get a turn
+TURN = 32  # messages of one client before other clients get a turn
 MOST_CLIENTS = 16
 QUEUE = 64  # longest queue of incoming messages
 SILENT = logging.Logger("websockets", logging.CRITICAL + 1)
@@ -72,7 +72,7 @@ class Terms(NamedTuple):
         path: Path of the WebSocket.
         longest: Length of the longest message in bytes; a longer one ends the connection.
         rate: Highest rate of a client's orders [Hz].
-        burst: Largest number of orders at once.
+        burst: Largest number of orders that are accepted at once.
         unsent: Send buffer of a client in bytes; newer messages replace those that wait for space.
     """
 
@@ -84,11 +84,11 @@ class Terms(NamedTuple):
 
 
 class Client:
-    """A client of a server.
+    """State of a connected client.
 
     Attributes:
-        number: Number of the client.
-        last: Number of its last order.
+        number: Number of the client, from 1, in the order of connections.
+        last: Number of its last valid order; a later order must have a larger number.
         silence: Time since its last valid order [s].
         dropped: Number of orders that were dropped.
         reason: Reason why the last dropped order was dropped.
@@ -120,9 +120,9 @@ class ClaimServer:
         hello: First message to every client; empty for none.
 
     Attributes:
-        counts: Number of orders by outcome ("taken", or the reason for dropping), of refused requests ("refused 403"),
-            and of errors while items of a lost or silent client were released ("fault").
-        owners: Number of the client of each claimed item.
+        counts: Number of orders by outcome ("taken", or the reason for dropping), of requests refused by the gate
+            ("refused" and the status), and of errors while items of a lost or silent client were released ("fault").
+        owners: Number of the client that has claimed an item, by item.
 
     Raises:
         DeviceError: If the socket cannot be served when the block is entered.
@@ -172,7 +172,7 @@ class ClaimServer:
         """Number of clients."""
         return len(self._clients)
 
-    # In the server's thread: what a server adds -------------------------------------------------------------------
+    # In the server's thread: to be overridden --------------------------------------------------------------------
 
     def _page(self, path: str, headers: Mapping[str, str], admission: Admission) -> Response | Awaitable[Response]:
         """Answer an admitted request that is not for the WebSocket."""
@@ -183,7 +183,7 @@ class ClaimServer:
         raise NotImplementedError
 
     def _let_go(self, thing: int, reason: str) -> None:
-        """Release an item; the reason is empty if its client released it."""
+        """Release an item; the reason is "lost" or "silence", or empty if the client released the item."""
         raise NotImplementedError
 
     def _message(self, client: Client) -> bytes | str:
@@ -289,7 +289,7 @@ class ClaimServer:
                 self.counts["fault"] += 1
 
     async def _watch(self) -> None:
-        """Release the items of silent clients; time during which this loop was blocked is not counted as silence."""
+        """Release the items of silent clients; a time during which this loop is blocked counts as at most 2 LOOK."""
         before = self.gate.clock()
         while True:
             await asyncio.sleep(LOOK)

@@ -1,10 +1,11 @@
 """Access to pages and streams: listening ports and addresses, Host and Origin checks, tokens and cookies.
 
-A browser sends the site that it addresses (Host) and the site whose page makes the request (Origin). On this machine a
-request needs the page's own Host and Origin: another site has a different Origin, and DNS rebinding leads to a
-different Host. A tunnel (`ssh -L`) may change the port. In a network a token is required too. The token is part of the
-printed address, is valid for one request within ten minutes, and is exchanged for a cookie. The page's socket and all
-later requests need the cookie.
+A browser sends the site that it addresses (Host) and the site whose page makes the request (Origin). A request needs
+the page's own Host, and the page's own Origin if it states one or opens a WebSocket: another site has a different
+Origin, and DNS rebinding leads to a different Host. On this machine any port is valid, because a tunnel (`ssh -L`) may
+change it. In a network a page also requires a token. The token is part of the printed address, is valid for one request
+within ten minutes, and is exchanged for a cookie. The page's socket and all later requests need the cookie. A stream
+requires its token in every request (`StreamGate`).
 """
 
 from __future__ import annotations
@@ -34,13 +35,13 @@ IDENTITY = ("Host", "Origin", "Cookie")  # headers that identify the sender
 LIFE = 600.0  # validity of a token [s]
 COOKIE = "graspfx-touch"
 TOKEN = "token"
-TRIES, PER = 5, 60.0  # number of wrong tokens allowed per peer, and the time until wrong tokens are forgotten [s]
+TRIES, PER = 5, 60.0  # number of wrong tokens allowed per peer, and the time until all of them are forgotten [s]
 MOST_PEERS = 1000  # largest number of peers whose wrong tokens are counted
 MOST_SESSIONS = 32
 
 
 def listen(host: str, port: int | None = None, first: int = FIRST, name: str = "port") -> socket.socket:
-    """Bind a port of an address, and listen.
+    """Bind a port of an address, and return the listening socket.
 
     Args:
         host: Address of this machine.
@@ -49,7 +50,7 @@ def listen(host: str, port: int | None = None, first: int = FIRST, name: str = "
         name: Name of the setting, for errors.
 
     Raises:
-        InputError: If the port is in use or not permitted.
+        InputError: If the port is invalid, in use or not permitted, or none of the `MOST` ports from `first` is free.
     """
     if port is not None and not 0 <= port < 1 << 16:
         raise InputError(name, port, "a port from 0 (any free one) to 65535")
@@ -85,13 +86,13 @@ def network_address() -> str:
 
 
 def names_of(line: socket.socket, *, lan: bool) -> tuple[Collection[str], int]:
-    """Return the host names and the port of a listening socket; on loopback the port is 0, any, because of tunnels."""
+    """Return the host names and the port of a listening socket; without `lan` the port is 0, any, for tunnels."""
     host, port = line.getsockname()[:2]
     return ({host}, port) if lan else (NAMES, 0)
 
 
 def url(line: socket.socket, token: str = "") -> str:
-    """Return the address of the page."""
+    """Return the address of the page, with the token if there is one."""
     host, port = line.getsockname()[:2]
     return f"http://{host}:{port}/{f'?{TOKEN}={token}' if token else ''}"
 
@@ -203,11 +204,11 @@ class Gate:
         return self._token
 
     def admit(self, target: str, headers: Mapping[str, str], peer: str, *, is_socket: bool) -> Admission:
-        """Answer a request.
+        """Decide on a request; a status of 200 admits it.
 
         Args:
-            target: Path and query.
-            headers: Headers of the request; a repeated header must not be reduced to its first value.
+            target: Path and query of the request.
+            headers: Headers of the request, from `single`, which refuses repeated headers.
             peer: Address of the sender.
             is_socket: Whether the request opens a WebSocket, for which every browser sends the Origin.
         """
@@ -221,7 +222,7 @@ class Gate:
         return self._refused(peer, "scan the code in the terminal; each code is valid for one screen")
 
     def _refused(self, peer: str, reason: str) -> Admission:
-        """Answer a wrong token and count it; after too many wrong tokens, the address must wait.
+        """Answer a missing or wrong token and count it; after too many, the answer tells the peer to wait.
 
         Tokens are compared before they are counted. Wrong requests from an address, for example from another page in
         the same browser, therefore do not lock out a person with the right token.
@@ -240,7 +241,7 @@ class Gate:
         return any([is_same(value, each) for each in self._sessions])  # noqa: C419 (all of them: in constant time)
 
     def _redeem(self, token: str, now: float) -> bool:
-        """Use up the token if it is correct; its age is checked after the comparison."""
+        """Use up the token if it is correct, and return whether it is; its age is checked after the comparison."""
         if not (is_same(token, self._token) and self._token and now < self._ends):
             return False
         self._token = ""
@@ -285,7 +286,8 @@ class StreamGate(Gate):
         token: Token that requests need.
 
     Raises:
-        InputError: If the token is too short or has characters not allowed in addresses, or an origin is invalid.
+        InputError: If the token is too short or has a character other than letters, digits, "_" and "-", or an origin
+            is invalid.
     """
 
     def __init__(
@@ -302,11 +304,11 @@ class StreamGate(Gate):
         self.origins = frozenset(origins)
 
     def admit(self, target: str, headers: Mapping[str, str], peer: str, *, is_socket: bool) -> Admission:
-        """Answer a request.
+        """Decide on a request; a status of 200 admits it.
 
         Args:
-            target: Path and query, with the token.
-            headers: Headers of the request; a repeated header must not be reduced to its first value.
+            target: Path and query of the request, with the token.
+            headers: Headers of the request, from `single`, which refuses repeated headers.
             peer: Address of the sender.
             is_socket: Whether the request opens a WebSocket; programs send no Origin.
         """

@@ -30,7 +30,7 @@ def main(board: int, answers: int, settings: str) -> None:
     Args:
         board: Descriptor of the memory shared with the device.
         answers: Descriptor of a pipe; one line reports the page's address, or why the page is not served.
-        settings: Fingers, port, box, lan and scenery, as JSON.
+        settings: Table of fingers, port, box, lan and scenery (as in `TouchScreen`), as JSON.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the device's process, which then closes this one
     be_nice(NICENESS)
@@ -97,7 +97,7 @@ class _Screen:
 
 
 def _picture(now: float, fingers: Any, touches: Any) -> bytes:
-    """Encode a picture in the format of a scene's page: no objects, no squeeze, and the force of each finger."""
+    """Encode a picture in the format of a scene's page: each finger's position, force and touch, but no objects."""
     size = float(np.linalg.norm(fingers[:, 2:4], axis=1).max())
     rows = np.zeros((len(fingers), 7))
     rows[:, 0:2], rows[:, 4:6] = fingers[:, :2], fingers[:, 2:4]

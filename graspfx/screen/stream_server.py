@@ -99,7 +99,7 @@ class Bounds(NamedTuple):
     Attributes:
         guides: Number of guides that can be moved; 0 for none.
         farthest: Largest absolute component of an offset [m].
-        closest: Largest absolute squeeze [m].
+        closest: Largest absolute value of the added squeeze [m].
     """
 
     guides: int = 0
@@ -114,8 +114,8 @@ class StreamServer(ClaimServer):
         line: Listening socket; the server closes it at the end.
         gate: Access control.
         lead: Function that executes a goal. It and `release` are called in the server's thread and must not block.
-        release: Function that releases a guide on request of its client, or because the client is lost; the guide keeps
-            its position.
+        release: Function called with the number of a guide that its client has released, or whose client is lost or
+            silent; the guide keeps its goal.
 
     Raises:
         MissingPackageError: If websockets is not installed.

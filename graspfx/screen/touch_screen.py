@@ -22,7 +22,7 @@ from graspfx.system import child_process, shared_memory
 FloatArray = NDArray[np.float64]
 
 HEAD = 8  # numbers before the fingers: counter, time, orders taken, dropped and lost, last order's number, screens
-OF_FINGER = 4  # numbers per finger: whether it touches, x, y, number of its touches
+OF_FINGER = 4  # numbers per finger: whether it touches, x, y, number of its touches; for the page position and force
 HALF = HEAD + OF_FINGER * MOST_FINGERS
 BOARD = 8 * 2 * HALF  # size of the shared memory [bytes]
 TRIES = 8  # attempts to read consistent numbers
@@ -85,7 +85,7 @@ class Board:
             yield self._orders[1:HEAD], fingers
 
     def state(self) -> tuple[float, FloatArray] | None:
-        """Read the time [s] and the device's fingers (k, 4), position and force; None during a write."""
+        """Read the time [s] and the device's fingers (k, 4), position [m] and force [N]; None during a write."""
         half = _read(self._state)
         return None if half is None else (float(half[1]), self._of_fingers(half))
 
@@ -116,7 +116,7 @@ class Board:
 
 
 def _read(half: FloatArray) -> FloatArray | None:
-    """Copy a half; None during a write."""
+    """Copy a half; None if all attempts coincide with a write."""
     for _ in range(TRIES):
         before = half[0]
         copy = half.copy()
@@ -130,8 +130,8 @@ class TouchScreen:
 
     Args:
         fingers: Number of fingers.
-        port: Port of the page.
-        box: Area of valid positions [m].
+        port: Port of the page; 0 for any free one.
+        box: Area of valid positions: left, bottom, right and top [m].
         lan: Whether a tablet in the network has access through a printed QR code.
 
     Attributes:
@@ -150,8 +150,9 @@ class TouchScreen:
         """Serve the page; if it is open, restart it.
 
         Raises:
-            MissingPackageError: If websockets is not installed, or segno for `lan`.
-            DeviceError: If the page cannot be served, for example because the port is in use.
+            MissingPackageError: If websockets is not installed.
+            DeviceError: If the page cannot be served, for example because the port is in use, or because segno is not
+                installed for `lan`.
         """
         from graspfx.screen.claim_server import require_websockets  # loads asyncio: 36 ms of every run
 
@@ -185,7 +186,7 @@ class TouchScreen:
         self.address, self._last = line.removeprefix("yes "), None
 
     def touches(self) -> Touches:
-        """Read the touches; there are none while the server sends no heartbeat.
+        """Read the touches; no finger touches if the server has sent no heartbeat for half a second.
 
         Raises:
             DeviceError: If the process of the page has ended.

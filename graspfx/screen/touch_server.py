@@ -1,4 +1,4 @@
-"""Server of the touch-screen page and its WebSocket; fingers of a lost screen are released."""
+"""Server of the touch-screen page and its WebSocket; fingers of a lost or silent screen are released."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _text() -> str:
 
 
 def page_for(host: str) -> tuple[bytes, dict[str, str]]:
-    """Return the page and its headers for a host such as 127.0.0.1:8765; they allow only the page's own script."""
+    """Return the page for a host such as 127.0.0.1:8765, and headers that allow only the page's own script."""
     nonce = secrets.token_urlsafe(16)
     policy = (
         f"default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; connect-src ws://{host}; "
@@ -43,7 +43,7 @@ def page_for(host: str) -> tuple[bytes, dict[str, str]]:
 SOCKET = "/socket"
 RATE, BURST = 1500.0, 500.0  # limits for a client's orders [1/s], at once
 MOST_BYTES = 2 * ORDER.size  # longest message; a longer one ends the connection
-HEAD = struct.Struct("<4d")  # last order, own fingers, claimed fingers, dropped orders
+HEAD = struct.Struct("<4d")  # number of the last order, bits of own and of claimed fingers, number of dropped orders
 
 
 class Touched(Protocol):
@@ -53,7 +53,7 @@ class Touched(Protocol):
         """Move a finger to a position on the screen [m]."""
 
     def lift(self, finger: int) -> None:
-        """Release a finger, because it was lifted or its screen is lost."""
+        """Release a finger, because it was lifted or its screen is lost or silent."""
 
 
 class TouchServer(ClaimServer):
@@ -66,7 +66,7 @@ class TouchServer(ClaimServer):
         box: Area of valid positions [m].
         scenery: Static content of the page, as JSON.
         touched: Object that moves the fingers.
-        note: Function called with the client, every well-formed order, and its outcome.
+        note: Function called with the number of the client, each valid order, and the order's outcome.
 
     Attributes:
         counts: As in `ClaimServer`; also the number of missing orders ("lost"), and of fingers released because their

@@ -52,7 +52,7 @@ def label_of(key: str) -> str:
 
 
 def limits_sheet(limits: SweptLimits, title: str = "", *, width: str = "screen") -> Sheet:
-    """Draw curves of the three limits over one key, or maps over two keys with the line k_ep = k_ip.
+    """Draw the limits of k_ep, k_ip and k_p = k_ep = k_ip over one key, or as maps over two, with the line k_ep = k_ip.
 
     Raises:
         InputError: If the width is unknown.
@@ -125,7 +125,7 @@ def _maps(limits: SweptLimits, width: str) -> Sheet:
 
 
 def _add_contours(ax: Axes, x: FloatArray, y: FloatArray, part: FloatArray, more: FloatArray, width: Width) -> bool:
-    """Add contours, and the line where two limits are equal; return whether this line exists."""
+    """Add contours, and the line where the external and internal limits are equal; return whether the line exists."""
     if np.isfinite(part).any() and np.nanmin(part) < np.nanmax(part):
         drawn = ax.contour(x, y, part, levels=LEVELS, colors="white", linewidths=0.5 * width.weight)
         ax.clabel(drawn, fontsize=width.text - 1.0, fmt="%.4g")
@@ -148,7 +148,7 @@ def _finite(values: FloatArray) -> FloatArray:
 
 
 LOW = 1e-3  # magnitudes below this are not drawn
-SIDE = 1.9  # half the height of a Nyquist diagram
+SIDE = 1.9  # half the height of a Nyquist diagram, in its own units
 BESIDE = 0.75  # approximate width of the margin beside a diagram [inches]
 DECADES = 4  # number of decades of stiffness in a Z-width
 STABLE, PASSIVE = "#1b9e77", "#882255"
@@ -262,7 +262,7 @@ DASHES = {"external translation": (0.0, (5.0, 2.0)), "external rotation": (0.0, 
 
 
 def operators_sheet(answer: OperatorCertificate, width: str = "screen") -> Sheet:
-    """Draw the region of hands over the first one or two keys, and the share of hands above each margin."""
+    """Draw the smallest margin over the first one or two keys, and the share of hands with at least each margin."""
     region = answer.region(answer.operators.keys[:2], POINTS)
     with style.look(width):
         stacked = width == "column"

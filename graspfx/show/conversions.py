@@ -45,7 +45,7 @@ def unit_of(key: str) -> str:
     return "" if key in NO_UNIT else UNITS.get(last, "")
 
 
-ENERGIES = {  # attributes of a recording by finger that are not columns
+ENERGIES = {  # attributes of a recording, one value per finger and tick, that are not columns
     f"{part}_energy": f"work that the {part} part of the displayed force has done on the fingertip so far"
     for part in ("internal", "external")
 }
@@ -62,7 +62,7 @@ class Quantity(NamedTuple):
 
 
 def works_of(recording: Recording) -> dict[str, NDArray[Any]]:
-    """Compute the work terms that accumulate over a recording, by name; empty if unknown."""
+    """Compute the work terms that accumulate over a recording, by name (N, fingers) [J]; empty if unknown."""
     values = {name: _derived(recording, name) for name in ENERGIES}
     return {name: each for name, each in values.items() if each is not None}
 
@@ -101,7 +101,7 @@ def quantities(
 
 
 def rows_of(recording: Recording, name: str, first: int, stop: int) -> NDArray[Any]:
-    """Return one of the `quantities` in some rows; only the required columns are read."""
+    """Return the values of one of the `quantities` in rows `first` to `stop` - 1; only required columns are read."""
     is_whole = name in ENERGIES or (first, stop) == (0, len(recording))  # energies accumulate from the beginning
     source = recording if is_whole else recording.part(first, stop)
     values = next(quantities(source, only=name)).values
@@ -114,7 +114,7 @@ def coordinates(layout: Layout) -> dict[str, tuple[str, ...]]:
 
 
 def parts_of_objects(layout: Layout) -> Mapping[str, Column]:
-    """List the objects' columns without the object's name, such as `energy/work`, with the first column of each."""
+    """List the objects' columns without the object's name, such as `energy/work`, each as the first object has it."""
     parts: dict[str, Column] = {}
     for column in layout.columns.values():
         if column.name.startswith("objects/"):
@@ -232,7 +232,7 @@ def batch_dataset(labels: Labels) -> xarray.Dataset:
 
 
 def batch_labels(batch: Batch) -> Labels:
-    """Label the arrays of a batch."""
+    """Collect a batch's arrays with their dimensions, units and meanings, for xarray and netCDF."""
     grid, scales = grid_of(batch)
     names = {} if batch.layout is None else coordinates(batch.layout)
     meaning = {"long_name": "tick of the first fault; -1: none"}

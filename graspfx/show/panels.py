@@ -154,7 +154,7 @@ class Row:
 
 
 def views(recordings: Iterable[Recording]) -> list[View]:
-    """List the objects that fingers touch, recording by recording, or a recording's first object without fingers."""
+    """List the objects that fingers touch, recording by recording; the first object of a recording without fingers."""
     views_ = []
     for recording in recordings:
         numbers = sorted(set(recording.layout.finger_objects)) or [0]
@@ -187,9 +187,9 @@ def rows(columns: Sequence[View], strokes: Mapping[str, Stroke]) -> list[Row]:
 
 
 def _axes_worth_showing(ranges: Sequence[FloatArray]) -> list[int]:
-    """Select the axes along which a view moves by more than a fraction of the largest motion, or else the first axis.
+    """Select the axes whose range in a view is at least `SHARE` of the largest range; the first axis if all are zero.
 
-    Views share an ordinate, on which the largest motion of a view may still be too small to be seen.
+    Views share an ordinate, on which even the largest range of a view may be too small to be seen.
     """
     farthest = max((float(each.max()) for each in ranges), default=0.0)
     axes = {int(a) for each in ranges for a in np.flatnonzero(each >= SHARE * farthest)}
@@ -219,7 +219,7 @@ def _positions(columns: Sequence[View], a: int, strokes: Mapping[str, Stroke], h
 
 
 def pushes(parts: Sequence[Modes | None]) -> list[int]:
-    """Select the axes along which a push gets a line."""
+    """Select the axes along which the external part (push) is large enough to be plotted."""
     largest = [np.abs(np.where(np.abs(each.push) < LARGEST, each.push, 0.0)).max(axis=0) for each in parts if each]
     return _axes_worth_showing(largest)
 
@@ -227,7 +227,7 @@ def pushes(parts: Sequence[Modes | None]) -> list[int]:
 def _parts(
     label: str, columns: Sequence[View], parts: Sequence[Modes | None], axes: Sequence[int], scale: float
 ) -> list[Row]:
-    """Plot the squeeze (for more than two fingers its mean and range), and the push along each noticeable axis."""
+    """Make the row of the squeeze (for more than two fingers its mean and range) and of the push along each axis."""
     if not any(parts):
         return []
     crowded = any(len(view.fingers) > 2 for view in columns)
@@ -274,7 +274,7 @@ def _internal(view: View) -> str:
 
 
 def _depth(view: View) -> tuple[Curve, ...]:
-    """Plot mean and range of the fingers' penetration depth, zero for free fingers."""
+    """Make the curve of mean and range of the fingers' penetration depth, zero for free fingers."""
     gap = view.recording.gap if view.has("gap") and view.has("touching") else None
     if gap is None or not view.fingers:
         return ()
@@ -287,7 +287,7 @@ def _forces(view: View, strokes: Mapping[str, Stroke]) -> tuple[Curve, ...]:
 
 
 def _grip(view: View) -> tuple[Curve, ...]:
-    """Plot the friction margin of the view's fingers, if any of them touches with a coefficient of friction."""
+    """Make the curve of the fingers' smallest friction margin, if any touches with a coefficient of friction."""
     try:
         margin = view.recording.grip_margin_of(view.fingers)
     except RecordingError:  # without some columns
@@ -296,7 +296,7 @@ def _grip(view: View) -> tuple[Curve, ...]:
 
 
 def _turns(columns: Sequence[View]) -> list[Row]:
-    """Plot the objects' rotations from their start about world axes; no row if none rotates."""
+    """Make the row of the objects' rotations from their start about world axes; no row if none rotates by `TURN`."""
     if not all(view.has("orientation") for view in columns):
         return []
     turns = [_rotation_vector(view.motion.orientation) for view in columns]
@@ -332,7 +332,7 @@ def _rotation_vector(orientation: FloatArray | None) -> FloatArray:
 
 
 def _changes(row: Row) -> Row:
-    """Return a row, or changes since the first tick if its lines would look straight; labels then state the start."""
+    """Return a row; if its lines would look straight, return changes since the first tick, with starts in labels."""
     curves = [curve for panel in row.panels for curve in panel]
     ends = [_ends(values) for curve in curves for values in (curve.values, curve.many)]
     span = max((high for _, high in ends), default=0.0) - min((low for low, _ in ends), default=0.0)

@@ -22,7 +22,7 @@ class ProgressLine:
     """A listener that draws on the last line of a terminal, in its own thread, which ends with the last wait.
 
     Args:
-        terminal: Terminal for the output; only universal escape sequences are used.
+        terminal: Terminal for the output; the only escape sequence used is the one that erases a line.
     """
 
     def __init__(self, terminal: TextIO) -> None:

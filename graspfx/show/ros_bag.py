@@ -91,7 +91,8 @@ def write_bag(recording: Recording, path: str | PathLike[str], kind: str, *, ove
 
     Raises:
         MissingPackageError: If rosbags is not installed.
-        RecordingError: If the file exists or cannot be written, or the recording lacks required columns.
+        RecordingError: If the file exists or cannot be written, or the recording has no rows or lacks required columns.
+        InputError: If the path names no file.
         UnknownNameError: If the kind is unknown.
     """
     if kind not in BAGS:
@@ -111,7 +112,7 @@ def write_bag(recording: Recording, path: str | PathLike[str], kind: str, *, ove
 
 
 def stamps(recording: Recording) -> NDArray[np.int64]:
-    """Compute the time of each row since 1970 [ns]: creation time of the recording, plus tick x period."""
+    """Compute the time of each row since 1970 [ns]: the recording's creation, rounded to 1 s, plus the row's time."""
     try:
         start = round(datetime.fromisoformat(recording.header.created).timestamp()) * SECOND
     except ValueError:

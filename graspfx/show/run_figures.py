@@ -58,10 +58,10 @@ class Thinned(Recording):
 
 
 def thinned(recording: Recording) -> Recording:
-    """Thin a recording on disk that is too long to draw from memory; return others unchanged.
+    """Thin a recording on disk of more than `MOST` bytes without changed values; return any other unchanged.
 
     Each of `SPANS` equal intervals keeps its first row, and the rows with the smallest or largest value of each drawn
-    quantity (positions, forces and their parts), so that curves keep their envelopes.
+    quantity (such as positions, forces and their parts), so that curves keep their envelopes.
     """
     size = 8 * recording.layout.width * len(recording)
     if not recording.is_stored or size <= MOST or recording.changes:
@@ -134,7 +134,7 @@ def sheet(
 
     Raises:
         InputError: If there are no recordings, a recording has no ticks, the number of titles or labels differs, or the
-            width is unknown; or, with `brief`, a recording has an earlier format without internal and external forces.
+            width is unknown; or, with `brief`, no recording has penetration depths or internal and external forces.
     """
     for each in recordings:
         if not isinstance(each, Recording):

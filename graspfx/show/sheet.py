@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 EDGE = 0.06  # margin of the paper [inches]
 GAP = 0.11  # distance between panels [inches]
-LEAD = 0.05  # gap between a strip and its panel
-BAR = 0.13  # width of a colour bar
-WIDE = 1.2  # widest margin [inches]
+LEAD = 0.05  # gap between a strip and its panel [inches]
+BAR = 0.13  # width of a colour bar [inches]
+WIDE = 1.2  # widest left margin at which titles and legends begin at the panels [inches]
 MOST_LINES = 3  # largest number of lines of a title
-STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # smallest distance of tick labels along an ordinate
+STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # possible distances of ticks along an ordinate, times a power of ten
 STEP = 2.0  # step by which labels are moved apart [points]
 PITCH = 1.32  # line spacing, in font sizes
 
@@ -36,7 +36,7 @@ class Width:
         text: Font size of labels, names and numbers [points].
         share: Factor on panel heights relative to a screen.
         weight: Factor on line widths and markers relative to a screen.
-        dpi: Resolution of raster images.
+        dpi: Resolution of raster images [dpi].
     """
 
     inches: float
@@ -152,7 +152,7 @@ class Sheet:
             below[-1] = EDGE + max(box[1] for box in boxes[-1])
             titled = [max(box[3] for box in row) for row in boxes]
             wide = [share * (right - left - between * (len(self._shares) - 1)) for share in self._shares]
-        start = left if left < WIDE or any(self._letters) else EDGE  # long line names leave room for more
+        start = left if left < WIDE or any(self._letters) else EDGE  # long line names: strips begin at the edge
         head, heads = self._write(left, right, wide, between, start)
         above = [strip[0] + title for strip, title in zip(heads, titled, strict=True)]
         tall = self._place(left, right, above, below, head, between)
@@ -223,7 +223,7 @@ class Sheet:
         plain = PITCH * self.width.text / 72.0 + LEAD if self._letters[row] else 0.0
         room = right - left
         for columns in range(len(handles), 0, -1):
-            down = [handle for k in range(columns) for handle in handles[k::columns]]  # that rows are read in order
+            down = [handle for k in range(columns) for handle in handles[k::columns]]  # so that rows are read in order
             legend = self.figure.legend(
                 handles=down, loc="upper left", bbox_to_anchor=(left, 0.0), ncols=columns, columnspacing=1.4,
                 bbox_transform=self.figure.dpi_scale_trans, handletextpad=0.5, labelspacing=0.25,

@@ -49,9 +49,9 @@ def modes(internal: FloatArray, external: FloatArray, inward: FloatArray, touchi
 def directions(contacts: FloatArray, displacement: FloatArray) -> FloatArray:
     """Compute unit vectors (N, n, d) from each contact to the centre of all contacts.
 
-    If all contacts coincide, such as contacts attached to an object's centre, two fingers get the axis of their largest
-    distance over the run, with a positive squeeze if finger 1 enters from its negative side. More fingers get no
-    direction.
+    If all contacts coincide, such as contacts attached to an object's centre, two fingers get the coordinate axis along
+    which their displacements differ most during the run; a squeeze is then positive if finger 1 pushes along this axis.
+    More fingers get no direction.
 
     Args:
         contacts: Contact points (N, n, d) [m].

@@ -43,7 +43,7 @@ FURTHER = 3.2  # additional width for each further column [inches]
 
 
 def width_of(name: str, columns: int = 1) -> Width:
-    """Return a width by its name.
+    """Return the sizes of a named width; on a screen the figure's width grows with the number of columns.
 
     Raises:
         InputError: If no width has that name.
@@ -82,7 +82,7 @@ GRID = "#e4e4e4"
 NEUTRAL = "#7f7f7f"
 """Colour of curves that are neither forces nor fingers."""
 PALE = "#b8b8b8"
-"""Colour of the background parts."""
+"""Colour of curves and marks in the background."""
 LINE = 1.3
 """Width of a curve [points]."""
 THICK = 2.4
@@ -154,7 +154,7 @@ class Drawing:
         """Write the figure. The path's suffix selects the format, unless `form` is "png", "svg" or "pdf".
 
         Raises:
-            InputError: If the suffix has no known format.
+            InputError: If the suffix has no known format, or the folder does not exist.
         """
         return save(self.sheet, path, form, dpi)
 
@@ -183,6 +183,7 @@ def look(width: str = "screen") -> Iterator[Width]:
     """Apply the style within the block, on top of matplotlib's defaults instead of the user's settings.
 
     Raises:
+        InputError: If the width is unknown.
         MissingPackageError: If matplotlib is not installed.
     """
     mpl = require_matplotlib()
@@ -230,7 +231,7 @@ def figure(
         share_y: Whether the panels of a row share the ordinate, which is labelled on the left.
         widths: Relative widths of the columns; equal if None.
         bar: Whether to leave room for a colour bar on the right, `sheet.bar`.
-        inches: Width of the paper, if it differs from the named width.
+        inches: Width of the figure [inches], if it differs from the named width; otherwise 0.
 
     Raises:
         InputError: If the width is unknown.

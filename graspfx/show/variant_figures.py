@@ -31,7 +31,7 @@ MOST_POINTS = 4000
 LEVELS = 7
 MANY = 50.0  # ratio of largest to smallest number up to which an axis is linear
 ROUNDING = 1e-6  # smallest relative change that is drawn
-SPREAD = 0.02  # fraction of outliers at either end that may exceed the colour scale
+SPREAD = 0.02  # fraction of outliers at either end that may exceed the colour scale or ordinate
 BAD = CONTACTS["limit"]
 EDGE = "runs grow beyond this line"
 LIMIT = "certificate: margin 1"
@@ -39,7 +39,7 @@ UNJUDGED = "not judged by the certificate"
 DASHES = (0.0, (3.0, 1.5))
 LEAST = 1e-3  # smallest distinguishable difference of margins
 CROSSES = "no number: a failure or a fault"
-WORDS = {  # longest shown name of a measure
+WORDS = {  # names of quantities in labels; in other names, underscores become spaces
     "finger_position": "finger position", "finger_force": "finger force", "object_position": "object position",
 }  # fmt: skip
 
@@ -54,7 +54,7 @@ class Surface(NamedTuple):
 
     @property
     def grows(self) -> bool:
-        """Whether the measure is a growth, and 1 the line on which runs neither grow nor decay."""
+        """Whether the measure is a growth, for which 1 separates growing from decaying runs."""
         return self.name.endswith(".growth")
 
     @property

@@ -47,7 +47,7 @@ VERDICT = ("vibration", "unstable")  # statistics of the quantity RUN
 
 
 class SweepError(GraspFXError):
-    """Error of a sweep: the folder contains another sweep, or a worker has other files or another GraspFX version."""
+    """Error of a sweep: its folder has another sweep, or its workers end, or have other files or package versions."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class SceneOrder:
 
     @property
     def bytes(self) -> bytes:
-        """The order as bytes."""
+        """The pickled order, for `run_chunk`."""
         return pickle.dumps(self, protocol=pickle.HIGHEST_PROTOCOL)
 
 
@@ -91,7 +91,8 @@ def take_order(content: bytes) -> tuple[SceneOrder, Scene]:
     """Make the scene of an order, once per process.
 
     Raises:
-        SweepError: If this process has another GraspFX version or other files than the process of the order.
+        SweepError: If this process has another version of GraspFX or of a physics engine, or other files, than the
+            process of the order.
     """
     from graspfx.scene.model import Scene
 
@@ -169,7 +170,7 @@ class ChunkResult:
 
     @classmethod
     def blank(cls, count: int, shapes: Mapping[str, tuple[int, ...]], statistics: Sequence[str]) -> ChunkResult:
-        """Make an empty result."""
+        """Make a result of `count` variants in which every measure is NaN, without faults and failures."""
         measures = {
             quantity: {name: np.full((count, *shape), np.nan) for name in (VERDICT if quantity == RUN else statistics)}
             for quantity, shape in shapes.items()
@@ -191,7 +192,7 @@ class ChunkResult:
         return {"fault_tick": self.faults, **named}
 
     def put(self, where: IndexArray, measures: Measures, faults: IndexArray) -> None:
-        """Fill in some variants.
+        """Write measures and fault ticks of the variants at the positions `where`.
 
         Raises:
             InputError: If a quantity has another shape for these variants.
@@ -225,8 +226,8 @@ def run_chunk(content: bytes, chunk: Chunk, threads: int | None = None) -> Chunk
         threads: Number of threads; by default one per processor in the process that made the order, one in others.
 
     Raises:
-        SweepError: If this process has other files or another GraspFX version.
-        MissingPackageError: If a package that the whole sweep needs is missing.
+        SweepError: If this process has other files, or another version of GraspFX or of a physics engine.
+        MissingPackageError: If llvmlite, which all native variants need, is missing.
     """
     began = perf_counter()
     order, scene = take_order(content)

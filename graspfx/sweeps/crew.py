@@ -84,7 +84,7 @@ class Crew:
         return future
 
     def mend(self) -> None:
-        """Replace dead processes."""
+        """End the processes and make a new executor, if the crew can do so."""
         if self._anew is not None:
             end(self.executor)
             self.executor = self._anew()
@@ -99,7 +99,7 @@ def crew_of(executor: Any) -> Iterator[Crew]:
             processors); an executor of `concurrent.futures`, or a dask client.
 
     Raises:
-        InputError: If the argument is something else.
+        InputError: If the argument is something else, or the cluster's scheduler cannot be reached.
         MissingPackageError: If `distributed` is not installed, for a cluster.
     """
     with ExitStack() as stack:
@@ -277,7 +277,7 @@ class ChunkLoop:
         return result
 
     def _bury(self, dead: list[Chunk], flying: dict[Future[Any], Chunk]) -> None:
-        """Repair the crew, and run each of the running chunks alone, because one of them killed a process."""
+        """Repair the crew, and run alone each chunk that may have killed a process; for processes all running ones."""
         tries = 0  # dask has already made its attempts
         if self.crew.mends:
             dead += flying.values()

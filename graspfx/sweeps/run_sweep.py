@@ -40,8 +40,8 @@ from graspfx.sweeps.swept_values import VariantGrid, make_grid, scattered
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
 
-TICKS = 2_000_000  # target time of a chunk of native variants, a second or two
-ALONE = 100_000  # target time of a chunk whose variants run one by one
+TICKS = 2_000_000  # largest number of ticks in a chunk of native variants, which take a second or two
+ALONE = 100_000  # largest number of ticks in a chunk whose variants run one by one
 MOST_LOOKS = 64  # largest number of variants to try until one is valid
 LEAST_SHARE = 4  # chunks per worker in a long sweep
 
@@ -98,7 +98,8 @@ def sweep(
             number with which it began.
 
     Raises:
-        SweepError: If `out` has another sweep, another process is running it, or workers have other files.
+        SweepError: If `out` has another sweep, or this sweep without `resume`; another process is running a sweep in
+            `out`; or workers do not start, or have other files or versions.
         SceneError: If no variant is a valid scene.
         InputError: If values are invalid, the scene has hardware, or the executor is unknown.
         UnknownNameError: If a quantity or statistic does not exist.
@@ -149,7 +150,7 @@ def _size(count: int, prospect: Prospect, crew: Crew) -> int:
 
 
 class Prospect(NamedTuple):
-    """Preview of a sweep from one valid variant."""
+    """Preview of a sweep from one valid variant: columns, shapes of measures, whether all are kernels, and ticks."""
 
     layout: Layout
     shapes: dict[str, tuple[int, ...]]

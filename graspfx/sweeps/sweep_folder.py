@@ -32,7 +32,7 @@ DRAFT = ".draft"  # suffix of an incomplete file
 FORMAT = 2  # format of the folder; from 2 on, chunks are netCDF
 RESULTS = 1  # version of the meaning of numbers in a sweep's files
 FEW = 6  # largest number of values to list one by one
-LEAST = 4096  # smallest size of a compressed variable
+LEAST = 4096  # variables with more entries are compressed
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable."
 
 
@@ -163,8 +163,8 @@ def open_folder(
         overwrite: Whether to remove any existing sweep.
 
     Raises:
-        SweepError: If the folder has another sweep, or the same sweep without `resume`, or another process is running
-            it.
+        SweepError: If the folder has another sweep, results without a readable description, or the same sweep without
+            `resume`; or if another process is running a sweep in it.
         RecordingError: If the folder or a file in it cannot be written.
     """
     make_folder(path)
@@ -196,7 +196,7 @@ def _folder(path: Path, parts: Mapping[str, Any], size: int, *, resume: bool, ov
         return SweepFolder(path, about, removal)
     if there["identity"] != identity:
         lines = _differences(there.get("parts", {}), parts)
-        more = f"; and {len(lines) - 5} more differences" if len(lines) > 5 else ""
+        more = f"; and {len(lines) - 5} more" if len(lines) > 5 else ""
         text = f"{path} is the folder of another sweep: {'; '.join(lines[:5])}{more}"
         raise SweepError(f"{text}. Choose another --out, or replace it with --overwrite (overwrite=True)")
     if not resume:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
-MOST_JUDGED, LEAST_JUDGED = 9, 3  # largest number of values along an axis of a map at which certificates are computed
+MOST_JUDGED, LEAST_JUDGED = 9, 3  # values along an axis at which certificates are computed: of one map, of many maps
 
 
 @dataclass(frozen=True, repr=False)
@@ -84,7 +84,7 @@ class SweepResult(Batch):
 
     @property
     def unstable(self) -> NDArray[np.bool_] | None:
-        """Whether each run grows, in the grid's shape; None if not measured."""
+        """Whether each run grows, in the grid's shape, False for failed variants; None if not measured."""
         return np.asarray(self[RUN]["unstable"] == 1.0) if RUN in self.measures else None
 
     def column(self, quantity: str) -> Column:
@@ -116,8 +116,8 @@ class SweepResult(Batch):
 
         Args:
             measure: Name of a measure, such as `finger_force.peak`. By default it is the growth of the first quantity,
-                or else its first statistic: `run.vibration`, unless the sweep measures other quantities or its runs
-                are too short.
+                or else that quantity's first statistic: `run.vibration` if `run` is the first quantity. If the runs
+                are too short for a vibration, `run` is skipped.
 
         Returns:
             Full name of the measure, and the numbers; NaN for missing numbers.
@@ -159,7 +159,7 @@ class SweepResult(Batch):
         return np.asarray(order[: int(np.isfinite(flat).sum())])
 
     def labels(self) -> Labels:
-        """Label all arrays for files and xarray."""
+        """Collect all arrays with their dimensions, units and meanings, for files and xarray."""
         labels = batch_labels(self)
         grid, _ = grid_of(self)
         meaning = {"long_name": "reason why the variant has no measures; otherwise empty"}
@@ -206,13 +206,13 @@ class SweepResult(Batch):
 
         Args:
             measures: Names of measures, such as `finger_force.peak`; by default one measure of each of the first three
-                quantities, or for maps only of the first quantity. Each map has its own sheet.
+                quantities, or for maps of the first quantity. Maps show a single measure.
             width: "screen", or a journal's width of 7.2 ("page") or 3.5 ("column") inches.
             slices: Number of values of a third key that have their own map; further keys are set to their middle value.
 
         Raises:
             UnknownNameError: If a measure does not exist.
-            InputError: If the width is unknown, or there is nothing to plot.
+            InputError: If the width is unknown, there is nothing to plot, or maps of several measures are asked for.
         """
         from graspfx.show.style import Drawing
         from graspfx.show.variant_figures import Surface, variants_sheet
@@ -289,7 +289,7 @@ class SweepResult(Batch):
 
     @property
     def has_maps(self) -> bool:
-        """Whether measures are drawn as maps, each on its own sheet."""
+        """Whether measures are drawn as maps, one measure per figure."""
         return not self.is_together and len(self.values) > 1
 
     def drawn(self) -> list[str]:

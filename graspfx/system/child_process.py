@@ -62,14 +62,14 @@ def start(
 
 
 def spawn(module: str, *descriptors: int) -> tuple[subprocess.Popen[bytes], Connection]:
-    """Start a process that calls `main` of a module with descriptors of its connection and other files.
+    """Start a process that calls `main` of a module with descriptors; return it and the connection to it.
 
     The new process is in a separate process group: a terminal's Ctrl-C reaches only the calling process, which
     passes the signal on.
 
     Args:
         module: Module of this package.
-        descriptors: Descriptors of shared files.
+        descriptors: Descriptors of shared files; `main` receives that of its connection before them.
 
     Raises:
         InputError: If this system does not support such processes.

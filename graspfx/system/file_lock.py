@@ -16,7 +16,7 @@ from graspfx.errors import DeviceError
 FAR = 1 << 62  # offset of the locked byte on Windows, where locked bytes cannot be read
 BUSY = (errno.EWOULDBLOCK, errno.EAGAIN, errno.EACCES, errno.EDEADLK)
 NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS)
-OTHERS = re.compile(r"[^A-Za-z0-9._-]+")  # letters that the name of a file must not have
+OTHERS = re.compile(r"[^A-Za-z0-9._-]+")  # characters that the name of a lock's file must not have
 PAUSE = 0.05  # interval between attempts [s]
 
 

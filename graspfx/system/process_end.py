@@ -16,7 +16,7 @@ DEATH = 1  # PR_SET_PDEATHSIG
 
 
 def die_with_parent(number: int) -> None:
-    """On Linux, let the system send a signal to this process when the parent's thread ends."""
+    """On Linux, let the system send signal `number` to this process when the parent's thread that started it ends."""
     c_library.call("prctl", DEATH, number, 0, 0, 0)
 
 

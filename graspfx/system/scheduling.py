@@ -35,7 +35,7 @@ def memory_limit() -> str:
 
 
 def be_nice(number: int) -> None:
-    """Lower the priority of this process, where supported."""
+    """Lower the priority of this process by `number` levels of niceness, where supported."""
     if hasattr(os, "nice"):
         with suppress(OSError):
             os.nice(number)
@@ -53,7 +53,7 @@ def set_fifo(priority: int) -> str:
 
 
 def set_policy(policy: Any, priority: int) -> bool:
-    """Set the policy and priority of this thread, from `real_time_policy`; return whether the system allows it."""
+    """Set this thread's policy and priority, such as those of `real_time_policy`; return whether it is allowed."""
     with suppress(OSError):
         os.sched_setscheduler(0, policy, os.sched_param(priority))
         return True
@@ -76,7 +76,7 @@ def set_exact_timers() -> bool:
 
 
 def most_locked() -> float | None:
-    """Return the number of bytes that this process may lock in memory; None if unknown."""
+    """Return the number of bytes that this process may lock in memory; inf without a limit, None if unknown."""
     try:
         import resource
 
@@ -87,7 +87,7 @@ def most_locked() -> float | None:
 
 
 def lock_memory() -> str:
-    """Lock the memory of this process; without a limit, also future allocations."""
+    """Lock this process's memory, without a limit also future memory; return "locked", "locked so far" or "free"."""
     most = most_locked()
     if most is None:
         return "free"

@@ -38,8 +38,8 @@ def file_of(name: str) -> Path:
 class Named:
     """Zeroed memory that other programs of this user find by its name, once it is published.
 
-    The owner of the memory holds a lock on the file until its process ends, so that the name of a killed owner is free
-    again.
+    The owner of the memory holds a lock on the file until `close` or the end of its process, so that the name of a
+    killed owner is free again.
 
     Args:
         name: Name of the memory.

@@ -128,7 +128,7 @@ def takes_line() -> bool:
 
 
 def pseudo_terminal() -> tuple[int, int]:
-    """Open a raw pseudo-terminal; return the descriptors of the program's end and of the line's end.
+    """Open a raw pseudo-terminal; return the descriptors of the emulating program's end and of the serial line's end.
 
     Raises:
         GraspFXError: If this system has no pseudo-terminals.

@@ -40,7 +40,7 @@ FloatArray = NDArray[np.float64]
 
 TICKS = 20
 PULL = 1e-3  # displacement by which a hand pulls a simulated finger [m]
-ROUNDING = 1e-9  # [m], and relative
+ROUNDING = 1e-9  # tolerance of positions [m]; relative tolerance of other quantities
 
 
 def driver(name: str | PathLike[str]) -> ModuleType:
@@ -75,10 +75,10 @@ def check_device(
     For a simulated device, moved by its own plant, the kit also checks that every finger receives its own force and
     moves in its direction; that a reported force limit holds; that no force remains after a non-finite force, after
     stop and after close; that the device is at rest alone and follows a hand; and that two runs are identical. With a
-    factory, the kit checks that two devices in one process are independent.
+    factory and no wire, the kit checks that two devices in one process are independent.
 
     With a wire, that is, an emulator of the hardware to which the device connects, the kit also checks the motors: zero
-    force after `stop`, `close`, exceptions and non-finite forces; the force limit; the units newton, metre and second
+    force after `stop`, `close`, exceptions and non-finite forces; the force limit; the second, and the newton and metre
     if the emulator knows the mechanism; removal of the force after the program is killed, by a watchdog or by the
     driver's `quench`; and the driver's response to every failure of the wire. With a factory, the kit checks that a
     second device is refused. This takes some seconds.
@@ -90,7 +90,8 @@ def check_device(
         wire: Wire of `graspfx.testing.wire`, inside its `with` block; the device is connected with the wire's
             `settings`.
         period: Sampling period [s].
-        force: Largest force written to real hardware [N].
+        force: Size of the written forces [N], at most half the reported peak force; only simulated devices and
+            emulators also receive larger forces.
         start: Initial positions of the fingers of a simulated device (k, d) or (d,) [m]; by default the middle of its
             workspace, or zero.
     """
@@ -228,7 +229,7 @@ def _check_one(device: Device, promises: Promises, period: float, force: float, 
         same = True
     finally:
         if not same:
-            with suppress(Exception):  # report the promise broken first
+            with suppress(Exception):  # the broken promise is reported instead
                 device.close()
     return bench
 
@@ -363,7 +364,7 @@ def _check_not_finite(bench: _Bench, force: float) -> None:
     with bench.promises(f"a non-finite force {promise_} DeviceError") as promise:
         for bad in (math.nan, math.inf, -math.inf):
             for i in range(bench.features.fingers):
-                _refused(bench.device, bench.push(force))  # a force to be kept, if no fault keeps the device stopped
+                _refused(bench.device, bench.push(force))  # a force that must not persist; a fault may refuse it
                 forces = bench.push(force)
                 forces[i, -1] = bad
                 for _ in range((bench.features.delay or 0) + 1):

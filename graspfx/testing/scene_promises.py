@@ -65,9 +65,9 @@ def check_scene(
     Args:
         scene: Scene, its name or path, or a function that creates it.
         duration: Duration [s]; by default the duration of the scene.
-        energy: Fraction by which a bound may be exceeded when the projector changes, when the set of touching fingers
-            changes, or when a rotation is integrated; None for a scene whose coupling is known to generate energy, such
-            as literal gain matrices and the reaction at the contact point.
+        energy: Fraction of the largest term by which a bound may be exceeded, because the projector or the set of
+            touching fingers changes, or a rotation is integrated; None for a scene whose coupling is known to generate
+            energy, such as literal gain matrices and the reaction at the contact point.
         number: Triple (name, expected, tolerance), or several triples. A name is a key of `Recording.summary` or a
             function of the recording; arrays are compared entry by entry.
 
@@ -282,7 +282,7 @@ def _turning(motion: ObjectMotion, block: FloatArray) -> FloatArray:
 
 
 class _Listener:
-    """A device and the forces written to it."""
+    """A device and the forces that were last written to it."""
 
     def __init__(self, device: Device) -> None:
         self.device, self.forces = device, [np.zeros((0, 0))]

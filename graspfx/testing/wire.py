@@ -56,7 +56,7 @@ NUMBERS: Mapping[Failure, float] = MappingProxyType(
 )
 """Default parameters of the failures."""
 
-IDLE = 0.001  # time between two calls of `SerialWire.tick` [s]
+IDLE = 0.001  # longest wait between two calls of `SerialWire.tick` [s]
 MOST = 4096  # largest read [bytes]
 SMALL = 1e-6  # step of an angle for a difference quotient [rad]
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2")
@@ -92,7 +92,7 @@ class Wire(Resource):
         kinds: Failures that this hardware can have.
         limit: Largest torque of each motor [N m], or for a library the largest force [N].
         checksum: Whether the receiver detects a changed bit.
-        slowness: Factor by which the hardware's clock runs slower.
+        slowness: Factor by which the hardware's clock runs slower than `clock`.
     """
 
     kinds: frozenset[Failure] = frozenset(FAILURES)
@@ -359,7 +359,7 @@ def compiler() -> str | None:
 
 
 def build(arguments: Sequence[str], product: Path, folder: Path) -> Path:
-    """Call the C compiler with these arguments in a folder, to build a product.
+    """Call the C compiler with these arguments in a folder, to build a product; return the product.
 
     Raises:
         MissingPackageError: If there is no compiler.

@@ -62,12 +62,12 @@ def check_wire(device: Device, wire: Wire, promises: Promises, period: float, fo
             _check_failure(bench, promises, kind)
     finally:
         wire.heal()
-        with suppress(Exception):  # report the promise broken first
+        with suppress(Exception):  # the broken promise is reported instead
             device.close()
 
 
 def check_second(one: Device, two: Device, promises: Promises, period: float) -> None:
-    """Check that hardware that is open in one program is refused to a second program."""
+    """Check that hardware that one device has opened is refused to a second device, as to a second program."""
     with promises("open hardware is refused to a second program, and the first one continues") as promise:
         promise.holds(one is not two, "the factory returned the same device twice")
         try:
@@ -144,7 +144,7 @@ class _Bench:
     def becomes(
         self, state: Callable[[], bool], act: Callable[[], Any] | None = None, within: float | None = None
     ) -> bool:
-        """Tell whether the wire reaches a state in time while `act` ticks the device; if None, it does not tick."""
+        """Tell whether the wire reaches a state in time while `act` ticks the device; without `act` no tick occurs."""
         wait = within if within is not None else PATIENCE if act is not None else self.patience
         deadline, looks = self.wire.clock.now() + wait, 0
         while True:
@@ -381,7 +381,7 @@ def _killed(bench: _Bench, promise: Promise) -> float | None:
 
 
 def _driver(device: Device) -> QuenchableDriver | None:
-    """Return the driver of a device: the module of its class, or a package around it."""
+    """Return the module of a device's class, or a package around it, that has `quench`; None without one."""
     name = type(device).__module__
     while name:
         module: object = sys.modules.get(name)

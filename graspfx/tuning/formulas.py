@@ -24,7 +24,7 @@ SIGNS: dict[str, Callable[[float, float], float]] = {
     "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv,
 }  # fmt: skip
 DEEPEST = 50  # largest depth of nested brackets
-LONGEST = 400  # largest number of words; a sum has a depth of half of them
+LONGEST = 400  # largest number of words; the tree of a sum is half as deep
 LEVELS = ("+-", "*/")  # operators by increasing precedence
 
 Tree = float | str | tuple[str, "Tree", "Tree"]
@@ -68,7 +68,7 @@ class Constraint:
         return Expression(f"({more.text}) - ({less.text})", ("-", more.tree, less.tree))
 
     def slack(self, numbers: Mapping[str, float]) -> float:
-        """Return the slack relative to the bound: negative if violated, -inf if a side is not a number."""
+        """Return the slack relative to the right side, absolute if that is 0 or infinite; -inf if a side is NaN."""
         room, right = self.room.value(numbers), self.right.value(numbers)
         if math.isnan(room):
             return -math.inf
@@ -233,7 +233,10 @@ MEASURES: dict[str, Measure] = {
     "force": Measure("largest force of a finger at rest", "N", lambda one: one.force),
     "frequency": Measure("frequency of the mode of smallest margin at its stability limit", "Hz", _frequency),
     "spectral_radius": Measure("largest abs(z) of the sampled loop", "", lambda one: one.spectral_radius),
-    "displayed.stiffness": Measure("abs(f_i)^2/(f_i.e) of the squeeze at rest", "N/m", lambda one: one.displayed),
+    "displayed.stiffness": Measure(
+        "abs(f_i)^2/(f_i.e) of the squeeze at rest, with internal forces f_i and e from contact to fingertip", "N/m",
+        lambda one: one.displayed,
+    ),
 }  # fmt: skip
 GAINS = {
     f"{part}.{kind}": f"coupling.{part}.{kind}"

@@ -36,7 +36,7 @@ MOST_KEYS = 12
 PUSHING = "margin.pushing"
 
 GRID = 17  # points of a grid over one key, before roots are sought
-STARTS = 10  # starting points for each of several keys
+STARTS = 10  # samples of the box per key, for several keys
 ROUNDS = 8  # largest number of rounds that add hands
 MET = 1e-6  # tolerance of a constraint's slack below zero
 FINE = 1e-9  # tolerance of a root, relative to a range
@@ -52,7 +52,8 @@ class Problem:
         scene: Scene whose gains change.
         objective: Formula to be maximised.
         constraints: Constraints that must hold in every hand.
-        over: Ranges of the keys that may change; if None, default ranges of the objective's keys.
+        over: Ranges of the keys that may change; if None, default ranges of the objective's keys, or of both
+            stiffnesses if it has none.
         operators: Set of operators; None for the scene's own operator.
     """
 
@@ -83,7 +84,7 @@ class Problem:
 
     @property
     def is_of_keys(self) -> bool:
-        """Whether the objective depends only on keys that change; such an objective needs no judgement."""
+        """Whether the objective depends only on keys that change; such an objective is equal in all hands."""
         changing = {each.key for each in self.over}
         return all(self.keys[name] in changing for name in self.objective.names) and bool(self.objective.names)
 
@@ -115,7 +116,7 @@ class Problem:
         return self._memory[entry]
 
     def slacks(self, one: Judgement) -> list[float]:
-        """Return the slack of each constraint relative to its bound; negative slacks are violations."""
+        """Return the slack of each constraint relative to its right side; negative slacks are violations."""
         numbers = numbers_of(self.keys, one)
         return [each.slack(numbers) for each in self.constraints]
 
@@ -192,7 +193,8 @@ def search(problem: Problem) -> Answer:
     """Find the best point that satisfies the constraints in all hands (Blankenship and Falk, 1976).
 
     The search alternates between two steps: find the best point for a few hands, then find the worst hand for this
-    point in the whole box of operators. If the worst hand violates a constraint, it is added to the few hands.
+    point in the whole box of operators. If the worst hand violates a constraint, the few hands are extended by the
+    worst hand for each violated constraint, in at most `ROUNDS` rounds.
     """
     hands: list[Hand] = [{}]
     operators = problem.operators
@@ -241,7 +243,7 @@ class Subproblem:
 
     Args:
         problem: Problem for all hands.
-        hands: The hands.
+        hands: Hands in which the constraints must hold.
     """
 
     def __init__(self, problem: Problem, hands: Sequence[Hand]) -> None:
@@ -267,7 +269,7 @@ class Subproblem:
         return self._best_on_line() if len(self.problem.over) == 1 else self._best_in_box(before)
 
     def _best_on_line(self) -> tuple[Point, bool]:
-        """Evaluate a grid of one key, then find the boundary of the constraints next to its best point."""
+        """Evaluate a grid of one key, then find the boundary of the constraints next to the best grid point."""
         from scipy.optimize import brentq, minimize_scalar
 
         grid = np.linspace(0.0, 1.0, GRID).tolist()
@@ -315,7 +317,7 @@ class Subproblem:
         return edge
 
     def _best_in_box(self, before: Point | None) -> tuple[Point, bool]:
-        """Sample the box, then optimise from the best point by sequential quadratic programming."""
+        """Sample the box, then optimise from the two best samples by sequential quadratic programming."""
         over = self.problem.over
         own = self.problem.point({each.key: _own(self.problem, each.key) for each in over})
         samples = OperatorSet(over, "").spread(STARTS * len(over)) if before is None else [before]
@@ -332,7 +334,7 @@ class Subproblem:
         return best[2], best[0]
 
     def _descended(self, start: Point) -> list[Point]:
-        """Maximise t subject to t below the objective in every hand and all slacks above zero (SLSQP, Kraft 1988)."""
+        """Maximise the objective of the worst hand with all slacks above zero (SLSQP, Kraft 1988); return points."""
         from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
         problem, size = self.problem, len(start)
@@ -373,7 +375,7 @@ class Subproblem:
         return [tuple(float(x) for x in a + s * (b - a)) for s in (edge, max(edge - 1e-7, 0.0))]
 
     def _pushed_out(self, best: Ranked) -> Ranked:
-        """Move each key in turn as far as the objective increases and the constraints hold."""
+        """Move each key in turn, twice, as far as the objective increases and the constraints hold."""
         for i in [*range(len(best[2]))] * 2:
             for way in (1.0, -1.0):
                 step = 0.02

@@ -41,10 +41,11 @@ def tune(
     """Find the largest gains with which a scene keeps its margins for every operator of a set.
 
     Constraints must hold in the worst hand. The search alternates between the best gains for a few hands, and the worst
-    hand for these gains in the whole box. The worst hand is added to the few hands, until no hand violates a constraint
-    (Blankenship and Falk 1976). For one key, roots are bracketed by a grid; several keys use sequential quadratic
-    programming from points that sample the box. Each judgement is a certificate at the rest with the judged values. New
-    judgements verify the result, including judgements for random hands and with each key 1 % beyond the optimum.
+    hand for these gains in the whole box. The worst hand is added to the few hands up to eight times, until no hand
+    violates a constraint (Blankenship and Falk 1976). For one key, roots are bracketed by a grid; several keys use
+    sequential quadratic programming from points that sample the box. Each judgement is a certificate at the rest with
+    the judged values. New judgements verify the result, including judgements for random hands and with each key 1 %
+    beyond the optimum.
 
     Names are `margin`, `margin.internal`, `margin.external`, `margin.external_translation`, `margin.external_rotation`,
     `margin.standing`, `margin.pushing`, `grip`, `depth` [m], `squeeze` [N], `force` [N], `frequency` [Hz],
@@ -58,7 +59,7 @@ def tune(
         over: Ranges of the keys that may change, {"internal.stiffness": (50.0, 2000.0)} or a list of "KEY=FROM:TO". By
             default the objective's keys, or both stiffnesses if it has none, from 1/100 to 100 times their values.
         operators: Set of operators as for `certify_operators`; "own" for the scene's own operator. By default, the
-            ranges of the scene's table [operators], or else the usual ranges.
+            ranges of the scene's table [operators], or else the usual ranges; without hands in the scene, "own".
         seed: Seed of the random hands of the verification.
 
     Returns:
@@ -152,7 +153,7 @@ def _nearest(problem: Problem, constraint: Constraint, number: int, ones: list[J
 
 
 def _binding(at: list[ConstraintValue], more: tuple[Check, ...]) -> ConstraintValue | None:
-    """Return the constraint that fails beyond the optimum, or else a constraint without slack."""
+    """Return the constraint that fails beyond the optimum, or else a constraint without slack, or None."""
     broken = [check.broken for check in more if check.broken is not None]
     if broken and len(broken) == len(more):
         first = min(broken, key=lambda value: next(each.slack for each in at if each.text == value.text))

@@ -48,7 +48,7 @@ class ConstraintValue:
 
     @property
     def row(self) -> ObjectLimit | None:
-        """Limit of the mode that the constraint names, else the smallest limit; None without a margin."""
+        """Limit of the mode whose margin the constraint names, the smallest for `margin`; None without a margin."""
         margins = re.findall(r"\bmargin(?:\.(\w+))?", self.text)
         if not margins:
             return None

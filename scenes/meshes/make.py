@@ -12,7 +12,7 @@ HERE = Path(__file__).parent
 
 # A mug standing on z = 0, its axis along z, its handle towards +x [mm].
 HEIGHT, OUTER, INNER, FLOOR = 80.0, 40.0, 36.0, 5.0
-RING, TUBE = 24.0, 5.0  # the handle: a torus about a point of the outer wall at half the height
+RING, TUBE = 24.0, 5.0  # radii of the handle, a torus about a point of the outer wall at half the height
 AROUND, RING_AROUND, TUBE_AROUND = 96, 80, 24  # facets
 
 PLATE = (80.0, 60.0, 1.0)  # full edges, about the centre [mm]

@@ -1,4 +1,4 @@
-"""Properties of a scene's tables, for scenes that were just validated or come from the cache."""
+"""Properties computed from a scene's tables, whether the scene was just validated or comes from the cache."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ AXES = {"x": 0, "y": 1, "z": 2}
 
 
 def listed(value: Any) -> tuple[Any, ...]:
-    """Return a tuple of tables for a field that takes one table or a list of them."""
+    """Return a tuple of tables for a field that takes one table or a list of them; empty for None."""
     if value is None:
         return ()
     return value if isinstance(value, tuple) else (value,)
@@ -41,7 +41,7 @@ class Readable:
 
     @property
     def coefficients(self) -> tuple[float, ...]:
-        """Coefficient of friction of each finger; 0 if it slips freely or sticks."""
+        """Coefficient of friction of each finger, 0 without friction; all are 0 if fingers stick or are attached."""
         shared = self.coupling.friction
         if isinstance(shared, str) or self.coupling.contact == "attached":
             return (0.0,) * len(self.finger)

@@ -16,7 +16,7 @@ EXPECTED = "'device', 'none', or two corners [[lower], [upper]] [m], with lower 
 
 
 def _corners(value: Any) -> Corners:
-    """Check the two corners of a box."""
+    """Return the lower and the upper corner of a box, of equal lengths; refuse anything else."""
     value = listed(value)
     sides = list(value) if isinstance(value, list | tuple) else []
     if len(sides) != 2 or any(not isinstance(side, list | tuple) for side in sides):
@@ -59,12 +59,13 @@ class FingerSafety(Table):
     )
     workspace: Workspace | None = Field(
         default=None,
-        description="box beyond which forces do not push the finger, [[lower], [upper]] [m]; the scene's if not given",
+        description="box out of which forces do not push the finger, [[lower], [upper]] [m], 'device' or 'none'; the "
+        "scene's if not given",
     )
 
 
 class Safety(Table):
-    """Safety chain between the coupling law and the devices; the object, too, receives the limited forces."""
+    """Safety chain between the coupling law and the devices; the object receives the limited forces, too."""
 
     force: Positive | None = Field(
         default=None,
@@ -80,17 +81,19 @@ class Safety(Table):
         "20 ms and a fault follows; none if not given",
     )
     hold: Count = Field(
-        default=3, description="number of consecutive samples without a new reading after which forces decay in 20 ms"
+        default=3,
+        description="number of consecutive samples without a new reading that are tolerated; then forces decay in "
+        "20 ms",
     )
     watchdog: Positive | None = Field(
         default=None,
-        description="delay of a real-time loop after which forces decay [s]; five periods if not given",
+        description="lateness of a real-time loop after which forces decay [s]; five periods if not given",
     )
     soft_start: NotNegative = Field(
         default=0.5, description="time in which stiffness and damping grow from zero to their values [s]"
     )
     workspace: Workspace = Field(
         default="device",
-        description="box beyond which forces do not push a finger, [[lower], [upper]] [m]; 'device': the box of its "
+        description="box out of which forces do not push a finger, [[lower], [upper]] [m]; 'device': the box of its "
         "device; 'none': no box",
     )

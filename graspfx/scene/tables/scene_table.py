@@ -27,7 +27,8 @@ class Host(Table):
     name: Name = Field(description="name under which the host finds the loop: `feedback.connect(name)`")
     predict: Literal["hold", "linear", "model"] = Field(
         default="hold",
-        description="forces between two samples: constant, extrapolated linearly, or by the stiffnesses below",
+        description="forces between two samples: constant, extrapolated linearly, or changed by `push_stiffness` and "
+        "`squeeze_stiffness` times the fingers' motion",
     )
     push_stiffness: NotNegative = Field(
         default=0.0,
@@ -43,7 +44,7 @@ class Host(Table):
     tank: NotNegative = Field(
         default=0.05, description="initial energy of the push tank and of the squeeze tank [J]; 0 switches both off"
     )
-    tank_room: NotNegative = Field(default=0.5, description="largest energy of a tank [J]")
+    tank_room: NotNegative = Field(default=0.5, description="largest energy of a tank [J]; at least `tank`")
     speed: Positive = Field(
         default=1.0, description="largest speed of a finger for which the tanks are valid; beyond it the run ends [m/s]"
     )
@@ -71,7 +72,7 @@ def values_by_key(value: Any) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """Copy numbers, text, lists and tables; refuse anything that TOML or JSON cannot hold."""
+    """Copy finite numbers, text, true, false, and lists and tables of them; refuse everything else."""
     value = listed(value)
     if isinstance(value, Mapping):
         return {str(key): _plain(each) for key, each in value.items()}
@@ -84,7 +85,7 @@ def _plain(value: Any) -> Any:
 
 
 class Preset(Table):
-    """Values that replace the scene's if the user names the preset; those of `--set` are applied afterwards."""
+    """Values that replace the scene's if the user names the preset; values of `--set` are applied afterwards."""
 
     reason: Annotated[str, AfterValidator(_stated)] = Field(description="purpose of the preset, in a sentence")
     set: Annotated[dict[str, Any], BeforeValidator(values_by_key)] = Field(
@@ -96,14 +97,14 @@ RANGE_EXAMPLE = '"finger.*.hand.stiffness" = { low = 50.0, high = 1000.0 }'
 
 
 class OperatorSpan(Table):
-    """Range of one key over the operators; a list [low, high] is short for the table."""
+    """Range of one key over the operators; a list [low, high] or [low, high, law] is short for the table."""
 
     low: Number = Field(description="smallest value")
     high: Number = Field(description="largest value")
     law: Literal["log", "uniform", "normal", "lognormal"] = Field(
         default="log",
-        description="distribution over a population, by default uniform if low is not above zero; normal laws have "
-        "95 % in the range, and are truncated to it",
+        description="distribution over a population, by default uniform if low is not above zero; normal and lognormal "
+        "laws have 95 % of the population in the range, to which they are truncated",
     )
 
     @model_validator(mode="before")
@@ -137,7 +138,7 @@ def _no_switch(value: Any) -> Any:
 
 
 def _writable(value: str) -> str:
-    """Check text for a recording's file."""
+    """Refuse text with NUL or lone surrogates, which a recording's file cannot hold."""
     if "\0" in value or any("\ud800" <= letter <= "\udfff" for letter in value):
         text = "expected text without NUL and lone surrogates; given {given}"
         raise PydanticCustomError("title", text, {"given": abbreviate(value)})
@@ -157,7 +158,7 @@ def _columns(value: Any) -> Any:
 
 
 class SceneTable(Readable, Table):
-    """A whole scene. Its fields are validated one by one, and then against one another."""
+    """A whole scene. The fields are validated one by one, and then against one another."""
 
     title: Annotated[str, AfterValidator(_writable)] = Field(default="", description="title of figures and summaries")
     dimensions: Annotated[Literal[1, 2, 3], BeforeValidator(_no_switch)] = Field(
@@ -199,7 +200,7 @@ class SceneTable(Readable, Table):
         """Index of the object that each finger touches.
 
         Raises:
-            NotValid: If the object of a finger does not exist, in a draft.
+            NotValid: In a draft, if no object is valid, or a finger names an object that does not exist.
         """
         names = {thing.name for thing in self.object}
         if not names or any(finger.object and finger.object not in names for finger in self.finger):

@@ -11,35 +11,35 @@ from graspfx.surfaces.triangles.mesh_file import MOST_BYTES, MOST_TRIANGLES
 
 
 class Box(Table):
-    """A box about the object's centre."""
+    """A box about the body's centre, with edges along the body's axes; a rectangle in the plane."""
 
     kind: Literal["box"]
     size: Annotated[tuple[Positive, ...], Field(description="full edge lengths, (d,) [m]")]
 
 
 class Sphere(Table):
-    """A sphere about the object's centre; a disc in the plane."""
+    """A sphere about the body's centre; a disc in the plane."""
 
     kind: Literal["sphere"]
     radius: Positive = Field(description="radius of its surface [m]")
 
 
 class HalfSpace(Table):
-    """The region below a plane through the object's centre: a floor, a wall."""
+    """The region behind a plane through the body's centre, opposite to `normal`: a floor, a wall."""
 
     kind: Literal["half-space"]
     normal: Vector = Field(description="outward normal, (d,), of any length")
 
 
 class Plane(Table):
-    """An unbounded sheet without thickness through the object's centre; a finger stays on the side where it starts."""
+    """An unbounded sheet without thickness through the body's centre; a finger stays on the side where it starts."""
 
     kind: Literal["plane"]
     normal: Vector = Field(description="normal, (d,), of any length")
 
 
 class Capsule(Table):
-    """A round bar about the object's centre: along z in space, along x in the plane."""
+    """A bar with round ends about the body's centre: along z in space, along x in the plane."""
 
     kind: Literal["capsule"]
     radius: Positive = Field(description="radius of its surface [m]")
@@ -47,7 +47,7 @@ class Capsule(Table):
 
 
 class Cylinder(Table):
-    """A cylinder about the object's centre, its axis along z; in space only."""
+    """A cylinder about the body's centre, with its axis along z; in space only."""
 
     kind: Literal["cylinder"]
     radius: Positive = Field(description="radius of its surface [m]")
@@ -55,14 +55,14 @@ class Cylinder(Table):
 
 
 class Ellipsoid(Table):
-    """An ellipsoid about the object's centre; an ellipse in the plane."""
+    """An ellipsoid about the body's centre; an ellipse in the plane."""
 
     kind: Literal["ellipsoid"]
     semi_axes: Annotated[tuple[Positive, ...], Field(description="semi-axes along x, y, z, (d,) [m]")]
 
 
 class MeshShape(Table):
-    """A surface of triangles, in a file or in the scene itself; the object's pose is that of the file's frame."""
+    """A surface of triangles, from a file or from the scene; `position` is that of the origin of the vertices."""
 
     kind: Literal["mesh"] = "mesh"
     mesh: str | None = Field(
@@ -71,19 +71,21 @@ class MeshShape(Table):
         json_schema_extra={"excludes": "`vertices`, `faces`"},
     )
     vertices: Annotated[tuple[Point, ...], BeforeValidator(listed)] | None = Field(
-        default=None, description="vertices instead of a file, (v, 3) [m]", json_schema_extra={"excludes": "`mesh`"}
+        default=None,
+        description="vertices instead of a file, (v, 3), in metres after `scale`",
+        json_schema_extra={"excludes": "`mesh`"},
     )
     faces: Annotated[tuple[tuple[Count, Count, Count], ...], BeforeValidator(listed)] | None = Field(
         default=None,
-        description="vertex indices, (f, 3), counter-clockwise seen from outside",
+        description="vertex indices of each triangle, from 0, (f, 3), counter-clockwise seen from outside",
         json_schema_extra={"excludes": "`mesh`"},
     )
-    scale: Positive = Field(default=1.0, description="scale; 0.001 for a file in millimetres")
+    scale: Positive = Field(default=1.0, description="metres per unit of the vertices; 0.001 for a file in millimetres")
     shell: Switch = Field(
         default=False, description="true if the surface may be open; it is touched from its front only"
     )
     most_bytes: Count = Field(default=MOST_BYTES, description="largest file size [bytes]")
-    most_triangles: Count = Field(default=MOST_TRIANGLES, description="largest number of triangles")
+    most_triangles: Count = Field(default=MOST_TRIANGLES, description="largest number of triangles in a file")
 
 
 _check_shape, _shape_by_kind = by_kind(

@@ -23,7 +23,7 @@ ENDLESS = ("plane", "half-space")
 PATCH = 1.15  # size of an infinite plane, as a fraction of the extent
 LEAST = 1e-3  # extent of a scene whose points coincide [m]
 DOT = 0.03  # drawn radius of an object without a shape, as a fraction of the extent
-APART = 0.14  # distance of fingers across a line without shapes, as a fraction of the extent
+APART = 0.14  # drawn distance of attached fingers across a line, as a fraction of the extent
 TIP = 0.016  # drawn radius of a point fingertip, as a fraction of the extent
 THINGS = ("#c3d2e0", "#e3d3b4", "#cfdcc4", "#dccbdc")  # colours of objects in turn
 FIXED, EDGE = "#d5d2cc", "#4a4f55"
@@ -55,7 +55,7 @@ class Outline(NamedTuple):
 
 
 def lifted(values: FloatArray, dimensions: int) -> FloatArray:
-    """Extend vectors on a line or in the plane to the plane or to space."""
+    """Extend vectors (..., d) by zeros to `dimensions` entries, from a line or the plane to the plane or to space."""
     missing = dimensions - values.shape[-1]
     return np.asarray(np.concatenate([values, np.zeros((*values.shape[:-1], missing))], axis=-1)) if missing else values
 
@@ -86,7 +86,7 @@ def obstacles(table: Table, dimensions: int, notes: list[str]) -> Iterator[Outli
 def solids(
     outlines: Sequence[Outline], tips: FloatArray, dimensions: int, folder: Path | None, notes: list[str]
 ) -> tuple[list[tuple[Outline, Surface]], FloatArray, float]:
-    """Build the surface of each outline; an infinite surface, or a dot without a shape, fits the size of the others.
+    """Build the surface of each outline; infinite surfaces, and dots for missing shapes, fit the size of the others.
 
     Args:
         outlines: Shapes with their poses.
@@ -192,8 +192,8 @@ class Instant:
         names: Names of the fingers.
         tips: Positions of the fingertips (n, d) [m].
         radii: Radii of ball fingertips, zero for points (n,) [m].
-        contacts: Points where forces act (n, d) [m].
-        forces: Forces on the object (n, d) [N].
+        contacts: Contact points, or the fingertips if they are attached (n, d) [m].
+        forces: Forces of the fingers on their objects (n, d) [N].
         parts: Internal and external parts of the forces (n, d) [N], zero for a free finger; None if not recorded.
         touching: Mask of touching fingers (n,).
         paths: Paths of the fingertips so far (k, n, d) [m].
@@ -224,7 +224,8 @@ def instant(recording: Recording, time: float | None = None, folder: Path | None
 
     Args:
         recording: Recording with at least one tick.
-        time: Time [s]; by default the time with most touching fingers and the largest sum of forces, or the end.
+        time: Time [s]; by default the tick with the largest sum of forces among those with most touching fingers, or
+            the last tick if all forces are zero.
         folder: Folder of relative mesh paths; by default the scene's folder.
 
     Raises:

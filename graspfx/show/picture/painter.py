@@ -238,7 +238,7 @@ class Painter:
         """Cut a line through points (k, 3) into pieces in view coordinates (j, 3), each with its visibility.
 
         Args:
-            before_all: Whether solids that hide no other lines hide this line.
+            before_all: Whether solids that usually hide no lines (fingertips) hide this line, too.
         """
         return self._cut(points, self._all if before_all else self._hiding, SHORTEST * self.extent)
 

@@ -71,7 +71,7 @@ def shown_forces(now: Instant, forces: Forces) -> list[tuple[FloatArray, list[st
 
 
 def outward(now: Instant) -> FloatArray:
-    """Return a point outside the object near each contact, (n, d) [m]: against its force, or away from the centre."""
+    """Return a point outside the object near each contact, (n, d) [m]: against the force, or away from the centre."""
     away = -now.forces
     idle = ~now.touching | (np.linalg.norm(away, axis=1) == 0.0)
     away[idle] = (now.contacts - now.middle)[idle]
@@ -118,7 +118,7 @@ def _beside(own: list[Arrow], flat: FloatArray) -> list[Arrow]:
 
 
 def draw(axes: Axes, arrow: Arrow, extent: float, painter: Painter | None = None) -> None:
-    """Draw an arrow; in space it is dashed where hidden, but its head is always drawn, with an outline."""
+    """Draw an arrow; in space its shaft is dashed where it is hidden, and the head is white if its tip is hidden."""
     from matplotlib.patches import Polygon
 
     half = SHAFT * extent
@@ -176,7 +176,7 @@ MOST_NAMES = 8  # largest number of fingers with names; more are numbered
 SCREEN = 5.2  # [inches]
 LOW, HIGH = 0.25, 1.3  # smallest and largest height of the picture, relative to its width
 LETTER = 0.62  # width of a letter, relative to the size of the text
-RINGS = (1.0, 1.8, 2.6, 3.6)  # distances of a name from its arrow, in half its height
+RINGS = (1.0, 1.8, 2.6, 3.6)  # distances of a name from its arrow, in about half the name's height
 TURNS = (0.0, 0.5, -0.5, 1.0, -1.0, 1.6, -1.6, 2.3, -2.3, 3.1)  # [rad] from the direction of the arrow
 BELOW = -0.02  # vertical position of the scales, as a fraction of the picture's height
 PATH = 0.7  # [points]
@@ -194,19 +194,21 @@ def portrait(
     """Draw one instant of a recording to scale, in space or in the plane; its `notes` are about omitted parts.
 
     The arrows show the forces of the fingers on the object, as internal and external parts or in total. Arrows are
-    outside the object: an arrow ends at the contact if its force pushes, or begins there if it pulls. Parts behind an
-    object are dashed.
+    outside the object: an arrow ends at the contact if its force pushes, or begins there if it pulls. Shafts are dashed
+    where an object hides them.
 
     Args:
         recording: Recording of a run.
-        time: Time [s]; by default the time with most touching fingers and the largest forces, or the end.
+        time: Time [s]; by default the tick with the largest sum of forces among those with most touching fingers, or
+            the last tick if all forces are zero.
         view: Azimuth and elevation of the viewer in space [degrees]; by default the view that shows the fingers best.
         folder: Folder of relative mesh paths; the folder of the scene if None.
         forces: "two" for internal and external parts, or "total".
         width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
 
     Raises:
-        InputError: If the recording has no ticks, the time is outside the recording, or the width is unknown.
+        InputError: If the recording has no ticks, the time is outside the recording, nothing can be drawn, or `forces`
+            or the width is unknown.
     """
     if forces not in ("two", "total"):
         raise InputError("forces", forces, "'two' or 'total'")
@@ -253,7 +255,7 @@ def portrait(
 
 
 def _solids(now: Instant) -> list[Solid]:
-    """List the surfaces of an instant in space: objects and obstacles, and balls as fingertips, which hide no line."""
+    """List the surfaces of an instant in space: objects and obstacles, and balls as fingertips, which hide no arrow."""
     solids = [
         Solid(thing.surface, colour, both_sides=thing.endless)
         for thing, colour in zip(now.things, _thing_colours(now), strict=True)
@@ -332,7 +334,7 @@ def _paths(now: Instant) -> list[tuple[FloatArray, str]]:
 
 
 def _fit(axes: Axes, now: Instant, points: FloatArray, text: float) -> None:
-    """Set equal axes around the points (k, 2) of the drawing, with room for names."""
+    """Set the limits of the axes around the points (k, 2) of the drawing, with room for names."""
     low, high = points.min(axis=0), points.max(axis=0)
     size = float(np.max(high - low))
     room = 0.06 * size
@@ -343,7 +345,7 @@ def _fit(axes: Axes, now: Instant, points: FloatArray, text: float) -> None:
 
 
 def _dots(axes: Axes, now: Instant, flat: FloatArray, visible: NDArray[np.bool_]) -> None:
-    """Draw contact points of touching fingers, except for spherical fingertips, whose contact is visible anyway."""
+    """Draw the visible contact points of touching fingers, except of spherical fingertips, which show theirs."""
     dots = visible & now.touching & (now.radii == 0.0)
     axes.scatter(flat[dots, 0], flat[dots, 1], s=9.0, color="white", edgecolors=INK, linewidths=0.7, zorder=5)
 
@@ -351,7 +353,7 @@ def _dots(axes: Axes, now: Instant, flat: FloatArray, visible: NDArray[np.bool_]
 def _label(
     axes: Axes, now: Instant, placed: Sequence[Arrow], tips: FloatArray, middle: FloatArray, text: float
 ) -> None:
-    """Write names beyond the outer ends of arrows, without overlap with arrows or each other."""
+    """Write names beyond the outer ends of arrows, if possible without overlap with arrows or each other."""
     from matplotlib.patheffects import withStroke
 
     unit = float(np.ptp(axes.get_xlim())) / (72.0 * SCREEN)  # data units per point
@@ -380,7 +382,7 @@ def _names(now: Instant) -> list[str]:
 def _free_place(
     mark: FloatArray, first: float, box: FloatArray, occupied: Sequence[FloatArray], busy: FloatArray
 ) -> FloatArray:
-    """Search around a mark, from a given direction on, for a free place for a box."""
+    """Search around a mark, from a given direction on, for a free place for a box; return its centre."""
     places = []
     for ring in RINGS:
         for turn in TURNS:

@@ -20,7 +20,7 @@ IntArray = NDArray[np.int64]
 
 POLE = 1e-12  # fraction of a radius below which a ring is a point
 TURN = 96  # facets of a full circle
-GRID = 14  # cells along the edge of a box, small enough for correct depth sorting
+GRID = 14  # cells along the edge of a box
 LINE = 0.3  # half the drawn height of shapes on a line, as a fraction of their width
 BAND = 0.08  # drawn depth of the ground below a half-space, as a fraction of the picture
 
@@ -62,11 +62,11 @@ def surface(shape: Mapping[str, Any], dimensions: int, extent: float, folder: Pa
     Args:
         shape: Table with `kind` and its lengths, `mesh` with a file, or `vertices` and `faces`.
         dimensions: Number of dimensions d; a line is drawn in the plane.
-        extent: Size of the drawn part of an infinite plane [m].
+        extent: Size of the drawn part of a plane or of the surface of a half-space [m].
         folder: Folder of relative mesh paths.
 
     Raises:
-        InputError: If the kind cannot be drawn, or the table is incomplete.
+        InputError: If the kind cannot be drawn, the table is incomplete, or the mesh is invalid.
     """
     kind = shape.get("kind", "mesh" if "mesh" in shape or "vertices" in shape else None)
     if kind == "mesh" and dimensions == 3:
@@ -157,7 +157,7 @@ def _cylinder(shape: Mapping[str, Any], _: float) -> Surface:
 
 
 def _steps(length: float, radius: float) -> int:
-    """Choose the number of cells of a wall so that they are almost square."""
+    """Return the number of points along a wall, including its ends, with which its cells are almost square."""
     return 2 + min(GRID * 4, int(length / (2.0 * pi * radius / TURN)))
 
 

@@ -1,1 +1,1 @@
-"""Shapes in closed form."""
+"""Shapes in closed form, and the contact of a finger with each of them."""

@@ -34,12 +34,12 @@ def closest(kind: int, d: int, size: Vector, p: Vector, face: int, last: Vector)
         kind: Kind of the shape, with the meaning of `size` [m] and the faces between which a contact does not jump:
             BOX, half edges; 0 ... 5 = +x, -x, +y, -y, +z, -z.
             SPHERE, radius; a disc in the plane; on the line the same interval as a box.
-            HALF_SPACE, outward unit normal; everything below the plane through the centre.
+            HALF_SPACE, outward unit normal; everything behind the plane through the centre.
             PLANE, unit normal; a sheet through the centre, with side 0, to which the normal points, and side 1.
             CAPSULE, radius and half the length of the straight part, along z; in the plane along x, with the long sides
             0 = +y and 1 = -y.
             CYLINDER, radius and half length, along z; 0 mantle, 1 cap at +z, 2 cap at -z.
-            ELLIPSOID, semi-axes; 0 and 1 are the two sides of the shortest.
+            ELLIPSOID, semi-axes; 0 and 1 are the halves of positive and negative coordinate along the shortest.
         face: Finger's face at the last sample; -1 for none, which selects the face with the largest signed distance.
         last: Contact point at the last sample. If several points are nearest, for example to the centre of a sphere,
             the finger keeps its direction.

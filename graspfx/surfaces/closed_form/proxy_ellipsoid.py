@@ -1,4 +1,4 @@
-"""Contact of a finger with an ellipsoid: the nearest point, or on a flat ellipsoid the nearest point of its side."""
+"""Contact of a finger with an ellipsoid: the nearest point, or if it is flat the nearest one on the finger's side."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class Foot:
-    """Minimum of the distance, s = t + h3^2 and y_i = c_i/h_i; valid if `success`."""
+    """Minimum of the distance, s = t + h3^2 and y_i = c_i/h_i, h1 >= h2 >= h3 the semi-axes; valid if `success`."""
 
     success: bool
     s: float
@@ -48,7 +48,10 @@ class Pairs:
 
 @kernel
 def on_ellipsoid(d: int, size: Vector, p: Vector, face: int, last: Vector) -> Nearest:
-    """Find c_i = e_i^2 p_i/(t + e_i^2) with t such that c is on the surface (t = 0 if p is); n opposes c_i/e_i^2.
+    """Find the contact c of a finger at p with an ellipsoid of semi-axes e_i, and the inward normal n.
+
+    c_i = e_i^2 p_i/(t + e_i^2), with t such that sum c_i^2/e_i^2 = 1; t = 0 if p is on the surface. n is parallel to
+    the vector of -c_i/e_i^2.
 
     Besides the nearest point, the squared distance has at most one local minimum on the surface, beyond the plane of
     the two longer semi-axes (Martinez 1994). A finger therefore has a side, 0 or 1, of the shortest semi-axis. It keeps
@@ -183,8 +186,8 @@ def near_side(h: Vector, u: Vector) -> Foot:
 def far_side(h: Vector, u: Vector) -> Foot:
     """Find the minimum across the plane of the longer semi-axes, if it exists: s < 0, y as in `near_side`, y3 < 0.
 
-    It is the root next to s = 0 in (h3^2 - h2^2, 0), where |y|^2 - 1 is convex: Newton's method descends to it, or
-    leaves the interval.
+    s is the root of |y|^2 - 1 next to 0 in (h3^2 - h2^2, 0). There |y|^2 - 1 is convex, so that Newton's method
+    descends to the root, or leaves the interval.
     """
     d1, r1 = squares_apart(h.x, h.z)
     d2, r2 = squares_apart(h.y, h.z)

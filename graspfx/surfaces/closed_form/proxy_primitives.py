@@ -16,10 +16,10 @@ HALVES = 134217729.0  # 2^27 + 1 splits a 53-bit significand into two halves
 def on_box(d: int, half: Vector, p: Vector, face: int) -> Nearest:
     """Find the contact with a box: a face holds a finger that is behind it and within its edges.
 
-    The contact of any other finger is its projection, for a new finger inside on the nearest face. A contact that
-    slides over an edge to a nearer face would end at the same projection, because a finger beyond an edge is in front
-    of the neighbouring face. Outside, the finger's face is the one that it is farthest in front of, so that it enters
-    through that face.
+    The contact of any other finger is its projection on the box, or for a new finger inside on the nearest face. A
+    contact that slides over an edge to a nearer face would end at the same projection, because a finger beyond an edge
+    is in front of the neighbouring face. Outside, the finger's face is the one that the finger is farthest in front of,
+    so that the finger enters through that face.
     """
     ex, ey, ez = abs(p.x) - half.x, abs(p.y) - half.y, abs(p.z) - half.z
     if d < 3:
@@ -165,8 +165,8 @@ def on_capsule(radius: float, half: float, p: Vector, last: Vector) -> Nearest:
 def on_stadium(radius: float, half: float, p: Vector, face: int, last: Vector) -> Nearest:
     """Find the contact with a capsule in the plane, along x: sides 0 = +y and 1 = -y, and a half disc at each end.
 
-    A side holds the finger between its ends at any depth, as a rectangle's side does; beyond them the half disc holds
-    it.
+    A side holds the finger between its ends at any depth, as a rectangle's side does; beyond an end the half disc holds
+    the finger.
     """
     side = 1 if p.y < 0.0 or (p.y == 0.0 and face == 1) else 0
     if abs(p.x) <= half:

@@ -88,7 +88,7 @@ class Shape(ABC):
         """Compute the solid's principal moments about its centre, (3,) [kg m^2]; in 2-D only the third, in 1-D none.
 
         Raises:
-            InputError: If the shape is unbounded or does not exist in these dimensions.
+            InputError: If the shape is unbounded or does not exist in these dimensions, or the mass is not above zero.
         """
         self._check(d)
         turns = (d == 3, d == 3, d > 1)
@@ -202,7 +202,7 @@ class Sphere(Shape):
 
 @dataclass(frozen=True)
 class HalfSpace(Shape):
-    """The region below a plane through the centre; `normal` (d,), of any length, points out of it.
+    """The region behind a plane through the centre; `normal` (d,), of any length, points out of the region.
 
     Raises:
         InputError: If the normal is not one to three finite numbers, or is zero.

@@ -6,7 +6,7 @@ and Khatib, 1997). Every step is a convex problem (`project`). Its planes keep t
 triangles, so that the ball does not pass through even a thin wall. At most three constraints hold the proxy where walls
 meet, and g - q is continuous, unlike the vector to the nearest wall.
 
-A ball's state is that of a finger in `walk`; its `last` is the proxy.
+A ball's state is a `MeshFinger`, like that of a point finger in `walk`, but with the proxy as `last`.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ def ball_contact(mesh: MeshTree, ball: MeshFinger, radius: float, g: Vector) -> 
     """Find the contact of a ball whose centre has moved to g in the object's frame, and update its state.
 
     n is the unit normal into the object, c - radius n the proxy, and gap the distance from g to the proxy, > 0 outside
-    and < 0 inside along n. If the gap exceeds the ball's reach, c and n may be those of an earlier sample, and the gap
-    is a lower bound.
+    and < 0 inside along n. If g is farther from the surface than the ball's `reach`, c and n may be those of an earlier
+    sample, and the gap is a lower bound.
     """
     if ball.mode == NEW:
         return begin(mesh, ball, radius, g)
@@ -204,7 +204,7 @@ def project(
 
     The most violated plane is added to the active set. Of these planes (at most four), only those that hold the point
     remain active. The distance from g grows with every change, so that the method terminates. The number is -1 if no
-    point is in front of all planes.
+    point is in front of all planes, or `CHANGES` changes do not suffice.
     """
     x = g
     count = 0
@@ -271,7 +271,7 @@ def way_off(triangle: Triangle, foot: Foot, height: float, q: Vector) -> Vector:
 
 @kernel
 def is_covered_by_any(ball: MeshFinger, count: int, triangle: Triangle, radius: float, slack: float) -> bool:
-    """True if one of the active planes covers a triangle."""
+    """True if one of the `count` active planes covers a triangle (see `is_covered`)."""
     covered = False
     for j in range(count):
         covered = covered or is_covered(triangle, ball.planes[j], radius, slack)
@@ -291,7 +291,7 @@ def is_covered(triangle: Triangle, plane: Plane, radius: float, slack: float) ->
 
 @kernel
 def drop_covered(mesh: MeshTree, planes: Many[Plane], count: int, radius: float, slack: float) -> int:
-    """Drop active planes whose triangle the next plane covers; return the number of the remaining ones."""
+    """Drop active planes whose triangle the new plane, at index `count`, covers; return the number of others."""
     i = 0
     left = count
     while i < left:

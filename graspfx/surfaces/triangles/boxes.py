@@ -9,7 +9,7 @@ from graspfx.spatial import Vector, dot, length
 from graspfx.surfaces.triangles.mesh_tree import MeshTree, Node, Triangle
 
 ROUNDING = 2e-15  # rounding of a point, relative to a mesh's extent plus the point's distance from the origin
-SLACK = 3e-13  # relative depth up to which a segment still enters
+SLACK = 3e-13  # relative depth behind a triangle at which a segment may start and still enter the triangle
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +72,7 @@ def height_over(triangle: Triangle, g: Vector) -> float:
 
 @kernel
 def pseudonormal(mesh: MeshTree, face: int, feature: int) -> Vector:
-    """Return a feature's outward normal, of any length: the face's, the sum of two, or the vertex pseudonormal."""
+    """Return a feature's outward normal, of any length: of a face, the sum of two faces, or a vertex pseudonormal."""
     triangle = mesh.triangles[face]
     if feature > 3:
         corner = mesh.vertices[int(triangle.vertices[feature - 4])]
@@ -115,7 +115,7 @@ def is_around(mesh: MeshTree, other: int, face: int, feature: int) -> bool:
 
 @kernel
 def leaf_near(mesh: MeshTree, g: Vector) -> int:
-    """Find a start face by descending the tree into the nearer box."""
+    """Find a start face near g by descending the tree, at each node into the nearer box."""
     nodes = mesh.nodes
     i = 0
     while nodes[i].skip > i + 1:
@@ -148,7 +148,7 @@ def box_distance(node: Node, g: Vector) -> float:
 
 @kernel
 def nearest(mesh: MeshTree, g: Vector, bound: float) -> int:
-    """Find the face nearest to g, or -1 if its squared distance is not below `bound`."""
+    """Find the face nearest to g, or -1 if its squared distance is not below `bound` [m^2]."""
     nodes, triangles = mesh.nodes, mesh.triangles
     count = mesh.node_count
     best = bound

@@ -81,7 +81,7 @@ class Mesh:
 
     @cached_property
     def data(self) -> FloatArray:
-        """Flat array that `walk.mesh_contact` reads."""
+        """Block of a `MeshTree`, which the contact kernels read."""
         return flatten(self.vertices, self.faces, closed=not self.shell)
 
     def contact(self, points: ArrayLike, state: FloatArray | None = None, *, radius: float = 0.0) -> Contacts:
@@ -111,7 +111,6 @@ class Mesh:
         Raises:
             InputError: If neither or both are given, a density is given for a shell, the surface has no inside, or it
                 crosses itself so that its moments are not those of a body.
-            MissingPackageError: If trimesh is not installed.
         """
         amount = mass if mass is not None else density
         name = "mass" if mass is not None else "density"
@@ -119,7 +118,7 @@ class Mesh:
             raise InputError("mass", (mass, density), "either a mass or a density")
         amount = number(name, amount, "finite and above zero", zero=False)
         if self.shell and density is not None:
-            raise InputError("density", density, "the mass of a shell", "a surface has no volume")
+            raise InputError("density", density, "the mass of a shell", "a surface has no volume: pass `mass` instead")
         middle = 0.5 * (self.vertices.min(axis=0) + self.vertices.max(axis=0))
         size = float(np.ptp(self.vertices, axis=0).max())
         unit = (self.vertices - middle) / size
@@ -142,7 +141,7 @@ class Mesh:
 
 
 def new_fingers(count: int, reach: float = np.inf) -> FloatArray:
-    """Return states (count, STATE) of new fingers."""
+    """Return states (count, STATE) of new fingers with a `reach` [m] (`MeshFinger`)."""
     state = np.zeros((count, STATE))
     state[:, start_of(MeshFinger, "reach")] = reach
     return state
@@ -163,6 +162,7 @@ def load_mesh(
     Raises:
         InputError: If the file cannot be read, exceeds `most_bytes` or `most_triangles`, or does not contain a valid
             surface.
+        MissingPackageError: If trimesh is not installed.
     """
     vertices, faces = read_mesh_file(path, most_bytes, most_triangles)
     return make_mesh(vertices, faces, scale=scale, shell=shell, name=fspath(path).replace("\\", "/").rpartition("/")[2])
@@ -173,12 +173,14 @@ def make_mesh(
 ) -> Mesh:
     """Make a mesh from vertices (v, 3), scaled by `scale`, and triangles (f, 3), with checks and safe repairs.
 
-    Equal vertices are merged. Triangles without area are dropped, and their neighbours are split at the vertex in the
-    middle of the shared side. Triangles that face the wrong way are reversed. `notes` lists every repair.
+    Equal vertices are merged; if the surface then has open edges and is not a shell, vertices that are equal after
+    rounding to 1e-6 of its size are merged, too. Triangles without area are dropped, and their neighbours are split at
+    the vertex in the middle of the shared side. Triangles that face the wrong way are reversed. `notes` lists the
+    repairs, except the merging of equal vertices.
 
     Raises:
-        InputError: If values are not finite, there are no triangles, more than two triangles share an edge, or the
-            surface is open and not a shell.
+        InputError: If values are not finite, there are no triangles, or there are too many pieces; or, unless `shell`
+            is true, if the surface is open or more than two triangles share an edge.
     """
     scale = number("scale", scale, "finite and above zero", zero=False)
     v = real(name, vertices, "finite coordinates")
@@ -200,7 +202,7 @@ def make_mesh(
     v, f, dropped, cut = _joined(*apart, 0.0, size)
     if not shell and _open_edges(f):
         v, f, dropped, cut = _joined(*apart, SAME_POINT * size, size)
-        notes.append(f"vertices closer than {SAME_POINT * size:.1g} m were merged to close the surface")
+        notes.append(f"vertices within about {SAME_POINT * size:.1g} m were merged to close the surface")
     if not len(f):
         raise InputError(name, "triangles without area only", "a surface of triangles")
     if dropped:
@@ -226,7 +228,7 @@ def make_mesh(
 
 
 def _joined(v: FloatArray, f: IntArray, distance: float, size: float) -> tuple[FloatArray, IntArray, int, int]:
-    """Merge vertices (within `distance`) and drop triangles without area; count the dropped and the split triangles."""
+    """Merge vertices (equal after rounding to `distance`), drop triangles without area; count dropped and split."""
     used, index = np.unique(f, return_inverse=True)
     points = v[used] + 0.0  # turns minus zero into zero
     keys = np.round(points / distance) if distance else points

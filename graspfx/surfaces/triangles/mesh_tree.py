@@ -77,5 +77,5 @@ class MeshFinger(Record):
     inward: Vector  # unit normal into the object
     last: Vector  # last position of the finger, or of a ball's proxy [m]
     safe: float  # radius around `last` that is free of the surface [m]
-    reach: float  # largest gap at which the contact point is the nearest one [m]; infinite: always
+    reach: float  # largest distance of finger or ball's centre at which the contact point is the nearest one [m]
     planes: Many[Plane] = many("4")  # for a ball: up to three active planes, and a candidate

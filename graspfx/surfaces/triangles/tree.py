@@ -15,7 +15,7 @@ IntArray = NDArray[np.intp]
 
 LEAF = 4  # largest number of triangles in a leaf
 MOST_PIECES = 2000
-MOST_WORK = 50_000_000  # largest number of solid angles, which take a few seconds
+MOST_WORK = 50_000_000  # largest number of solid angles in a search for cavities; they take a few seconds
 ANGLES = np.frompyfunc(elementary.atan2, 2, 1)  # arctan2 of NumPy depends on the processor
 
 
@@ -124,7 +124,7 @@ def rings(faces: IntArray, vertices: int) -> tuple[IntArray, IntArray]:
 
 
 def face_normals(corners: FloatArray) -> FloatArray:
-    """Compute outward unit normals of triangles (f, 3, 3), accurate to the last digit."""
+    """Compute outward unit normals of triangles (f, 3, 3), (f, 3), in extended precision if the platform has it."""
     a, b, c = np.moveaxis(corners.astype(np.longdouble), 1, 0)
     normals = np.cross(b - a, c - a)
     units: FloatArray = (normals / np.sqrt((normals * normals).sum(axis=1, keepdims=True))).astype(np.float64)
