@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
@@ -91,7 +92,7 @@ def span(values: Iterable[float], unit: str) -> str:
     if not numbers:
         return ""
     low, high = numbers[0], numbers[-1]
-    alike = high - low <= 1e-9 * max(abs(low), abs(high))
+    alike = low == high or high - low <= 1e-9 * max(abs(low), abs(high)) < math.inf
     return f"{high:.4g} {unit}" if alike else f"{low:.4g} to {high:.4g} {unit}"
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from graspfx import __version__, log
 from graspfx.assembly.provenance import by_name, engine_versions, file_changes, files_of, scene_changes
+from graspfx.card import counted
 from graspfx.errors import InputError, RecordingError
 from graspfx.experiment.experiment_table import Study
 from graspfx.experiment.session_files import MISSING, RowFile, SessionFiles, cell, place_file, text_of
@@ -221,7 +222,7 @@ def require_same(about: Mapping[str, Any], experiment: Study, files: SessionFile
     differences = list(_differences(about, own, experiment, mode))
     if about[DIGEST] != before or differences:
         lines = differences or ["the experiment file has other values, or this is another participant's session"]
-        more = f"; and {len(lines) - MOST} more differences" if len(lines) > MOST else ""
+        more = f"; and {counted(len(lines) - MOST, 'more difference')}" if len(lines) > MOST else ""
         text = "is of another experiment, scene or mode"
         do = "resume it with the original files and version, or begin another with --run N"
         raise RecordingError(f"{files.table_description}: {text}: {'; '.join(lines[:MOST])}{more}; {do}")

@@ -42,7 +42,7 @@ class Word(IntEnum):
     HEAD = 0  # ticks whose rows are written; set by the servo
     TAIL = 8  # ticks whose rows were read; set by the recorder
     STOP = 16  # nonzero: let forces decay; set by the recorder's side
-    BEAT = 24  # time.monotonic_ns of the last recording; set by the recorder's side
+    BEAT = 24  # time.monotonic_ns of the guard's last heartbeat
     PHASE = 32  # phase of the servo, a `Phase`
     NOTES = 40  # bytes of notes written so far; set by the servo
     MAIL = 48  # number of the last letter; set by the recorder's side
