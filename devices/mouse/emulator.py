@@ -86,7 +86,7 @@ class EventWire(Wire):
             self._place = REACH * np.sign(part) * (np.abs(part) - DEAD) / (1.0 - DEAD)
 
     def home(self) -> None:
-        """Move the sticks to their middle; a mouse has no home, so only `position` is reset, as when it is opened."""
+        """Move the sticks to their middle; for a mouse, only reset `position` to zero, where the driver opens."""
         self._place = np.zeros(2)
         if self.kind == "gamepad":
             self.send((ABSOLUTE, 0, 0), (ABSOLUTE, 1, 0))
