@@ -52,7 +52,10 @@ class Handle(Closing):
         self._velocity: FloatArray = np.zeros((1, 3))
 
     def write(self, forces: FloatArray) -> None:
-        """Display a force (1, 3) [N], scaled down to the limit; instead of a non-finite force, display zero."""
+        """Display a force (1, 3) [N], scaled down to the limit.
+
+        A non-finite force is displayed as zero and raises DeviceError.
+        """
         self._opened()
         if np.shape(forces) != (1, 3):
             raise InputError("forces", forces, "an array of shape (1, 3): one finger in space")
@@ -83,7 +86,7 @@ class Handle(Closing):
         self.stop()
 
     def _estimator_at(self, period: float) -> VelocityEstimator:
-        """Return an estimator of velocities from positions."""
+        """Return an estimator of velocities from positions sampled every `period` seconds."""
         return VelocityEstimator(period, (3,), 0.5 * self.resolution, self._window)
 
 
@@ -91,7 +94,7 @@ class Handle(Closing):
 
 
 def library_path(library: object, title: str) -> Any:
-    """Return the path of a library, None for its usual names, or a library that is already loaded.
+    """Return the path of a library, None to try its usual file names, or a library that is already loaded.
 
     Args:
         library: Value of the setting.
@@ -111,8 +114,8 @@ def load_library(
     Args:
         library: Result of `library_path`.
         title: Name of the library in messages.
-        names: Usual names, by operating system.
-        others: Usual names on other systems.
+        names: Usual file names, by `sys.platform`.
+        others: Usual file names on other systems.
 
     Raises:
         DeviceError: If the library cannot be loaded.

@@ -1,4 +1,4 @@
-"""Input devices without force feedback: Linux input events, and fingers that smoothly follow what they set."""
+"""Input devices without force feedback: Linux input events, and fingers that smoothly follow the devices' targets."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from graspfx.protocols import SMALLEST, DeviceError, Features, Follower, InputEr
 
 FloatArray = NDArray[np.float64]
 
-LONGEST = 0.1  # longest time between two readings during which a target continues to move [s]
+LONGEST = 0.1  # longest time by which one reading moves targets and fingers [s]
 HALF_WIDTH = 0.1  # half-width of the workspace, unless stated otherwise [m]
 
 # Linux input events from /dev/input/event*, with codes as in the kernel's input-event-codes.h
@@ -252,7 +252,7 @@ class FollowingFingers(Closing):  # type: ignore[misc] # mypy does not see devic
         """Move the targets by the input, for a duration [s]."""
 
     def _show(self, forces: FloatArray) -> None:
-        """Show forces without displaying them to the operator."""
+        """Draw the forces (k, d) [N], if the device has a screen; the operator does not feel them."""
 
     def _opened(self) -> None:
         if not self._is_open:
@@ -262,7 +262,8 @@ class FollowingFingers(Closing):  # type: ignore[misc] # mypy does not see devic
 class Pointer(FollowingFingers):
     """One finger moved by the events of a mouse or gamepad.
 
-    Without events, the target comes to rest, unless a subclass moves its goal.
+    Events move a goal, which the target approaches. Without events the target comes to rest, unless a subclass moves
+    the goal.
 
     Args:
         buttons: Codes of the device's switches; the first switch is bit 0.
@@ -334,7 +335,7 @@ class Pointer(FollowingFingers):
 
 
 def area(workspace: object, dimensions: int) -> FloatArray:
-    """Return the corners of a workspace (2, d) [m]; by default, those of a cube about zero."""
+    """Return the corners of a workspace (2, d) [m]; by default -0.1 and 0.1 m along every axis."""
     if workspace is None:
         workspace = np.outer([-HALF_WIDTH, HALF_WIDTH], np.ones(dimensions))
     both: FloatArray = corners(workspace, dimensions)
@@ -342,7 +343,7 @@ def area(workspace: object, dimensions: int) -> FloatArray:
 
 
 def inside(workspace: FloatArray, start: object, shape: tuple[int, ...]) -> FloatArray:
-    """Return initial positions of a shape within a workspace [m]."""
+    """Return initial positions in the given shape [m]; raise InputError if one is outside the workspace."""
     expected = f"coordinates of shape {shape} within the workspace [m]"
     points: FloatArray = finite("start", start, expected)
     if points.shape != shape or not ((workspace[0] <= points) & (points <= workspace[1])).all():

@@ -53,7 +53,7 @@ class PlantState(Record):
     still: bool  # the targets are constant
     position: Floats = floats("fingers * dimensions")  # [m]
     velocity: Floats = floats("fingers * dimensions")  # [m/s]
-    effort: Floats = floats("fingers * dimensions")  # effort u, held over the sample
+    effort: Floats = floats("fingers * dimensions")  # effort u, held over the sample [N, or N m at joints]
     start: Floats = floats("fingers * dimensions")  # target r of the hand at the beginning of the sample [m]
     start_rate: Floats = floats("fingers * dimensions")  # its rate r' [m/s]
     end: Floats = floats("fingers * dimensions")  # target at the end of the sample [m]
@@ -145,7 +145,7 @@ class HeldPlant(ABC):
         self._coupled_hand = hand, K, B
 
     def advance(self, force: FloatArray, hand: Hand, T: float) -> None:
-        """Advance by T seconds under held efforts (n, d) and the hand; raise DeviceError if the motion diverges."""
+        """Advance by T seconds under held efforts (n, d) and the hand; raise DeviceError for a code of the kernel."""
         if force.shape != self._effort.shape:
             raise InputError("force", force, f"an array of shape {self._effort.shape}")
         S, coupled = self._entries, self._coupled_hand
@@ -183,7 +183,7 @@ class HeldPlant(ABC):
     @property
     @abstractmethod
     def structure(self) -> Index:
-        """Integer entries of the block that are constant after `hold` and select the computation."""
+        """Indices of the integer and boolean entries that select the computation and are constant after `hold`."""
 
     @abstractmethod
     def _put(self, position: FloatArray) -> None:
@@ -233,7 +233,7 @@ class PlantDevice(Closing):  # type: ignore[misc] # mypy does not see devices fr
     _true: FloatArray  # values in the plant's block that the sensors measure
     _plant: HeldPlant | None = None
     _seen = (-1, 0.0)  # placement and time of the plant at the last reading
-    _fault = 0  # its fault code
+    _fault = 0  # fault code of the last reading
     sensed: Index = np.zeros(0, dtype=np.intp)
 
     @property

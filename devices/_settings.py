@@ -40,14 +40,14 @@ def whole(name: str, value: object, least: int, most: int = MOST) -> int:
 
 
 def flag(name: str, value: object) -> bool:
-    """Return true or false."""
+    """Return a boolean; an integer is not accepted."""
     if not isinstance(value, bool):
         raise InputError(name, value, "true or false")
     return value
 
 
 def corners(workspace: object, dimensions: int) -> FloatArray:
-    """Return the corners of a workspace (2, d) [m], which cannot be changed."""
+    """Return the corners of a workspace (2, d) [m] as a read-only array."""
     expected = f"two corners of {dimensions} finite coordinates [m], each of the first corner below that of the second"
     both = finite("workspace", workspace, expected)
     if both.shape != (2, dimensions) or not (both[0] < both[1]).all():
@@ -57,7 +57,7 @@ def corners(workspace: object, dimensions: int) -> FloatArray:
 
 
 def port_name(value: object) -> str:
-    """Return the name of a serial port."""
+    """Return the name of a serial port or of an event file."""
     if not isinstance(value, str) or not value or "\0" in value:
-        raise InputError("port", value, "the name of a serial port, such as /dev/ttyACM0")
+        raise InputError("port", value, "the name of a port, such as /dev/ttyACM0 or /dev/input/event3")
     return value

@@ -32,8 +32,8 @@ TITLE = "Force Dimension's library"
 NAMES = {"win32": ("drd64.dll", "dhd64.dll"), "darwin": ("libdrd.dylib", "libdhd.dylib")}
 ELSEWHERE = "libdrd.so", "libdrd.so.3", "libdhd.so"
 
-# Return values of its functions: a negative value is an error.
-NO_NEW_DATA = 1  # for a reading: the time guard keeps the last sample
+# Return values of the library's functions: a negative value is an error.
+NO_NEW_DATA = 1  # from a reading within the library's time guard, which returns the last sample again
 
 STATUS = 17  # number of entries of dhdGetStatus
 FORCE, OFF_CAUSE = 5, 14
@@ -73,10 +73,11 @@ class Dhd:
     """Functions of the library (DHD) by name; a failed call raises a DeviceError.
 
     Args:
-        path: Path of the library, None for its usual names, or the loaded library.
+        path: Path of the library; None to try its usual file names; or the loaded library.
 
     Attributes:
         library: Loaded library.
+        expert: Whether the library has the functions in `EXPERT`.
     """
 
     def __init__(self, path: str | ctypes.CDLL | None) -> None:
@@ -102,8 +103,9 @@ class Delta(Handle):  # type: ignore[misc] # mypy does not see devices from insi
     """A delta, omega, sigma or lambda: one finger in space, x towards the operator, y to the right, z up.
 
     Each call of the library is checked: a negative result is a fault. If a reading has the result 1 (no new
-    data), the last sample and its time are kept. Velocities are estimated from positions. The vendor's limits and
-    thresholds are not changed. If the device supports a watchdog, `open` sets it and `close` restores it.
+    data), the last sample and its time are kept. Velocities are estimated from positions. Of the vendor's limits and
+    thresholds, `open` sets only the largest force, to `force_limit`. If the device supports a watchdog, `open` sets it
+    and `close` restores it.
     """
 
     def __init__(
@@ -133,7 +135,7 @@ class Delta(Handle):  # type: ignore[misc] # mypy does not see devices from insi
 
     @property
     def calls(self) -> Calls | None:
-        """C functions of the library while the device is open, with which its loop needs no Python."""
+        """C functions of the library while the device is open, for a loop without Python; otherwise None."""
         return self._calls
 
     def open(self, period: float) -> None:
@@ -229,7 +231,7 @@ class Delta(Handle):  # type: ignore[misc] # mypy does not see devices from insi
         return fresh
 
     def _follow(self) -> None:
-        """Update position and velocity; missed samples are interpolated linearly between the last sample and this."""
+        """Update position and velocity; missed samples are interpolated linearly between the last and this sample."""
         self._position[0] = self._xyz
         self._velocity[0] = self._estimator.update(self._position[0])
 
@@ -254,9 +256,9 @@ def connect(
     """Connect a device.
 
     Args:
-        serial: Serial number, printed on the device and shown by the vendor's tools, whose device ids change between
-            starts; None for the first free device.
-        library: Path of libdrd; None for its usual names.
+        serial: Serial number, printed on the device and shown by the vendor's tools (device ids change between starts);
+            None for the first free device.
+        library: Path of libdrd; None to try its usual file names.
         force_limit: Largest force at the handle, also set in the vendor's library [N].
         resolution: Resolution of a position [m].
         velocity_window: Longest window of the velocity estimate [samples].

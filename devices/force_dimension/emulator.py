@@ -154,8 +154,8 @@ class ForceDimensionWire(Wire):
             setattr(self.devices[device], f"position{i}", x)
 
     def _change(self) -> None:
-        """Let all functions of the first device return the codes of the current failure."""
-        if self.failure == "unplugged":  # no power and no owner
+        """Apply the current failure to the first device: its functions' return codes, owner, force and position."""
+        if self.failure == "unplugged":  # the device is closed and without force
             device = self.devices[0]
             device.owner = device.enabled = 0
             device.force0 = device.force1 = device.force2 = 0.0

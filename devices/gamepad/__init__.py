@@ -24,7 +24,7 @@ MODES = "position", "rate"
 
 
 class Gamepad(Pointer):  # type: ignore[misc] # mypy does not see devices from inside the package
-    """A gamepad: one stick axis moves the finger along each of its axes.
+    """A gamepad: for each axis of the finger, one axis of a stick moves the finger along it.
 
     Args:
         sticks: Code of the stick axis, and its sign, for each axis of the finger.

@@ -5,7 +5,7 @@ The driver was written from the board's protocol, and tested only against an emu
 The board's firmware has **no watchdog: the last torques persist when the program dies**, and a truncated frame blocks
 the board for up to a second with its motors on. A frame is therefore sent by one call. `stop`, `close` and the end of
 `with` send zero torques, and `quench` removes the torques after a program has died. The protocol has no checksum: a
-bit error that changes an angle by less than a link can turn in a sample remains undetected.
+bit error that changes an angle within the links' limits of speed and acceleration remains undetected.
 
 `open` writes the offsets into the encoders, so the handle must then be at its home position.
 """
@@ -70,7 +70,8 @@ class FiveBar:
     Args:
         links: Lengths l at the motors and L to the handle [m].
         distance: Distance d between the motors [m]; 0 if the motors share an axis.
-        margin: Smallest distance from the stretched posture, as the height of the triangle A, p, B [m].
+        margin: Smallest distance from the stretched posture, as the height of the triangle A, p, B, and from the folded
+            posture, as the distance from A to B [m].
     """
 
     links: Pair
@@ -297,7 +298,7 @@ class Haply2Diy(Closing):  # type: ignore[misc] # mypy does not see devices from
         return True
 
     def _follow(self, first: float, second: float) -> None:
-        """Update position and velocity from new angles [rad], read at the present time."""
+        """Update position and velocity from the angles [rad] of the sample at `_time`."""
         assert self._estimator is not None
         rate = self._estimator.update((first, second), self._time)
         passed = max(self._time - self._last, self._period)
@@ -347,7 +348,7 @@ def connect(
         home: Directions of the links at the motors, encoders 1 and 2, for the handle's position at `open` [deg].
         counts: Counts of an encoder per revolution.
         torque_limit: Torque limit of a motor; the limit in the firmware is 0.123 [N m].
-        margin: Smallest distance of the handle from the stretched posture [m].
+        margin: Smallest distance from the stretched and the folded posture [m] (`FiveBar`).
         device: Number of the device on its line.
         timeout: Longest wait for an answer, after which the last sample is kept; less than the period [s].
         velocity_window: Longest window of the velocity estimate [samples].
@@ -434,7 +435,7 @@ def angles_in(answer: bytes, device: int) -> tuple[float, float] | None:
 
 
 def answer(port: SerialPort, deadline: float) -> bytes:
-    """Wait for the bytes of an answer, or until the deadline."""
+    """Wait for an answer; return its bytes, or those that have arrived by the deadline, on the port's clock [s]."""
     data = b""
     while len(data) < ANGLES.size and (part := port.receive(deadline)):
         data += part

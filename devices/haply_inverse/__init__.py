@@ -1,8 +1,9 @@
 """Devices of the Haply Inverse service (Inverse3): one finger in space each, over a WebSocket.
 
 The driver was tested only against an emulator (`graspfx.testing.wire.InverseWire`); the service's messages about a
-device's basis, mount, damping and force gate are assumptions. The service answers each message once and sends nothing
-else. All devices of a program share one connection, and one message contains the forces of all.
+device's basis, mount, damping and force gate are assumptions. The service sends a list of devices when a program
+connects, then answers each message once. All devices of a program share one connection, and one message contains the
+forces of all.
 
 It is unknown whether the service removes a force when the program dies; `quench` connects again and sets zero force.
 """
@@ -30,8 +31,8 @@ BASES = frozenset("".join(letters) for letters in itertools.permutations(IDENTIT
 FASTEST = 5.0  # speed limit of a hand; a position that implies a higher speed is rejected [m/s]
 NEAR = 1e-3  # additional tolerance of a position [m]
 SILENCE = 0.1  # time without a sample after which the device is lost [s]
-FIRST = 1.0  # time for the first sample [s]
-QUIET = 2.0  # time for the service to answer `quench` [s]
+FIRST = 1.0  # longest wait for the first sample [s]
+QUIET = 2.0  # longest wait for an answer to `quench` [s]
 
 
 class Inverse(Handle):  # type: ignore[misc] # mypy does not see devices from inside the package

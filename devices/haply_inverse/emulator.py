@@ -207,7 +207,7 @@ class InverseWire(Wire):
             return  # a message without forces also gets an answer
 
     def state(self, *, first: bool = False, name: str | None = None) -> bytes:
-        """Return the state of the devices; the first message of a connection also contains their configuration."""
+        """Return the state of the devices, with their configuration if `first`, and with `name` in place of each id."""
         devices = []
         for own, place in list(self._places.items()):
             position = {axis: x for axis, x in zip("xyz", place.tolist(), strict=True) if x}

@@ -1,8 +1,8 @@
 """The Inverse service for all devices of a program: one connection, and one message for all devices at a time.
 
-Messages are JSON, in metres and newtons, z up; every field is validated. The service omits default values, so a missing
-coordinate is zero, but a position without any coordinate is invalid. The keys of a device's configuration are
-assumptions, not yet confirmed with a service.
+Messages are JSON, in metres and newtons, z up; every field that is used is validated. The service omits default values,
+so a missing coordinate is zero, but a position without any coordinate is invalid. The keys of a device's configuration
+are assumptions, not yet confirmed with a service.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ AXES = "x", "y", "z"
 IDENTITY = "XYZ"  # identity basis: the service's own axes
 
 Force = tuple[float, float, float]
-INVENTORY = 1.0  # time for the first message of the service [s]
-LOST = 0.02  # time after which an answer is lost [s]
-ABSENT = 2  # successive answers without a known device
+INVENTORY = 1.0  # longest wait for the service's first message, the list of devices [s]
+LOST = 0.02  # time after which a missing answer counts as lost [s]
+ABSENT = 2  # successive answers without a known device, after which the device is gone
 ZERO: Force = (0.0, 0.0, 0.0)
 
 Sample = tuple[tuple[float, float, float], float]  # position [m] and time of the request [s]
 
 
 class Service:
-    """A connection shared by the devices of a program; the service answers each message once, and sends nothing else.
+    """A connection shared by the devices of a program.
 
-    A message contains the forces of all devices. In each tick, a message is sent when the first device asks, and
-    another when the last device has written. Answers arrive in order. A lost or late answer blocks nothing: the next
-    tick sends its message.
+    The service sends a list of devices first, and then answers each message once. A message contains the forces of all
+    devices. In each tick, a message is sent when the first device asks, and another when the last device has written.
+    Answers arrive in order. A lost or late answer blocks nothing: the next tick sends its message.
 
     Args:
         url: Address of the service.
@@ -95,7 +95,7 @@ class Service:
         self.forces[name] = ZERO
         with suppress(DeviceError):  # the service may be gone
             self._send()
-            self._drain(self.now() + LOST, all_of_them=True)  # so that it is read before the connection closes
+            self._drain(self.now() + LOST, all_of_them=True)  # lets the service answer before the connection closes
         del self.forces[name]
         self.samples.pop(name, None)
         self._round.discard(name)

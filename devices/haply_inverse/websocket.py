@@ -99,7 +99,7 @@ class WebSocket:
         ) from error
 
     def send(self, text: str) -> None:
-        """Send a text, even after a closing frame or a protocol error of the service: zero force must be sent.
+        """Send a text, even after a closing frame or a protocol error of the service, because zero force must be sent.
 
         Raises:
             DeviceError: If the connection is lost, or accepts no more data.
@@ -155,7 +155,7 @@ class WebSocket:
                     self._texts.append(self._parts.decode(errors="replace"))
                     self._parts.clear()
         answers = b"".join(protocol.data_to_send())
-        # Only `close` closes a connection that ends here, because zero force could not be sent afterwards.
+        # A closing frame is not answered here, because zero force could not be sent afterwards; `close` sends one.
         if answers and protocol.state is State.OPEN:
             self._send(answers)
 

@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 EVENT = "@llHHi"  # seconds, microseconds, kind, code, value
 SYNC, KEY, RELATIVE, ABSOLUTE = range(4)
 REPORT, DROPPED = 0, 3
-ELSE = 0x04, 0x11, 0x12, 0x14, 0x15, 0x17  # kinds that no pointer has: lights, sounds, repeats, forces, power
+ELSE = 0x04, 0x11, 0x12, 0x14, 0x15, 0x17  # kinds that drivers ignore: scan codes, lights, sounds, repeats, forces
 COUNTS = 120, -80  # motion of `move`, to the right and up
 STICK = 12000, -9000  # the same for a stick
 HALF = 32767.5  # half of a stick's range
@@ -86,7 +86,7 @@ class EventWire(Wire):
             self._place = REACH * np.sign(part) * (np.abs(part) - DEAD) / (1.0 - DEAD)
 
     def home(self) -> None:
-        """Move the sticks to their middle; do nothing for a mouse, which has no home position."""
+        """Move the sticks to their middle; for a mouse, only reset `position` to zero, where the driver opens."""
         self._place = np.zeros(2)
         if self.kind == "gamepad":
             self.send((ABSOLUTE, 0, 0), (ABSOLUTE, 1, 0))

@@ -1,4 +1,4 @@
-"""Touch and Phantom devices with OpenHaptics: one finger in space each, in the scheduler of the vendor's library.
+"""Touch and Phantom devices with OpenHaptics: one finger in space each, served by the vendor library's scheduler.
 
 The driver was written from the function names and constants of the library's interface. It was tested only against an
 emulator (`graspfx.testing.wire.OpenHapticsWire`). The library, libHD, is part of the vendor's SDK; it is not included,
@@ -23,17 +23,17 @@ __all__ = ["Stylus", "connect", "quench"]
 FloatArray = NDArray[np.float64]
 
 MOST_FORCE = 40.0  # [N]
-PERIOD = 0.001  # [s]
+PERIOD = 0.001  # period of `quench`, which reads once [s]
 NAP = 1e-4  # time between two checks for a sample [s]
-LONGEST = 0.05  # time for zero force to be displayed [s]
+LONGEST = 0.05  # longest wait for zero force to be displayed [s]
 
 
 class Stylus(Handle):  # type: ignore[misc] # mypy does not see devices from inside the package
     """One finger in space: x to the right, y up, z towards the operator.
 
-    The library's thread runs 1000 times a second. `read` waits for the thread's next sample, at most one period. A
-    written force is displayed from the thread's next call on. If no message from this program arrives for 20 ms, the
-    thread displays zero force. A loop that needs no Python runs in this thread. Velocities are estimated from
+    The library's thread calls back 1000 times a second. `read` waits for the thread's next sample, at most one period
+    of the loop. A written force is displayed from the thread's next call on. If this program writes no force for 20 ms,
+    the thread displays zero force. A loop that needs no Python runs in this thread. Velocities are estimated from
     positions. Every error of the library is a fault.
     """
 
@@ -174,7 +174,7 @@ def connect(
 
     Args:
         unit: Name of the device in the vendor's setup tool; None for the default device.
-        library: Path of libHD; None for its usual names.
+        library: Path of libHD; None to try its usual file names.
         force_limit: Largest force at the handle [N].
         resolution: Resolution of a position [m].
         velocity_window: Longest window of the velocity estimate [samples].

@@ -143,7 +143,7 @@ class OpenHapticsWire(Wire):
         """Apply the current failure to the scheduler or the first device."""
         self.state.stalled = self.failure in ("late", "drop", "blocked")
         self.leave(COMM_ERROR if self.failure == "unplugged" else 0)
-        if self.failure == "unplugged":  # no power and no owner
+        if self.failure == "unplugged":  # the device is closed and without force
             self.state.devices[0].owner = 0
             self.state.devices[0].force[:] = [0.0] * 3
         if self.failure == "garbage":

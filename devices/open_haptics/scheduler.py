@@ -1,4 +1,4 @@
-"""The OpenHaptics library (HD) and its scheduler, one per process, which calls one function per period."""
+"""The OpenHaptics library (HD) and its scheduler, one per process, which calls a function once per period."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from graspfx.devices._device import library_functions, load_library
 from graspfx.protocols import Calls, DeviceError, Mailbox, VelocityEstimator, adapt
 
-LONGEST = 0.5  # time for the scheduler to call back [s]
+LONGEST = 0.5  # longest wait for the scheduler to call back [s]
 SETTLED = 2  # turns after which a written force is displayed
 
 TITLE = "the OpenHaptics library"
@@ -22,7 +22,7 @@ ELSEWHERE = "libHD.so", "libHD.so.3.4", "libHD.so.3"
 
 NO_DEVICE = 0xFFFFFFFF
 POSITION, FORCE, FORCE_OUTPUT = 0x2050, 0x2700, 0x4000  # mm, N
-FIRST = 0xFFFF  # priority of a callback before all others
+FIRST = 0xFFFF  # highest priority of a callback
 RATE = 1000  # rate of the scheduler [Hz]
 ERRORS = {
     0x102: "the operation is not allowed in this state",
@@ -67,7 +67,7 @@ class Hd:
     """Functions of the library (HD) by name; an error on its stack after a call raises a DeviceError.
 
     Args:
-        path: Path of the library, None for its usual names, or the loaded library.
+        path: Path of the library; None to try its usual file names; or the loaded library.
 
     Attributes:
         library: Loaded library.
@@ -81,7 +81,7 @@ class Hd:
         """Call a function and return its result.
 
         Raises:
-            DeviceError: If it leaves an error on the stack.
+            DeviceError: If the function leaves an error on the stack.
         """
         result = self._functions[name](*arguments)
         errors: list[int] = []

@@ -29,7 +29,7 @@ OWN = ("base", "elbow", "zero")  # settings that may differ between arms
 SILENCE = 20  # successive readings without an answer after which the controller is lost
 WATCHDOG = 0.005  # watchdog of the controller; a longer time without torques is a fault [s]
 DECAY = 0.02  # time in which forces decay to zero after the watchdog has expired [s]
-LONGEST = 0.0025  # longest period, because the watchdog must not be needed between samples [s]
+LONGEST = 0.0025  # longest period, because the watchdog must not expire between samples [s]
 WRAP = 1 << 32  # range of the controller's clock [us]
 
 
@@ -75,7 +75,7 @@ class Rig(Closing):  # type: ignore[misc] # mypy does not see devices from insid
 
     @property
     def features(self) -> Features:
-        """Features: peak force of the weaker arm, resolution of the coarser arm, workspace around both arms."""
+        """Features: peak force of the weaker arm, resolution of the coarser, mass and friction of the first arm."""
         each = [arm.features for arm in self.arms]
         corners = [feature.workspace for feature in each]
         return Features(

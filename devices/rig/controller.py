@@ -26,8 +26,8 @@ LONG = struct.Struct("<BHI")
 SHORT = struct.Struct("<BH")
 
 TRIES = 5  # attempts of HELLO and ARM
-PATIENCE = 0.1  # time for an answer to HELLO or ARM [s]
-GOODBYE = 0.02  # time for an answer to STOP [s]
+PATIENCE = 0.1  # longest wait for an answer to HELLO or ARM, or to STOP of `rest` [s]
+GOODBYE = 0.02  # longest wait for an answer to STOP of `close` [s]
 LONGEST = 4096  # largest number of stored bytes without an end of frame
 STILL = (0.0,) * AXES
 
@@ -108,7 +108,8 @@ class Controller:
         """Identify the controller, and switch the motors on at zero torque.
 
         Raises:
-            DeviceError: If there is no answer, the version differs, limits are too low, or the controller does not arm.
+            DeviceError: If there is no answer, the version differs, the torque limits are too low, the watchdog is too
+                long, or the controller does not arm.
         """
         self.close()
         self.port.open()
@@ -154,7 +155,7 @@ class Controller:
             state = state_in(message)
             if state is not None and state.mode not in (Mode.ARMED, Mode.RUNNING):
                 raise DeviceError(f"the controller at {self.port.path} has disarmed; {self._fault(state)}")
-            if state is not None and state.number == self._question & 0xFFFF:  # older numbers answer lost requests
+            if state is not None and state.number == self._question & 0xFFFF:  # a late answer has an older number
                 return state
         return None
 

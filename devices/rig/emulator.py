@@ -27,7 +27,7 @@ LINK = 0.128  # [m]
 BASES = (-0.04, -0.18), (0.04, -0.18)  # [m]
 HOME = 2.2752353, 0.7000749, 0.8663574, 2.4415177  # directions of the links with fingers at (-0.025, 0), (0.025, 0)
 STEP = 0.05  # rotation of `move` [rad]
-NEAR = 1e-5  # tolerance of links at the positions of the hands [rad], and in 10 ms [rad/s]
+NEAR = 1e-5  # largest distance of a link that has arrived, and its largest motion in 10 ms [rad]
 MOST = 1 << 16  # largest read from the controller [bytes]
 PATIENCE = 5.0  # time for the program to start, or to plug in the cable [s]
 
@@ -150,7 +150,7 @@ class RigWire(Wire):
         return lambda a: np.array(BASES[arm]) + LINK * np.array([np.cos(a).sum(), np.sin(a).sum()])
 
     def move(self) -> None:
-        """Move the hands so that the first link of each arm turns by 0.05 rad; wait until idle arms have arrived."""
+        """Move the hands so that each arm's first link turns by 0.05 rad; wait up to 0.3 s for idle arms to arrive."""
         self._bring(np.array(HOME) + STEP * np.array([1.0, 0.0, 1.0, 0.0]))
 
     def home(self) -> None:

@@ -305,9 +305,9 @@ def tip_force(plant: OperatedPlantState, axis: int, i: int) -> float:
 class OperatedPlant(HeldPlant):  # type: ignore[misc] # mypy does not see devices from inside the package
     """Point masses held by an operator; for the equations see `graspfx.loop.operator.Operator`.
 
-    Efforts, grip forces and the operator's voluntary force are held over a sample, and targets follow the cubic through
-    their values and velocities at its ends, as for `PointPlant`. Tips and limbs then satisfy linear equations. The
-    Taylor series of the motion are summed to rounding error, in as many substeps as necessary.
+    Efforts, grip forces and the forces of reaction and noise are held over a sample, and targets follow the cubic
+    through their values and velocities at its ends, as for `PointPlant`. Tips and limbs then satisfy linear equations.
+    The Taylor series of the motion are summed to rounding error, in as many substeps as necessary.
 
     Args:
         mass: Masses (n,) [kg].
@@ -343,7 +343,7 @@ class OperatedPlant(HeldPlant):  # type: ignore[misc] # mypy does not see device
 
     @property
     def structure(self) -> Index:
-        """Entries of the numbers of fingers and dimensions, and of the size of the delay line."""
+        """Indices of the entries `fingers`, `dimensions` and `room` in the block."""
         return np.array(
             [layout(OperatedPlantState)[name].place(self._block) for name in ("fingers", "dimensions", "room")]
         )
@@ -405,7 +405,7 @@ class OperatedPlant(HeldPlant):  # type: ignore[misc] # mypy does not see device
         """Explain a code of the kernel."""
         if code == TOO_STIFF:
             return (
-                f"the operator's gains need {MOST} substeps or more: a hand is too stiff or too strongly "
+                f"the operator's gains need more than {MOST} substeps: a hand is too stiff or too strongly "
                 "damped for the masses that it holds"
             )
         text: str = super().fault_text(NOT_FINITE)
@@ -418,5 +418,5 @@ def samples_of(delay: float, T: float) -> int:
 
 
 def room_for(delay: float, T: float) -> int:
-    """Return the size of the line for a delay [s]: 0, or a power of two, so that similar delays share a program."""
+    """Return the size of the line for a delay [s]: 0, or a power of two, so that similar delays share a layout."""
     return 0 if delay <= 0.0 else 1 << samples_of(delay, T).bit_length()

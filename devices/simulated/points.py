@@ -107,7 +107,7 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see devices f
 
     @property
     def structure(self) -> Index:
-        """Entries of the numbers of fingers and dimensions and, unless the plant is `live`, of `still`."""
+        """Indices of the entries `fingers`, `dimensions` and, unless the plant is `live`, `still` in the block."""
         names = ("fingers", "dimensions") + (() if self.live else ("still",))
         return np.array([layout(PointPlantState)[name].place(self._block) for name in names])
 

@@ -26,8 +26,8 @@ BACK = 0.1  # speed at which a lifted finger yields to its force [m/s]
 class TouchFingers(FollowingFingers):  # type: ignore[misc] # mypy does not see devices from inside the package
     """Fingers that follow touches on a screen; the page shows their forces.
 
-    When a finger is lifted or the screen is lost, the finger stays in place, or yields to its shown force until this
-    force is zero. The switch of a finger is closed while the finger is touched.
+    A finger that is lifted, or whose screen is lost, yields to the force shown for it until this force is zero, and
+    then stays in place. The switch of a finger is closed while the finger is touched.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class TouchFingers(FollowingFingers):  # type: ignore[misc] # mypy does not see 
                 self._give_way(i, duration)
 
     def _give_way(self, i: int, duration: float) -> None:
-        """Move a finger's target along the force that it would display."""
+        """Move a finger's target in the direction of the force shown for the finger."""
         size = float(np.linalg.norm(self._forces[i]))
         if size:
             away = self._target[i] + self._forces[i] / size
@@ -95,7 +95,7 @@ def connect(
         workspace: Corners of the workspace (2, d) [m]; -0.1 to 0.1 m along every axis if None.
         start: Positions of the fingers when the device is opened (k, d) [m]; evenly spaced along x, in the middle of
             the other axis, if None.
-        lag: Time constant of a finger, which lags a steady touch by twice this time [s].
+        lag: Time constant of a finger, which lags a steady motion by twice this time [s].
         speed: Largest speed of a finger [m/s].
         lan: Whether a tablet in the local network may connect by scanning a printed QR code.
 

@@ -74,7 +74,7 @@ class ScreenWire(Wire):
         self._send(LIFT, finger)
 
     def leave(self) -> None:
-        """Close the page, as a browser does that is closed."""
+        """Close the connection without a closing handshake, as a lost browser does."""
         line, self._line = self._line, None
         if line is not None:
             with suppress(OSError):

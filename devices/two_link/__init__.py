@@ -15,11 +15,12 @@ The paper (section IV.1) specifies the links, 128 mm, and 5 ms sampling; the pre
 | encoders | 1000 lines, 4000 counts a revolution of the motor: 60 000 of the joint, 13 um at the tip |
 | torque of a motor | at most 0.06 N m: 7 N at the tip |
 
-Two arms that hold the 50 mm cube between them, with fingers at (-0.025, 0) and (0.025, 0), are based at (-0.04, -0.18)
-with the elbow to the left and at (0.04, -0.18) with the elbow to the right. At these positions an arm's effective mass
-is 0.150 kg along x and 0.149 along y, with an off-diagonal entry of 0.0003, and its effective damping 0.201 and
-0.199 N s/m. While the first finger moves along x from -0.09 to 0.04 m, the mass stays within 0.130 ... 0.178 kg, the
-damping within 0.169 ... 0.246 N s/m in every direction, and the condition number of the Jacobian below 1.21.
+Two arms that hold the 50 mm cube between them, with fingers at (-0.025, 0) and (0.025, 0) m, are based at
+(-0.04, -0.18) m with the elbow to the left and at (0.04, -0.18) m with the elbow to the right. At these positions an
+arm's effective mass is 0.150 kg along x and 0.149 along y, with an off-diagonal entry of 0.0003, and its effective
+damping 0.201 and 0.199 N s/m. While the first finger moves along x from -0.09 to 0.04 m, the mass stays within
+0.130 ... 0.178 kg, the damping within 0.169 ... 0.246 N s/m in every direction, and the condition number of the
+Jacobian below 1.21.
 """
 
 from __future__ import annotations

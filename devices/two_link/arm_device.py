@@ -158,7 +158,7 @@ def place(arm: ArmState, a1: float, a2: float) -> None:
 
 @kernel
 def limit_force(arm: ArmState) -> None:
-    """Compute the largest force reached in every direction: the smaller ratio of torque limit to lever arm."""
+    """Compute the largest force reached in every direction: the smaller ratio of a joint's torque to its lever arm."""
     x1, y1, x2, y2 = arm.links.x1, arm.links.y1, arm.links.x2, arm.links.y2
     second = math.sqrt(x2 * x2 + y2 * y2)
     if arm.elbow:
@@ -170,7 +170,7 @@ def limit_force(arm: ArmState) -> None:
 
 @kernel
 def follow(arm: ArmState) -> int:
-    """Compute the finger's position and velocity from counts one period after the last counts."""
+    """Compute the finger's position and velocity from counts that were taken one period after the previous ones."""
     counts = arm.counts
     if not (math.isfinite(counts.first) and math.isfinite(counts.second)):
         return NO_COUNTS

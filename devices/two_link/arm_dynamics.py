@@ -123,7 +123,7 @@ class ArmPlantState(PlantState):  # type: ignore[misc] # mypy does not see devic
 
 
 STEP = 0.12  # largest product of the fastest rate of arm and hand and the substep
-MOST = 1000  # substeps
+MOST = 1000  # largest number of substeps per sample
 
 TOO_FAST = 2  # code of `advance` in addition to NOT_FINITE, 1
 
@@ -240,7 +240,7 @@ def quintic(
 ) -> Course:
     """Return the polynomial through a target and its velocity at the beginning, the middle and the end of a sample."""
     r, h = start, start_rate * T
-    # Residuals at the middle and the end after r + h u, and of the rates after h.
+    # C, A: target at the middle and the end, minus r + h u there; D, B: its derivative with respect to u, minus h.
     C = middle - r - 0.5 * h
     D = middle_rate * T - h
     A = end - r - h
@@ -328,13 +328,13 @@ class ArmPlant(HeldPlant):  # type: ignore[misc] # mypy does not see devices fro
 
     @property
     def structure(self) -> Index:
-        """Entries of the numbers of fingers and dimensions, and of the place of each arm's second motor."""
+        """Indices of the entries `fingers`, `dimensions` and each arm's `elbow` in the block."""
         elbow = start_of(ArmConstants, "elbow")
         counts = [start_of(ArmPlantState, name) for name in ("fingers", "dimensions")]
         return np.array([*counts, *(arm.offset + elbow for arm in self._block.arms)])
 
     def sensed(self, i: int) -> int:
-        """Return the entry of a1 of arm i in the block, which a2 follows."""
+        """Return the index of a1 of arm i in the block; a2 is the next entry."""
         start: int = self._block.stages[i].now.offset
         return start
 

@@ -13,10 +13,10 @@ from graspfx.bench.timing import Case, Method, environment
 
 TITLE = "Start-up"
 LIMITS = """
-Each row is a process from start to exit; "import numpy" is the minimum. Files are in the system's cache and Python's
-bytecode exists; the first start after installation takes longer. "Cold" starts with an empty folder for compiled
-kernels and validated scenes, and compiles the kernels of all scenes; "cached" uses the results of an earlier start.
-The time to start a process depends on the system.
+Each time is that of a process from start to exit; a run takes at least the time of "import numpy". Files are in the
+system's cache and Python's bytecode exists; the first start after installation takes longer. "Cold" starts with an
+empty folder for compiled kernels and validated scenes, and compiles the kernels of all scenes; "cached" uses the
+results of an earlier start. The time to start a process depends on the system.
 """
 
 SCENES = ("paper-waving", "mug")  # two fingers on a cube; five on a mesh with friction

@@ -16,9 +16,9 @@ Two fingers of 0.1 kg squeeze a box of 45 g and 40 mm with 1.5 N, at a coefficie
 carry nearly five times the weight, so that nothing should move. The error is the box's mean downward speed from 2 s
 to 4 s. MuJoCo regularises friction: contacts creep in proportion to their load, ten times less with `impratio` 10,
 and not at all after ten iterations of its projected Gauss-Seidel pass (`noslip`), which it offers for this purpose
-(its issue 3328 reports 150, 1502, 2263 and 0.22 um/s). The fingertips in MuJoCo are boxes, which hold better than its
-balls. Times are per step of 2 ms: for GraspFX a whole tick with devices, hands and a recorded row, for MuJoCo a bare
-step.
+(its issue 3328 reports 150 um/s with `impratio` 10, 1502 with the elliptic and 2263 with the pyramidal cone, and 0.22
+with `noslip`). The fingertips in MuJoCo are boxes, which hold better than its balls. Times are per step of 2 ms: for
+GraspFX a whole tick with devices, hands and a recorded row, for MuJoCo a bare step.
 """
 
 PERIOD, SECONDS = 0.002, 4.0  # [s]

@@ -24,8 +24,8 @@ The inputs are K and e in contact frames. clarabel and Gauss-Seidel receive the 
 not included in their time. Clarabel's solver is created once and receives new numbers at each call; Gauss-Seidel is
 compiled by numba. `gx.unilateral_force` is the public call, a Python program for any gain matrix; a tick solves such
 problems in machine code, within the times of "Ticks of built-in scenes". Coulomb's law is not a convex problem, so
-clarabel is missing there. Problems for which no solution of Coulomb's law was found are omitted, so that failures are
-not shown. Errors are against 50 digits.
+clarabel is missing there. Problems for which no solution of Coulomb's law was found are omitted; the table therefore
+shows no failures. Errors are against 50 digits.
 """
 
 INTERNAL, FRICTION = 70.0, 0.5  # [N/m]

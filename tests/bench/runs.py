@@ -38,8 +38,8 @@ row for each, and the recording. Programs are compiled beforehand (Start-up show
 positions and forces, or the state, and assume that the fingers stay attached, so that K never changes in the object's
 frame; GraspFX checks contacts, limits and faults in every tick. MuJoCo has springs instead of eq. (4), so it takes
 part only where kep = kip. PyBullet's bare calls receive the wrenches of a run of GraspFX. Errors are those of the
-contact points after 1 s at T = 5 ms, against the same springs without sampling: GraspFX holds forces over a sample,
-as a device does.
+contact points after 1 s at T = 5 ms, against the same springs without sampling; GraspFX, unlike these springs, holds
+forces over a sample, as a device does.
 """
 
 T, SECONDS = 0.005, 1.0  # [s]
