@@ -1,7 +1,8 @@
 """Kernels of a scene's parts, by number.
 
-A number below `len(KERNELS)` denotes a kernel of this package, which the program calls. Any other number denotes a
-third-party kernel: the address of its machine code or, in interpreted ticks, the number of its registered function.
+Number 0 means no kernel. Another number below `len(KERNELS)` denotes a kernel of this package, which the program of
+ticks contains. A larger number denotes a third-party kernel: the address of its machine code or, in interpreted ticks,
+the number of its registered function.
 """
 
 from __future__ import annotations
