@@ -108,7 +108,7 @@ class Mailbox:
         return True
 
     def drive(self, function: int, context: int) -> None:
-        """Let the turns call a loop, `unsigned function(void *context)`; if it returns 0, the mailbox takes the turn."""
+        """Let the turns call a loop, `unsigned function(void *context)`; if it returns 0, the mailbox acts."""
         self._words[at.CONTEXT] = context
         self._words[at.LOOP] = function
 
