@@ -104,7 +104,7 @@ class CallingGuest(Guest, Protocol):
 
 @kernel
 def hand_over(body: BodyState, guest: GuestState, T: float) -> None:
-    """Compute the force (f + m g - b v) (1 - E)/(b T/m) to send, and the moment or the resulting angular velocity."""
+    """Compute the force to send, (f + m g - b v) times `share`, and the moment or the resulting angular velocity."""
     b = body.viscosity
     for a in range(3):
         push = 0.0

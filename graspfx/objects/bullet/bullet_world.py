@@ -35,14 +35,14 @@ ENGINE = {
 }
 SLAB = 200.0  # edge of the box that represents a floor to boxes [m]
 MARGIN = 1e-5  # radius by which PyBullet rounds a hull [m]
-ELLIPSOID_POINTS = 2000  # number of points of its hull, which lies up to 1/1000 of its size inside the ellipsoid
+ELLIPSOID_POINTS = 2000  # number of points of the ellipsoid's hull, which lies up to 1/1000 of its size inside it
 
 
 class BulletWorld(BulletCarrier):
     """Bodies in one PyBullet world, with obstacles.
 
     Args:
-        members: Blocks filled by `fill_body`, and shapes. Each body is entirely free or entirely fixed.
+        members: Blocks filled by `fill_body`, and shapes. A body with a shape is entirely free or entirely fixed.
         obstacles: Fixed shapes; concave meshes stay concave.
         meeting: Friction and restitution of all pairs, and whether members collide with one another.
 
