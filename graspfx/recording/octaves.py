@@ -15,14 +15,14 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 Rows = Callable[[int, int], FloatArray]  # function that returns rows `first` to `stop` - 1, (r, c)
 
-ORDER = 6  # order of the differences: a component two octaves lower is reduced to 1e-5
+ORDER = 6  # order of the differences, which reduce a component at 1/16 of the sampling rate to 6e-5
 HALVING = 4  # order of the sums that form the octave below
 WINDOW = 4  # samples per window, one to two cycles
 SHORTEST = 6  # smallest number of windows for growth
 BLOCK = 4096  # rows per block, which fit into the processor's cache
 LEAST_GROWTH = 2.0  # smallest growth of the log amplitude
 STRAIGHT = 0.12  # largest RMS deviation of log amplitude from a line, relative to the growth
-MOST_ASTRAY = 0.4  # largest step of log amplitude; more is a jump
+MOST_ASTRAY = 0.4  # largest RMS deviation of log amplitude from a line; more indicates a jump
 LENGTHENING = 1.5
 STRIDES = 6  # number of starts per length of an interval
 END = 16  # [samples]

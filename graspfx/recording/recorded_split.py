@@ -39,7 +39,7 @@ class RowSplit:
         layout: Columns of the rows.
         splits: Split rules, each with the row from which it holds; empty if no split is needed.
         start: Index of the first row in the recording.
-        friction: fingers' coefficients (n,), each from a row of the recording on, as listed by
+        friction: Fingers' coefficients (n,), each with the row of the recording from which they hold, as listed by
             `coefficients`.
     """
 
