@@ -31,7 +31,7 @@ class Drive:
         frequencies: Frequencies of the sines in the intended motions [Hz].
         complete: False if the table does not determine a hand's motion, or if a person moves the device.
         tremors: Unintended motions of the hands.
-        noises: Operators with signal-dependent noise, proportional to their muscle forces.
+        noises: Operator models of the hands with noise, which is proportional to the muscle forces.
     """
 
     parts: tuple[tuple[motions.Motion, float], ...]

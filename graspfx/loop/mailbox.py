@@ -79,7 +79,7 @@ class Mailbox:
         return int(self._words[at.TURNS])
 
     def read(self, i: int) -> tuple[int, FloatArray, FloatArray]:
-        """Return a device's number of samples, and positions and velocities (k, d) of the last sample."""
+        """Return a device's number of samples, and positions [m] and velocities [m/s] (k, d) of the last sample."""
         words = self._device(i)
         while True:
             before = int(words[at.SEQUENCE])
@@ -108,7 +108,10 @@ class Mailbox:
         return True
 
     def drive(self, function: int, context: int) -> None:
-        """Let the turns call a loop, `unsigned function(void *context)`; if it returns 0, the mailbox acts."""
+        """Let the turns call a loop, `unsigned function(void *context)`.
+
+        If the loop returns 0, the mailbox serves the turn itself.
+        """
         self._words[at.CONTEXT] = context
         self._words[at.LOOP] = function
 

@@ -92,7 +92,7 @@ class Operator:
             finger.array(FingerOperator.phase)[:] = phase
 
     def noise(self, times: FloatArray) -> FloatArray:
-        """Compute share x(t), each finger's noise relative to its muscle force, at times (M,), (M, n)."""
+        """Compute share x(t), each finger's noise relative to its muscle force, at times (M,) [s]: (M, n)."""
         columns = []
         for i in range(len(self.numbers)):
             finger = self.finger(i)
@@ -103,7 +103,7 @@ class Operator:
 
     @property
     def reach(self) -> float:
-        """The longest delay [s]."""
+        """The longest delay of the fingers' voluntary forces [s]."""
         return max(self.finger(i).delay for i in range(len(self.numbers)))
 
     def at_rest(self, stiffness: FloatArray, force: FloatArray) -> FloatArray:

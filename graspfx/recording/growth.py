@@ -187,7 +187,7 @@ def _shaken(grasp: GraspView, growth: Growth, hands: Drive) -> bool:
     """Tell from the final size of the growth whether tremor or noise of the hands may cause it.
 
     A grasp responds to a tremor, through the hand's spring, as to intended motion. Noise is a force at the fingertip:
-    an undamped oscillation driven at its own frequency grows by pi N times its drive in N cycles.
+    an undamped oscillation that it drives at its own frequency reaches pi N times the static displacement in N cycles.
     """
     turn, cycles = growth.frequency * grasp.recording.row_period, growth.frequency * (growth.end - growth.begin)
     tremor, noise = (_content(each, turn) for each in _shaking(grasp, hands, growth.begin, growth.end))

@@ -45,8 +45,8 @@ class Octave:
         size: number of samples.
         begin: time of the first sample [s].
         is_highest: whether its samples are those of the motion.
-        logs: log amplitude in each window (windows,), by the Teager-Kaiser operator x_k^2 - x_k-1 x_k+1, which has no
-            ripple for an oscillation; for the highest octave also by squares, for alternating motions.
+        logs: log amplitude in each window (windows,), by the Teager-Kaiser operator x_k^2 - x_(k-1) x_(k+1), which has
+            no ripple for an oscillation; for the highest octave also by squares, for alternating motions.
     """
 
     def __init__(self, rows: Rows, size: int, step: float, begin: float = 0.0, *, highest: bool = False) -> None:
@@ -65,7 +65,7 @@ class Octave:
         return self._rows(0, self.size)
 
     def size_before(self, time: float) -> float:
-        """Compute the RMS of the fast part over the last samples before a time [s]."""
+        """Compute the RMS of the fast part over the last 16 samples before a time [s]."""
         stop = min(max(int((time - self.begin) / self.step), END), self.size)
         return float(np.sqrt((self.fast(stop - END, stop) ** 2).mean()))
 

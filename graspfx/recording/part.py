@@ -59,7 +59,7 @@ class Content(NamedTuple):
 
 
 class PartWriter:
-    """Appends blocks to a part, with a lock for the lifetime of the process.
+    """Appends blocks to a part, which is locked until it is closed or the process ends.
 
     Args:
         path: path of the part; the part of a killed run is replaced.

@@ -249,7 +249,7 @@ def turn(turning: Turning, t: float, position: Floats, velocity: Floats, n: int,
 
 @kernel
 def target(hand: HandState, t: float) -> None:
-    """Compute r and r' of a hand at time t (`graspfx.loop.hand.Hand`)."""
+    """Compute the target positions r of a hand and their rates r' at time t (`graspfx.loop.hand.Hand`)."""
     if hand.turns == 0 and hand.motion.count == 0 and hand.squeeze.count == 0:
         return  # r is constant and was written when the hand was made
     displace(hand.squeeze, t, hand.closing)

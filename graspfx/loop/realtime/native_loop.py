@@ -209,7 +209,7 @@ class NativeLoop:
         return faults
 
     def why(self, index: int, code: int) -> str:
-        """Return the cause of a device's fault; the index after the last device stands for the clock."""
+        """Return the message for a device's fault code; the index after the last device stands for the clock."""
         if index == len(self._ports):
             return self._pacer.late_text
         return port_text(self._ports[index], self._calls[index], code)

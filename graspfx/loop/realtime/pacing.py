@@ -314,8 +314,9 @@ class Chain(Protocol):
 class SoftEnd(EndState):
     """The last ticks of a run with hardware, in which forces decay.
 
-    The gain of the safety chain decays, and so do the forces on both sides. These are the last ticks of the run's
-    duration, or as many further ticks after a stop. A run whose decay would take fewer than two ticks ends at once.
+    The gain of the safety chain decays, and so do the forces on operator and object. These are the last ticks of the
+    run's duration, or as many further ticks after a stop. A run whose decay would take fewer than two ticks ends at
+    once.
 
     Args:
         chain: Chain whose gain decays; None for a run that ends at once, such as one without hardware.

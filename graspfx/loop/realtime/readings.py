@@ -44,7 +44,7 @@ class Guards:
         speed: Largest plausible speed of a fingertip along an axis [m/s]; a hand reaches 5 m/s.
         hold: Number of successive readings without a new sample that are tolerated.
         late: Number of successive periods that may be skipped.
-        soft_start: Time over which penetration at the start takes effect [s].
+        soft_start: Time over which an initial penetration gradually takes effect [s].
     """
 
     speed: float = 10.0

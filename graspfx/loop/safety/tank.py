@@ -78,8 +78,10 @@ def price_of_change(grasp: GraspState, safety: SafetyState) -> float:
     """Compute dV = gamma/2 w'dK w of the whole change, at w of the last sample [J].
 
     In modes, w'dK w = dkip/kip^2 (f'W^-1 f - sum_k z_k^2) + sum_k dkappa_k/kappa_k^2 z_k^2 with z_k = q_k'W^-1/2 f and
-    kappa_k = kip + (kep - kip) beta_k. Equal gains have no modes, and f does not determine w if a gain is zero. In both
-    cases the bound max(dkep, dkip) w'W w is used; if a gain is zero, the displacement e replaces w in the bound.
+    kappa_k = kip + (kep - kip) beta_k. W is the matrix of the fingers' weights, q_k and beta_k are the rigid modes and
+    their fractions (`graspfx.grasp.rigid_modes`). Equal gains have no modes, and f does not determine w if a gain is
+    zero. In both cases the bound max(dkep, dkip) w'W w is used; if a gain is zero, the displacement e replaces w in the
+    bound.
     """
     if safety.gain <= 0.0:
         return 0.0

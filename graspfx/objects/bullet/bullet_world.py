@@ -105,7 +105,7 @@ class BulletWorld(BulletCarrier):
         """Create the fixed bodies of an obstacle; for a plane, one per side with members, and a separate one for boxes.
 
         The separate body is a large box, which all corners of a resting box touch in the same step. They touch
-        PyBullet's plane one per step, which rotates the box, so that it slides up to 20 degrees off course. Other
+        PyBullet's plane one per step, which rotates the box, so that its path deviates by up to 20 degrees. Other
         shapes rest better on the plane.
         """
         kind = getattr(obstacle.shape, "kind", None)

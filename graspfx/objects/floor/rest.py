@@ -96,7 +96,7 @@ def point_velocity(motion: Motion, arm: Vector) -> Vector:
 
 @kernel
 def meet(body: BodyState, floor: FloorState, T: float) -> int:
-    """List the contacts of a body that has moved freely; none if every point ends above every plane."""
+    """List the contacts of a body that has moved freely; return their number, 0 if all points end above all planes."""
     motion, contacts = body.motion, floor.contacts
     lead = lookahead(body.integrator, T)
     w = motion.angular_velocity
