@@ -103,7 +103,7 @@ def invoke_beside(buffer: Any, kernel: int, place: int, beside: int, T: float) -
 
 @bound_late
 def call(buffer: Any, address: int, place: int) -> int:
-    """Call the machine code of a kernel by its address; unavailable in interpreted ticks, like the next two calls."""
+    """Call the machine code of a kernel by its address; unavailable in interpreted ticks, like `call_at`."""
     raise NotImplementedError
 
 

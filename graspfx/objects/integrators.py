@@ -89,8 +89,8 @@ class Coefficients:
 def decay_integrals(z: float) -> tuple[float, float, float, float]:
     """Compute E = exp(-z) and its integrals (1 - E)/z, (z - 1 + E)/z^2, (z + z E - 2 + 2 E)/(2 z^3), to rounding.
 
-    Under a constant wrench the integrals determine velocity, displacement and, in this order, the term of a rotation
-    along w x m (`turn_steadily`). For small z a series avoids cancellation.
+    Under a constant wrench the integrals determine velocity, displacement and the term of a rotation along w x m
+    (`turn_steadily`). For small z a series avoids cancellation.
     """
     if z >= 1.0:
         E = elementary.exp(-z)

@@ -98,7 +98,7 @@ class PartWriter:
 
         Raises:
             OSError: the rows do not fit on the disk; the first half, quarter, ... of the rows, whichever fits, and all
-            earlier blocks are kept.
+                earlier blocks are kept.
         """
         if faults:
             self._append(FAULTS, json.dumps(faults).encode())
