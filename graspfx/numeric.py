@@ -79,7 +79,7 @@ def each(name: str, argument: object, n: int, expected: str, *, largest: float =
 
 
 def fraction(name: str, argument: float) -> float:
-    """Check a relative tolerance in [0, 1)."""
+    """Return a relative tolerance; raise InputError if it is not in [0, 1)."""
     if type(argument) is float and 0.0 <= argument < 1.0:
         return argument
     value = number(name, argument, "a relative tolerance in [0, 1)")

@@ -31,7 +31,7 @@ class Drive:
         frequencies: Frequencies of the sines in the intended motions [Hz].
         complete: False if the table does not determine a hand's motion, or if a person moves the device.
         tremors: Unintended motions of the hands.
-        noises: Operators with signal-dependent noise, proportional to their muscle forces.
+        noises: Operator models of the hands with noise, which is proportional to the muscle forces.
     """
 
     parts: tuple[tuple[motions.Motion, float], ...]
@@ -41,16 +41,16 @@ class Drive:
     noises: tuple[Operator, ...] = ()
 
     def at(self, times: NDArray[Any]) -> FloatArray:
-        """Return all intended offsets at times (M,) [s], one column per component, (M, c) [m]."""
+        """Return all intended offsets at times (M,) [s]: zeros, then one column per component, (M, 1 + c) [m]."""
         columns = [scale * np.array([motion.at(t)[0] for t in times.tolist()]) for motion, scale in self.parts]
         return np.concatenate([np.zeros((len(times), 1)), *columns], axis=1)
 
     def tremor(self, times: NDArray[Any]) -> FloatArray:
-        """Return the offsets of all tremors at times (M,) [s], one column per component, (M, c) [m]."""
+        """Return all offsets by tremor at times (M,) [s]: zeros, then one column per component, (M, 1 + c) [m]."""
         return np.concatenate([np.zeros((len(times), 1)), *(each.over(times) for each in self.tremors)], axis=1)
 
     def noise(self, times: NDArray[Any], depth: float) -> FloatArray:
-        """Return the offsets due to noise of the muscle forces, one column per finger, (M, c) [m].
+        """Return the offsets due to noise of the muscle forces: zeros, then one column per finger, (M, 1 + c) [m].
 
         Args:
             times: Times, (M,) [s].
@@ -61,7 +61,9 @@ class Drive:
         return np.concatenate([np.zeros((len(times), 1)), *columns], axis=1)
 
     def swings(self, frequency: float, resolution: float) -> bool:
-        """Return whether motion at this frequency may be a sine of the hands, or one of its harmonics.
+        """Return whether motion at this frequency may be a sine of the hands, or its second or third harmonic.
+
+        Below 10 Hz it always may if the motion of the hands is not completely known (`complete`).
 
         Args:
             frequency, resolution: Frequency of the motion, and resolution of the estimate [Hz].
@@ -163,7 +165,7 @@ def _parts(
 
 
 def _listed(value: Any) -> list[Mapping[str, Any]]:
-    """Return a list for one table, a list of tables or None."""
+    """Return a list of tables, given one table, a list of tables or None."""
     if value is None:
         return []
     return [value] if isinstance(value, Mapping) else list(value)

@@ -1,7 +1,8 @@
 """Kernels of a scene's parts, by number.
 
-A number below `len(KERNELS)` denotes a kernel of this package, which the program calls. Any other number denotes a
-third-party kernel: the address of its machine code or, in interpreted ticks, the number of its registered function.
+Number 0 means no kernel. Another number below `len(KERNELS)` denotes a kernel of this package, which the program of
+ticks contains. A larger number denotes a third-party kernel: the address of its machine code or, in interpreted ticks,
+the number of its registered function.
 """
 
 from __future__ import annotations
@@ -82,7 +83,7 @@ def _function(number: int) -> Kernel:
 
 @bound_late
 def invoke(buffer: Any, kernel: int, place: int) -> int:
-    """Call kernel(S, o) of a device or a plant, by number."""
+    """Call kernel(S, o) of a device or a plant, by number; return its code."""
     result: int = _function(kernel)(buffer, place)
     return result
 
@@ -96,13 +97,13 @@ def invoke_at(buffer: Any, kernel: int, place: int, t: float) -> int:
 
 @bound_late
 def invoke_beside(buffer: Any, kernel: int, place: int, beside: int, T: float) -> int:
-    """Call kernel(S, o, F, f, T) of a body."""
+    """Call kernel(S, o, F, f, T) of a body; return its code, 0 if it returns none."""
     return _function(kernel)(buffer, place, buffer, beside, T) or 0
 
 
 @bound_late
 def call(buffer: Any, address: int, place: int) -> int:
-    """Call machine code at an address; unavailable in interpreted ticks."""
+    """Call the machine code of a kernel by its address; unavailable in interpreted ticks, like `call_at`."""
     raise NotImplementedError
 
 

@@ -26,8 +26,9 @@ class Mailbox:
 
     The thread calls `unsigned function(void *context)` once a period; each call is a turn. In a turn all devices are
     asked for a reading, then read, and then written in the reverse order. They receive the forces that Python has
-    written to the mailbox, or zero if Python has written none for 20 turns. A device with a fault is stopped in this
-    and in all later turns. While a loop drives the devices (`drive`), the turns call the loop instead.
+    written to the mailbox, or zero if Python has written none for more than 20 turns. After a fault a device is stopped
+    in the same turn and in every later one. While a loop drives the devices (`drive`), each turn calls the loop
+    instead; if the loop returns 0, the turn proceeds as above.
 
     Args:
         calls: C functions of the devices.
@@ -78,7 +79,7 @@ class Mailbox:
         return int(self._words[at.TURNS])
 
     def read(self, i: int) -> tuple[int, FloatArray, FloatArray]:
-        """Return a device's number of samples, and positions and velocities (k, d) of the last sample."""
+        """Return a device's number of samples, and positions [m] and velocities [m/s] (k, d) of the last sample."""
         words = self._device(i)
         while True:
             before = int(words[at.SEQUENCE])
@@ -107,7 +108,10 @@ class Mailbox:
         return True
 
     def drive(self, function: int, context: int) -> None:
-        """Let the turns call a loop, `unsigned function(void *context)`, which returns 1 if it ran a tick, else 0."""
+        """Let the turns call a loop, `unsigned function(void *context)`.
+
+        If the loop returns 0, the mailbox serves the turn itself.
+        """
         self._words[at.CONTEXT] = context
         self._words[at.LOOP] = function
 

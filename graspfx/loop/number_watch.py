@@ -20,8 +20,8 @@ DO = "list its key in gx.open(scene, live=[...]) and use session.set"
 class Watch:
     """Watched entries of a run's memories, and their expected bits.
 
-    The watched entries determine a grasp's P and gains, and select what is computed. Reading all of them takes a
-    microsecond or two.
+    The watched entries determine the gains and the split P of a grasp, and select what is computed. Reading all of them
+    takes a microsecond or two.
 
     Args:
         objects: Objects whose grasps are watched.

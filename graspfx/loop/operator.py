@@ -28,8 +28,8 @@ class FingerOperator(Record):
     damping_rise: float  # slope of the damping over the grip force [N s/m per N]
     grip_lag: float  # time constant by which the grip force follows the displayed force [s]
     delay: float  # delay of the voluntary force [s]
-    pull: float  # stiffness k of the voluntary force [N/m]
-    pull_damping: float  # damping b of the voluntary force [N s/m]
+    pull: float  # stiffness k_v of the voluntary force [N/m]
+    pull_damping: float  # damping b_v of the voluntary force [N s/m]
     counter: float  # fraction g of the displayed force that the voluntary force counteracts
     share: float  # standard deviation of the noise, relative to the muscle force
     command_lag: float  # time constant with which the noise's amplitude follows the muscle force [s]
@@ -42,9 +42,12 @@ class Operator:
 
         m p'' + b p' = u + F (+ h without a limb),    M y'' = K_l (r - y) + B_l (r' - y') - F + h
         F = (K + k G) (y - p) + (B + b G) (y' - p'),          G' = (|u| - G)/lag
-        h(t) = (k (r - p) + b (r' - p') - g u)(t - delay) + share x(t) F_m
+        h(t) = (k_v (r - p) + b_v (r' - p') - g u)(t - delay) + share x(t) F_m
 
-    Without a limb y = r. u is the displayed force, F_m the lagged muscle force, and x noise of mean 0 and variance 1.
+    p is the fingertip, m and b of the first equation are its device's mass and damping, r is the intended position, and
+    y the limb; without a limb y = r. K and B are the hand's stiffness and damping, k and b of the second line their
+    slopes over the grip force G. u is the displayed force, h the voluntary force, F_m the muscle force after a lag, and
+    x noise of mean 0 and variance 1.
 
     Args:
         fingers: Number of fingers n.
@@ -68,13 +71,13 @@ class Operator:
             finger.limb_stiffness, finger.limb_damping = _vector(stiffness), _vector(damping)
 
     def set_stiffening(self, stiffness: float, damping: float, lag: float) -> None:
-        """Set k [N/m per N], b [N s/m per N] and the lag [s] of every finger."""
+        """Set the slopes k [N/m per N] and b [N s/m per N], and the lag [s] of every finger."""
         for i in range(len(self.numbers)):
             finger = self.finger(i)
             finger.rise, finger.damping_rise, finger.grip_lag = stiffness, damping, lag
 
     def set_reaction(self, delay: float, stiffness: float, damping: float, force: float) -> None:
-        """Set the delay [s], k [N/m], b [N s/m] and g of every finger."""
+        """Set the delay [s], k_v [N/m], b_v [N s/m] and g of every finger."""
         for i in range(len(self.numbers)):
             finger = self.finger(i)
             finger.delay, finger.pull, finger.pull_damping, finger.counter = delay, stiffness, damping, force
@@ -89,7 +92,7 @@ class Operator:
             finger.array(FingerOperator.phase)[:] = phase
 
     def noise(self, times: FloatArray) -> FloatArray:
-        """Compute share x(t), each finger's noise relative to its muscle force, at times (M,), (M, n)."""
+        """Compute share x(t), each finger's noise relative to its muscle force, at times (M,) [s]: (M, n)."""
         columns = []
         for i in range(len(self.numbers)):
             finger = self.finger(i)
@@ -100,7 +103,7 @@ class Operator:
 
     @property
     def reach(self) -> float:
-        """The longest delay [s]."""
+        """The longest delay of the fingers' voluntary forces [s]."""
         return max(self.finger(i).delay for i in range(len(self.numbers)))
 
     def at_rest(self, stiffness: FloatArray, force: FloatArray) -> FloatArray:
@@ -137,7 +140,7 @@ class Operator:
             tip = whole[a] + np.diag(rise * grip)
             limb = np.array([finger.limb_stiffness[a] if finger.limb_mass else np.inf for finger in fingers])
             soft = np.isfinite(limb)
-            # F = tip (y - p); limb (r - y) + h = F, h = pull (r - p) - counter u, u = -f; f = F without a limb plus h
+            # F = tip (y - p); limb (r - y) + h = F, h = pull (r - p) - counter u, u = -f; f = F, plus h without a limb
             both = _with_limb(tip, np.where(soft, limb, 0.0), soft, pull, counter)
             stretch[a], whole[a] = both[:n], both[n:]
         return whole, stretch

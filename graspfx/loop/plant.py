@@ -58,7 +58,7 @@ class FusedHand(Hand, Protocol):
 
     @property
     def structure(self) -> Index:
-        """Constant integer entries of the block, which select what the kernel computes."""
+        """Indices of the integer and boolean entries of the block that select the computation and never change."""
         ...
 
     @property
@@ -126,7 +126,7 @@ class FusedPlant(Plant, Protocol):
 
     @property
     def structure(self) -> Index:
-        """Integer entries of the block that are fixed after `hold` and select what the kernel computes."""
+        """Indices of the integer and boolean entries that select the computation and do not change after `hold`."""
         ...
 
     @property

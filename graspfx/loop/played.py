@@ -105,7 +105,8 @@ class Playback:
 
     Args:
         recording: Recording of every tick.
-        largest: Second recording, which contains the largest force of a device if the first recording does not.
+        largest: Second recording, which contains the largest forces of devices; None to read them from the first
+            recording, if it contains them.
         phase: Phase of the tick in which the first fault is repeated, if the replay has no fault by then.
     """
 
@@ -131,7 +132,7 @@ class Playback:
         if "true_position" not in self._sources:
             return stations, []
         plant = PlayedPlant(n, d)
-        if self._tips is None:  # the servo is built only for its numbers and plays nothing
+        if self._tips is None:  # a servo built later serves only for its numbers and plays nothing
             self._tips = plant.position
         devices: list[Any] = [stations[0].device]
         return stations, [PlantWiring(plant, None, devices, np.arange(n))]  # type: ignore[arg-type]
@@ -147,7 +148,7 @@ class Playback:
             self._deadmen.append(fitting.deadman)
 
     def read(self, periods: int = 1) -> list[str]:
-        """Read the next tick's readings; list the recorded fault if it occurred in or before the reading."""
+        """Read the next tick's readings; list the recorded fault if it is due in the reading or before it."""
         self._k += 1
         row = self._row(self._k)
         position, velocity = row["finger_position"], row["finger_velocity"]
@@ -169,7 +170,7 @@ class Playback:
         return list(self._faults(0 if self._phase == "read" else 1)) if self._phase != "write" else []
 
     def write(self) -> str:
-        """Display no force; return the device fault that occurred in writing."""
+        """Display no force; return the recorded fault if it is due in writing, else an empty string."""
         return next(self._faults(0), "") if self._phase == "write" else ""
 
     def _faults(self, delay: int) -> Iterator[str]:
@@ -185,7 +186,7 @@ class Playback:
 
 
 class _Misses:
-    """Number of successive samples without a new reading, for a device that is not called in every tick."""
+    """Number of successive calls without a new reading, for a device that may not be called in every tick."""
 
     def __init__(self, every: int) -> None:
         self._every, self._since = every, 0
@@ -202,7 +203,7 @@ class _Misses:
 
 
 def _calls(fitting: Fitting) -> Fitting:
-    """Return a fitting with the same call interval but without a frame, because rows are in the scene's axes."""
+    """Return a fitting with the same deadman and call interval but no frame, because rows are in the scene's axes."""
     return Fitting(None, fitting.deadman, fitting.every)
 
 

@@ -210,7 +210,7 @@ class Servo:
         arena, memory = self._arena, self._arena.memory
         others = arena.world.pauses or arena.guests or arena.tables or arena.foreign
         own = self.hardware or self.native is not None or not arena.is_whole
-        if others or own or any(part.grasped.matrices for part in self.objects):  # these count warnings
+        if others or own or any(part.grasped.matrices for part in self.objects):  # matrix gains count warnings
             return None
         return memory.floats[: memory.used].copy()
 
@@ -253,8 +253,8 @@ class Servo:
     ) -> None:
         """Run and record a number of ticks; end earlier if `stop` returns true.
 
-        `stop` is called before each call of the engine, that is, before every interpreted tick, every tick with Python
-        parts, and otherwise every 64 compiled ticks.
+        With a pacer, `stop` is called every few milliseconds. Without one, it is called before each call of the engine,
+        that is, before every interpreted tick, every tick with Python parts, and otherwise every 64 compiled ticks.
 
         Args:
             ticks: Number of ticks to run.
@@ -298,7 +298,8 @@ class Servo:
             recorder: Recorder of the tick and the values.
 
         Raises:
-            InputError: If a number was written directly into a block, as in `run`; nothing is changed.
+            InputError: If a value was written directly into a block, under the conditions stated in `run`. The update
+                is then not applied.
         """
         self.watch.require()
         for memory, entries, numbers in update.entries:
@@ -615,7 +616,7 @@ def foreign(servo: Servo) -> list[str]:
 
 
 def guests(servo: Servo) -> list[str]:
-    """List bodies that other software moves after the engine's call in each tick."""
+    """List bodies that other software moves after each tick."""
     return [_body(servo, i) for i in servo.arena.guests]
 
 

@@ -44,8 +44,9 @@ from graspfx.loop.world import (
 
 @kernel
 def steps(world: World, k: int, count: int, r: int, rows: Floats) -> int:
-    """Run ticks k, ..., k + count - 1 and record tick k in row r; return the number of completed ticks.
+    """Run ticks k, ..., k + count - 1, recorded from row r on; return the number of completed ticks.
 
+    If one of every m ticks is recorded, r counts ticks: the tick at r is recorded in row r / m, if m divides its index.
     The caller reads Python devices before a tick. With Python devices, `steps` returns twice per tick: when the devices
     must be written (`world.phase` is WRITE), and at the end of the tick. With Python bodies or plants, `steps` returns
     at the end of each tick. The tick of the first fault is the last tick of a call.
@@ -90,7 +91,7 @@ def begin(world: World, servo: ServoState, k: int) -> None:
 
 @kernel
 def end(world: World, servo: ServoState, k: int, r: int, rows: Floats) -> None:
-    """Run the rest of tick k, recorded in row r."""
+    """Run the rest of tick k, recorded at r (`steps`)."""
     if servo.faulted:
         stop(world)
     record(world, k, r, rows)
@@ -255,7 +256,7 @@ def add_work(world: World, servo: ServoState, k: int) -> None:
 
 @kernel
 def release(world: World) -> None:
-    """Release every object."""
+    """Set the forces on all fingers and objects to zero."""
     for grasp in world.grasps:
         let_go(GraspState(world.buffer, grasp.state))
 

@@ -23,7 +23,7 @@ class VelocityEstimate(Record):
     """State of one component's estimate: its settings, and its last positions in a ring buffer."""
 
     period: float  # sampling period T [s]
-    noise: float  # largest error of the sensor
+    noise: float  # largest error of the sensor [m or rad]
     length: int  # longest window [samples]
     filled: int  # number of positions in the ring buffer
     head: int  # index of the newest position

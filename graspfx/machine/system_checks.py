@@ -17,7 +17,7 @@ from graspfx.loop.realtime.process import SERVO
 from graspfx.system.scheduling import most_locked, set_fifo
 
 LIMITS = "/etc/security/limits.d/graspfx.conf"
-SHARE = 0.5  # processor time that real-time threads need
+SHARE = 0.5  # share of processor time that real-time threads need
 GOOD_CLOCKS = ("tsc", "arch_sys_counter", "kvm-clock", "hyperv_clocksource_tsc_page")
 VENDORS = {
     "QEMU": "QEMU", "VMware": "VMware", "innotek": "VirtualBox", "Xen": "Xen", "Amazon EC2": "Amazon EC2",

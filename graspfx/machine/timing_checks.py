@@ -90,7 +90,7 @@ def _port(i: int, station: DeviceWiring, names: Sequence[str], period: float) ->
 
 WAKE_DURATION = 3.0  # of both loops together [s]
 TURNS = 3  # turns of each loop, alternating, so that both run under the same conditions
-MISSED = 1e-3  # largest share of ticks later than a period
+MISSED = 1e-3  # largest number of skipped periods per tick
 MUCH, LITTLE = 3.0, 100e-6  # the pacer's 99th percentile may be this factor of the bare loop's, plus this [s]
 
 REMEDY = (
@@ -148,7 +148,7 @@ class Jitter:
             deadline += late // step * step
 
     def findings(self) -> Iterator[Finding]:
-        """Judge the skipped ticks of the pacer, and the 99th percentile of its lateness against the bare loop's."""
+        """Judge the skipped periods of the pacer, and the 99th percentile of its lateness against the bare loop's."""
         ours, bare = self.pacer.figures, self.bare.figures
         text = f"{_figures_text(ours)}; {self.missed} of {self.ticks} ticks of {1e3 * self.period:g} ms skipped"
         bad = self.missed > MISSED * self.ticks

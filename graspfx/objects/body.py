@@ -24,9 +24,9 @@ INTEGRATORS = {
     "exact": at.EXACT,
     "implicit": at.IMPLICIT,
 }
-FREEDOMS = {1: (0,), 2: (0, 1, 5), 3: (0, 1, 2, 3, 4, 5)}  # rows of G in FREE, by d
+FREEDOMS = {1: (0,), 2: (0, 1, 5), 3: (0, 1, 2, 3, 4, 5)}  # entries from FREE on, for the rows of G, by d
 UNIT = 1e-6  # tolerance for the norm of a quaternion
-VISCOUS_LIMIT = 2.0  # largest b T/m at which explicit viscosity decays
+VISCOUS_LIMIT = 2.0  # b T/m from which viscosity treated explicitly is unstable
 
 
 class Body(Protocol):
@@ -156,7 +156,7 @@ def fill_body(
         integrator: Name of the integrator: "explicit", "semi-implicit", "exact" or "implicit".
         free: Mask of the free degrees of freedom, w = 1, 3 or 6 entries in the order of G's rows; all are free by
             default.
-        gravity: Gravity, (d,) [m/s^2].
+        gravity: Gravity, (d,) [m/s^2]. If None, this and each of the following quantities is zero (no rotation).
         position: Position, (d,) [m].
         orientation: Angle [rad], or unit quaternion x y z w.
         velocity: Velocity, (d,) [m/s].

@@ -21,9 +21,9 @@ class Motion(Record):
 
 
 class Decay(Record):
-    """Values of exp(-z) and its integrals (`decay.decay_integrals`), cached for one z."""
+    """Values of exp(-z) and its integrals (`integrators.decay_integrals`), cached for one z."""
 
-    z: float  # b T/m
+    z: float  # b T/m, or b_w T/J
     exponential: float
     first: float
     second: float

@@ -115,7 +115,7 @@ def settle(body: BodyState, start: SampleStart, T: float) -> SampleEnergy:
 
 
 def viscous(kind: int, m: float, b: float, T: float, v: float, after: float, u: float) -> float:
-    """Compute the viscous loss over a sample [J], with u = force/m."""
+    """Compute the viscous loss over a sample [J]; u is the acceleration by all forces except viscosity."""
     if kind != EXACT:
         if kind == EXPLICIT:
             return T * b * v * v
@@ -160,7 +160,7 @@ def quotient(p: Quaternion, q: Quaternion) -> Quaternion:
 
 @kernel
 def rotation_vector(body: BodyState, before: Quaternion) -> Vector:
-    """Compute the rotation vector from an orientation to the current one; zero about locked axes."""
+    """Compute the rotation vector from an orientation to the current one [rad]; zero about locked axes."""
     return multiply(body.free_rotation, vector_of(quotient(body.motion.quaternion, before)))
 
 

@@ -104,7 +104,7 @@ class CallingGuest(Guest, Protocol):
 
 @kernel
 def hand_over(body: BodyState, guest: GuestState, T: float) -> None:
-    """Compute the force (f + m g - b v) (1 - E)/(b T/m) to send, and the moment or the resulting angular velocity."""
+    """Compute the force to send, (f + m g - b v) times `share`, and the moment or the resulting angular velocity."""
     b = body.viscosity
     for a in range(3):
         push = 0.0
@@ -120,7 +120,7 @@ def hand_over(body: BodyState, guest: GuestState, T: float) -> None:
 
 @kernel
 def viscous_moment(body: BodyState, guest: GuestState) -> Vector:
-    """Compute the moment with exact viscosity, in world axes [N m]."""
+    """Compute the moment to send, which models viscosity exactly, in world axes [N m]."""
     motion, shares = body.motion, guest.shares
     moment = multiply(body.free_rotation, body.moment - body.rotational_viscosity * motion.angular_velocity)
     if shares.x == shares.y == shares.z:
@@ -131,7 +131,7 @@ def viscous_moment(body: BodyState, guest: GuestState) -> Vector:
 
 @kernel
 def spin_after(body: BodyState, guest: GuestState, T: float, moment: Vector) -> Vector:
-    """Compute w + T J^-1 M in world axes [rad/s]."""
+    """Compute the angular velocity after the step, w + T J^-1 M, in world axes [rad/s]."""
     q, J = body.motion.quaternion, guest.moments
     m = rotate(q.conjugate, moment)
     return body.motion.angular_velocity + rotate(q, Vector(T * m.x / J.x, T * m.y / J.y, T * m.z / J.z))
@@ -139,7 +139,7 @@ def spin_after(body: BodyState, guest: GuestState, T: float, moment: Vector) -> 
 
 @kernel
 def take_over(body: BodyState, guest: GuestState, T: float) -> int:
-    """Write the motion received after a step of T [s] to the block; return TOO_FAST if the rotation was truncated."""
+    """Write the motion received after a step of T [s] to the block; return TOO_FAST if the step exceeds TURN_LIMIT."""
     if not guest.waiting:
         return 0
     guest.waiting = False

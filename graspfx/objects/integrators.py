@@ -10,9 +10,10 @@ The wrench and gravity are constant over the sample, and viscosity is linear: m 
 | exact | matrix exponential | isotropic inertia or one free axis: w exact, q by Magnus; else RKMK4; 4th order |
 | implicit | a at the new v | (I + T b_w) w+ = I w + T (tau - w x I w); q = exp(T w+) q |
 
-Explicit and semi-implicit require b T/m < 2; exact and implicit allow any viscosity. All integrators except the exact
-one treat the gyroscopic term explicitly. If some rotations are locked, the equations are those of the free axes,
-(I w)_free' = (tau - b_w w)_free, w_locked = 0, without further approximation.
+Explicit and semi-implicit are stable only for b T/m < 2 and b_w T/I < 2, where I is the smallest moment of inertia;
+exact and implicit are stable for any viscosity. All integrators except the exact one treat the gyroscopic term
+explicitly. If some rotations are locked, the equations are those of the free axes, (I w)_free' = (tau - b_w w)_free,
+w_locked = 0, without further approximation.
 """
 
 from __future__ import annotations
@@ -77,7 +78,7 @@ STRIDES = 10_000  # largest number of substeps, so that a diverged run still end
 
 @dataclass(frozen=True, slots=True)
 class Coefficients:
-    """Coefficients of the step x+ = x + p v + q u, v+ = r v + s u, which all four integrators share."""
+    """Coefficients of the step x+ = x + p v + q u, v+ = r v + s u; all four integrators have this form."""
 
     p: float
     q: float
@@ -88,8 +89,8 @@ class Coefficients:
 def decay_integrals(z: float) -> tuple[float, float, float, float]:
     """Compute E = exp(-z) and its integrals (1 - E)/z, (z - 1 + E)/z^2, (z + z E - 2 + 2 E)/(2 z^3), to rounding.
 
-    The integrals determine velocity, displacement and the rotation of the axis under a constant wrench. For small z a
-    series avoids cancellation.
+    Under a constant wrench the integrals determine velocity, displacement and the term of a rotation along w x m
+    (`turn_steadily`). For small z a series avoids cancellation.
     """
     if z >= 1.0:
         E = elementary.exp(-z)

@@ -65,7 +65,8 @@ def write_recording(
 ) -> None:
     """Write a recording; an existing file is replaced after the new one has been read back.
 
-    Call this within `hold_signals`: neither a signal's exception nor a failed write may reach HDF5.
+    Call this within `hold_signals`, because an exception of a signal handler must not pass through HDF5. (`Stream`
+    hides failed writes from HDF5.)
 
     Args:
         place: Path of the file. A draft is written beside it and moved there.
@@ -276,8 +277,8 @@ def _read_back(draft: Path, first: int, count: int, size: int) -> None:
 class Stream:
     """An open file that hides failed writes from HDF5: later writes stay in memory.
 
-    HDF5 2.0 crashes with a segmentation fault when it closes a file after a failed write. So HDF5 never
-    sees a failure: the writer calls `require()` between blocks and stops. All writes are read back and compared.
+    HDF5 2.0 crashes with a segmentation fault when it closes a file after a failed write. So HDF5 never sees a failure:
+    the writer calls `require()` between blocks, which raises it. All writes are read back and compared.
 
     Args:
         path: Path of the file; an existing file is replaced.
@@ -473,7 +474,7 @@ def require_contained(file: Any, place: Path) -> None:
 
 
 def _rows(place: Path, file: Any, layout: Layout, number: int) -> RowStore:
-    """Open the rows: stored in blocks, packed together (format 4), or as one data set per variable.
+    """Open the rows: in format 4 blocks or one table of all columns, in other formats one data set per variable.
 
     Raises:
         ValueError: A variable or the rows have the wrong shape or type.

@@ -37,10 +37,10 @@ FloatArray = NDArray[np.float64]
 
 LEAST_SIZE = 1e-9  # [m]
 MOST_GROWTH = 600.0  # largest log amplitude, bounded by the range of numbers
-LASTING = 8  # number of windows in which a grown motion continues
+LASTING = 8  # smallest number of windows in which a grown motion continues
 ALIKE = 0.2  # largest relative difference of frequencies of one mode
 MOST_OF_IT = 0.6  # fraction of the largest growth
-SHAKEN_ROWS = 1 << 16  # rows in which the content of tremor and noise is analysed
+SHAKEN_ROWS = 1 << 16  # largest number of rows in which the content of tremor and noise is analysed
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Growth:
         frequency: frequency [Hz]; zero for a divergence without oscillation.
         begin, end: interval of the observation [s].
         first, last: largest amplitude of a fingertip relative to the object at the ends of the interval [m].
-        sustained: whether the oscillation continues at a size limited by releasing contacts.
+        sustained: whether the oscillation continues at the size that it has reached.
     """
 
     object: str
@@ -106,9 +106,9 @@ def growths(recording: History) -> list[Growth]:
     """Find the strongest loss of stability of each touched object; none for a run that appears stable.
 
     An interval of a run counts as growth if, in one octave of frequency, the fingers' displacement relative to the
-    object grows exponentially by e^2 over eight cycles, one pole explains this motion, and the hands' intended motion
-    does not. Operators' motions, contact changes, sliding and noise fail at least one of these criteria. Only recorded
-    data are used.
+    object grows exponentially, by e^2 or more over eight cycles or more, one pole explains this motion, and the hands'
+    intended motion does not. Operators' motions, contact changes, sliding and noise fail at least one of these
+    criteria. Only recorded data are used.
     """
     with np.errstate(all="ignore"):  # non-finite positions are not growth
         both = [(_grown(grasp) or _rung(grasp)) for grasp in grasps(recording)]
@@ -187,7 +187,7 @@ def _shaken(grasp: GraspView, growth: Growth, hands: Drive) -> bool:
     """Tell from the final size of the growth whether tremor or noise of the hands may cause it.
 
     A grasp responds to a tremor, through the hand's spring, as to intended motion. Noise is a force at the fingertip:
-    an undamped oscillation driven at its own frequency grows by pi N times its drive in N cycles.
+    an undamped oscillation that it drives at its own frequency reaches pi N times the static displacement in N cycles.
     """
     turn, cycles = growth.frequency * grasp.recording.row_period, growth.frequency * (growth.end - growth.begin)
     tremor, noise = (_content(each, turn) for each in _shaking(grasp, hands, growth.begin, growth.end))
@@ -311,7 +311,7 @@ class GraspView:
         return float(np.sqrt((off**2).mean()))
 
     def drive(self) -> Drive:
-        """Read the intended motion of the hands at the object."""
+        """Compute the excitation of the object's fingers by their hands, from the recorded scene."""
         header = self.recording.header
         centre = self.recording.read(f"objects/{self.name}/position", 0, 1)[0]
         return drive(header.scene_table, self.fingers.tolist(), header.scene_folder, self._position(0, 1)[0], centre)
@@ -423,10 +423,10 @@ LEAST_SHARE = 0.8  # fraction of an interval, after removal of growth, that one 
 LEAST_SHARE_OF_TWO = 0.97
 INSIDE = 0.4  # fraction of half the sampling rate; an octave begins at 0.5
 AGREEMENT = (0.6, 1.6)  # allowed ratios of the pole's rate to the growth of the windows
-FAR = 20.0  # difference of log amplitude
+FAR = 20.0  # difference of log amplitude between the ends of an interval, beyond which a component lies outside
 NEW = 1.0  # required excess of log amplitude over all earlier windows
 CERTAIN = 4.5  # log amplitude by which noise grows in a mode once in 1e4 independent windows, but not along a line
-SMALL = 0.1  # fraction of the displacement at rest
+SMALL = 0.1  # fraction of the displacement at rest, below which a motion is small
 FLAGGING = 0.6  # fraction of the first half's rate that the second half must keep; a transient t^k exp(-s t) keeps less
 BENDING = 0.6  # largest second difference of the phases of three thirds, zero for a single frequency [rad]
 OVER_DRIVE = 30.0  # required ratio to the hands' motion at the pole; a driven resonance stays below
@@ -500,7 +500,7 @@ def is_alias(octave: Octave, above: Octave, stretch: Stretch) -> bool:
 
 
 def stands_out(logs: FloatArray, stretch: Stretch) -> bool:
-    """Tell whether the growth ends above all earlier values, or exceeds noise in a lightly damped mode.
+    """Tell whether growth ends above all earlier values, or exceeds what noise causes in a lightly damped mode.
 
     The amplitude of such a mode fluctuates. After it was near zero, it grows along any curve and with constant phase,
     but not above its earlier values.

@@ -159,6 +159,7 @@ class History:
 
         Raises:
             UnknownNameError: the recording has no such column.
+            RecordingError: If the scene's `record` omits the column.
         """
         entry = self.layout.columns.get(str(column))
         if entry is None:
@@ -301,7 +302,7 @@ class History:
         """Work done so far on each fingertip by the external part of `displayed_force` (N, n) [J].
 
         The sum of external and internal work is `device_energy`. The force on the object, whose negative is displayed,
-        is split into the two parts. If the displayed force differs, as in recordings of early formats, the displayed
+        is split into the two parts. If another force is displayed, as in recordings of early formats, that
         force is split instead.
         """
         return self._works[0]

@@ -15,14 +15,14 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 Rows = Callable[[int, int], FloatArray]  # function that returns rows `first` to `stop` - 1, (r, c)
 
-ORDER = 6  # order of the differences: a component two octaves lower is reduced to 1e-5
+ORDER = 6  # order of the differences, which reduce a component at 1/16 of the sampling rate to 6e-5
 HALVING = 4  # order of the sums that form the octave below
 WINDOW = 4  # samples per window, one to two cycles
 SHORTEST = 6  # smallest number of windows for growth
 BLOCK = 4096  # rows per block, which fit into the processor's cache
 LEAST_GROWTH = 2.0  # smallest growth of the log amplitude
 STRAIGHT = 0.12  # largest RMS deviation of log amplitude from a line, relative to the growth
-MOST_ASTRAY = 0.4  # largest step of log amplitude; more is a jump
+MOST_ASTRAY = 0.4  # largest RMS deviation of log amplitude from a line; more indicates a jump
 LENGTHENING = 1.5
 STRIDES = 6  # number of starts per length of an interval
 END = 16  # [samples]
@@ -45,8 +45,8 @@ class Octave:
         size: number of samples.
         begin: time of the first sample [s].
         is_highest: whether its samples are those of the motion.
-        logs: log amplitude in each window (windows,), by the Teager-Kaiser operator x_k^2 - x_k-1 x_k+1, which has no
-            ripple for an oscillation; for the highest octave also by squares, for alternating motions.
+        logs: log amplitude in each window (windows,), by the Teager-Kaiser operator x_k^2 - x_(k-1) x_(k+1), which has
+            no ripple for an oscillation; for the highest octave also by squares, for alternating motions.
     """
 
     def __init__(self, rows: Rows, size: int, step: float, begin: float = 0.0, *, highest: bool = False) -> None:
@@ -65,7 +65,7 @@ class Octave:
         return self._rows(0, self.size)
 
     def size_before(self, time: float) -> float:
-        """Compute the RMS of the fast part over the last samples before a time [s]."""
+        """Compute the RMS of the fast part over the last 16 samples before a time [s]."""
         stop = min(max(int((time - self.begin) / self.step), END), self.size)
         return float(np.sqrt((self.fast(stop - END, stop) ** 2).mean()))
 

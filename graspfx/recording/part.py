@@ -59,7 +59,7 @@ class Content(NamedTuple):
 
 
 class PartWriter:
-    """Appends blocks to a part, with a lock for the lifetime of the process.
+    """Appends blocks to a part, which is locked until it is closed or the process ends.
 
     Args:
         path: path of the part; the part of a killed run is replaced.
@@ -97,7 +97,8 @@ class PartWriter:
         """Append rows (r, wide), and faults and changes since the last call; the file is flushed once a second.
 
         Raises:
-            OSError: the rows do not fit on the disk; as many rows as fit, and all earlier blocks, are kept.
+            OSError: the rows do not fit on the disk; the first half, quarter, ... of the rows, whichever fits, and all
+                earlier blocks are kept.
         """
         if faults:
             self._append(FAULTS, json.dumps(faults).encode())
@@ -140,7 +141,7 @@ class PartWriter:
         self._pieces.append(piece)
 
     def _append_some(self, rows: FloatArray) -> None:
-        """Append as many rows as fit, by halving."""
+        """Append the first half, quarter, ... of the rows: the largest of these fractions that fits."""
         while len(rows) > 1:
             rows = rows[: len(rows) // 2]
             with suppress(OSError):
@@ -266,7 +267,7 @@ def _digest(before: bytes, kind: bytes, content: bytes) -> bytes:
 
 
 def _ends_in_zeros(file: BinaryIO, start: int) -> bool:
-    """Tell whether a file has only zeros from a position on, as after a power failure."""
+    """Tell whether a file ends, after a position, in at least a sector of zeros, as after a power failure."""
     file.seek(start)
     rest = file.read()
     return len(rest) - len(rest.rstrip(b"\0")) >= SECTOR

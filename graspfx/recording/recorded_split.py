@@ -39,7 +39,7 @@ class RowSplit:
         layout: Columns of the rows.
         splits: Split rules, each with the row from which it holds; empty if no split is needed.
         start: Index of the first row in the recording.
-        friction: fingers' coefficients (n,), each from a row of the recording on, as listed by
+        friction: Fingers' coefficients (n,), each with the row of the recording from which they hold, as listed by
             `coefficients`.
     """
 
@@ -63,9 +63,9 @@ class RowSplit:
         return self._columns[name]
 
     def external_forces(self, force: FloatArray | None = None) -> tuple[FloatArray, FloatArray | None]:
-        """Compute P f [N], (n, d, r), and its moments [N m], (n, 3, r); None if fingers exert no moments.
+        """Compute the external part P f of forces f [N], (n, d, r), and its moments [N m], (n, 3, r).
 
-        Forces that a file contains are read.
+        The moments are None if fingers exert none. Parts that the file contains are read instead of computed.
 
         Args:
             force: Forces to use instead of the fingers' forces on the object, (n, d, r) [N].
@@ -92,7 +92,7 @@ class RowSplit:
         return external, moment
 
     def external_displacements(self) -> FloatArray:
-        """Compute P' e of e = p - c [m], (n, d, r)."""
+        """Compute the external part P' e of the displacements e = p - c [m], (n, d, r)."""
         e = self.column("finger_position") - self.column("contact_position")
         external = np.zeros(e.shape)
         for grasp in self.grasps():

@@ -38,7 +38,7 @@ class RowStore:
         raise NotImplementedError
 
     def read(self, first: int, stop: int, where: slice) -> FloatArray:
-        """Return rows `first` to `stop`, restricted to the columns `where`, (stop - first, w)."""
+        """Return rows `first` to `stop` - 1, restricted to the columns `where`, (stop - first, w)."""
         raise NotImplementedError
 
     def beside(self, name: str, first: int, stop: int) -> FloatArray | None:

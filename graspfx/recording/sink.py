@@ -145,7 +145,7 @@ class FileSink:
         return f"the {rows} rows before that can be read there" if rows else "no row was written"
 
     def _rescue(self, outcome: Outcome) -> None:
-        """Save the rows of a removed part to the nearest existing folder; they exist while the part is open."""
+        """Save rows of a removed part, which exist while it is open, to the nearest existing (or temporary) folder."""
         from tempfile import gettempdir, mkdtemp
 
         text = f"{self._home}: was removed or moved while a run wrote there"

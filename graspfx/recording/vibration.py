@@ -21,7 +21,7 @@ TOGETHER = 50_000  # numbers filtered together, so that they fit the processor's
 
 
 def vibration(signal: FloatArray, period: float, above: float = VIBRATION_FROM) -> float | None:
-    """Compute the RMS of |x - s| over ticks and rows of x, s minimising |x - s|^2 + q |D s|^2, D fourth differences.
+    """Compute the RMS of |x - s| over ticks and vectors of x, s minimising |x - s|^2 + q |D s|^2, D fourth differences.
 
     x - s of Whittaker's smoother has the gain 1/(1 + (above/f)^8) of a Butterworth high-pass of order 4 that is run
     forwards and backwards. Moreover, it removes polynomials up to degree 3 exactly and needs no samples beyond the ends
@@ -47,14 +47,13 @@ class Vibration:
     """Mean squares of |x - s|, s minimising |x - s|^2 + q |D s|^2, D fourth differences, over a run in blocks.
 
     A block is smoothed together with the neighbouring samples that influence it (`REACH`), so that the division into
-    blocks changes the result by rounding only. Samples less than 1 ms apart are first averaged over
-    1 ms.
+    blocks changes the result by rounding only. Samples less than 1 ms apart are first averaged over 1 ms.
 
     Args:
         period: Sampling period [s].
         samples: Total number of samples.
         above: Lower frequency limit [Hz].
-        sums: Pairs of signal indices, for which the mean square of their sum is also computed.
+        sums: Two ranges of signals, paired in order; the mean square of the sum of each pair is also computed.
     """
 
     def __init__(
@@ -91,7 +90,10 @@ class Vibration:
                 self._count_up(self._used - self._reach)
 
     def mean_squares(self) -> FloatArray | None:
-        """Compute the mean squares of each signal, then of the sums; None if too short or sampled too slowly."""
+        """Return the mean square of x - s for each signal, then for each sum of a pair, (k + pairs,).
+
+        The result is None if the signals are too short or sampled too slowly.
+        """
         if not self.is_long or self._buffer is None:
             return None
         if self._used > self._first:

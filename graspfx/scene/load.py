@@ -39,7 +39,7 @@ def load(name: str | PathLike[str], overrides: Mapping[str, Any] | None = None, 
         preset: Name of one of the scene's presets, whose values are applied before `overrides`.
 
     Raises:
-        SceneError: If the scene has faults; the error lists all of them, with their lines.
+        SceneError: If the scene has faults; the error lists all of them, with their lines in a TOML file.
         UnknownNameError: If no scene has that name, or the scene has no such preset.
         InputError: If the file does not exist, or does not contain a scene.
         PluginError: If a Python file cannot be imported, or its `scene()` raises an exception.

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 class Scene(Carded, SceneTable):
     """A scene, validated when it is created: `Scene(dimensions=1, period=0.005, object={"mass": 0.1, ...}, ...)`.
 
-    Fields have the names of the keys of a scene file. Lists of tables (`object`, `finger`, `device`, `hand`) are
-    tuples.
+    Fields have the names of the keys of a scene file. Lists of tables (`object`, `finger`, `device`, `hand`,
+    `obstacle`) are tuples.
 
     Raises:
         SceneError: If the scene has faults; the error lists all of them.
@@ -125,7 +125,9 @@ class Scene(Carded, SceneTable):
                 assumptions.
 
         Raises:
-            InputError: If a device does not state its mass or damping, or objects have different integrators.
+            InputError: If a device does not state its mass or damping, objects have different integrators, or no finger
+                touches an object at rest.
+            NoRestError: If no rest of the grasp is found.
         """
         from graspfx.certificate.linearise import linearise
 
@@ -153,7 +155,7 @@ class Scene(Carded, SceneTable):
             InputError: If the path does not end in .html; if a part of the scene is plain Python, PyBullet, MuJoCo or
                 hardware; or if a preset has a key without a slider, or a value outside the slider's range.
             RecordingError: If the file exists or cannot be written.
-            MissingPackageError: If `ziglang` is not installed in a checkout.
+            MissingPackageError: If `ziglang` or llvmlite is not installed in a checkout.
         """
         from graspfx.live.page.document import write_running_page
 

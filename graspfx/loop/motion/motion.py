@@ -64,8 +64,8 @@ class CourseBlock(NamedTuple):
     """A motion laid out as a `Course`."""
 
     entries: FloatArray
-    structure: NDArray[np.intp]  # constant entries that select the computation
-    others: list[tuple[int, Motion]]  # entries of the `OtherPart` of third-party motions
+    structure: NDArray[np.intp]  # indices of constant entries that select the computation
+    others: list[tuple[int, Motion]]  # third-party motions, each with the first entry of its `OtherPart`
 
     def ask(self, memory: FloatArray, start: int, time: float) -> None:
         """Evaluate third-party motions at a time, and write their values to the course that begins at entry `start`."""
@@ -227,7 +227,7 @@ class Path(_Parts):
             folder: Folder to which a relative path refers; the current folder if None.
 
         Raises:
-            InputError: If the file is missing, or is not such a table; the message names the line.
+            InputError: If the file is missing, or is not such a table; for a wrong row the message names its line.
         """
         path = to_path("path", file, folder=folder)
         require_file("path", str(file), path, EXPECTED)
@@ -246,11 +246,13 @@ class Path(_Parts):
 class Levels(_Parts):
     """Levels in one dimension, reached by minimum-jerk steps and held until the next step; zero before the first.
 
-        x(t) = x_k-1 + s((t - begin_k) / duration_k) (x_k - x_k-1)    from begin_k on
+        x(t) = x_(k-1) + s((t - begin_k) / duration_k) (x_k - x_(k-1))    from begin_k to begin_(k+1)
+
+    s is the minimum-jerk step, and x_0 = 0.
 
     Args:
-        steps: Rows x_k, begin_k [s] and duration_k [s], (N, 3). No step begins before the previous one has ended. A
-            step of zero duration is a jump with zero velocity.
+        steps: Rows of a level x_k [m, rad], begin_k [s] and duration_k [s], (N, 3). No step begins before the previous
+            one has ended. A step of zero duration is a jump with zero velocity.
     """
 
     def __init__(self, steps: ArrayLike) -> None:
@@ -272,7 +274,7 @@ class Levels(_Parts):
 
 
 def overlap(begin: float, duration: float, following: float) -> bool:
-    """Return whether a step that begins at `following` overlaps this one by more than a rounding error."""
+    """Return whether a step overlaps the next one, which begins at `following`, by more than a rounding error."""
     end = begin + duration
     return following < end - ROUNDING * max(abs(begin), abs(end))
 
@@ -294,7 +296,7 @@ class Sum(_Parts):
 
 
 def direction(axis: int | ArrayLike, dimensions: int | None = None) -> FloatArray:
-    """Compute the unit vector (d,) along a vector of any length, or along axis 0, 1 or 2 in `dimensions` dimensions."""
+    """Compute the unit vector (d,) along a nonzero vector, or along axis 0, 1 or 2 in `dimensions` dimensions."""
     if isinstance(axis, int | np.integer) and not isinstance(axis, bool):
         if dimensions is None:
             raise InputError("axis", axis, "a vector (d,)", "with the number of an axis, also give `dimensions`")

@@ -1,4 +1,4 @@
-"""Blocks of hands: motions and their parts, turns, single hands, and joined hands."""
+"""Blocks of hands: motions and their parts, turns, single hands, guided hands, and joined hands."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class MotionPart(Record):
 
 
 class SinePart(MotionPart):
-    """a s((t - begin) / ramp) sin(w (t - begin)) u."""
+    """a s((t - begin) / ramp) sin(w (t - begin)) u, with the minimum-jerk step s; zero before `begin`."""
 
-    amplitude: float  # a
+    amplitude: float  # a [m, rad]
     angular_frequency: float  # w = 2 pi f [rad/s]
     begin: float  # [s]
     ramp: float  # [s]
@@ -35,19 +35,19 @@ class SinePart(MotionPart):
 
 
 class ReachPart(MotionPart):
-    """s((t - begin) / duration) times a displacement."""
+    """s((t - begin) / duration) times a displacement, with the minimum-jerk step s."""
 
     begin: float  # [s]
     duration: float  # [s]
-    displacement: Vector
+    displacement: Vector  # [m, rad]
 
 
 class PathPart(MotionPart):
-    """Cubics between times; each row contains four coefficients in descending powers, d components each."""
+    """Cubics of the time since each time but the last; a row has d coefficients per power, from the third to 0."""
 
     times: Floats = floats("count")  # [s]
     cubics: Table = table("count - 1", "4 * dimensions")
-    last: Floats = floats("dimensions")  # position
+    last: Floats = floats("dimensions")  # position after the last time
 
 
 class LevelsPart(MotionPart):
@@ -55,7 +55,7 @@ class LevelsPart(MotionPart):
 
     begins: Floats = floats("count")  # [s]
     durations: Floats = floats("count")  # [s]
-    levels: Floats = floats("count + 1")  # the first level is zero
+    levels: Floats = floats("count + 1")  # [m, rad]; the first is zero
 
 
 class TremorPart(MotionPart):
@@ -65,7 +65,7 @@ class TremorPart(MotionPart):
     begin: float  # [s]
     ramp: float  # [s]
     frequency: Table = table("dimensions", "count")  # [rad/s]
-    phase: Table = table("dimensions", "count")
+    phase: Table = table("dimensions", "count")  # [rad]
 
 
 class OtherPart(MotionPart):
@@ -135,7 +135,7 @@ class JoinedHandsState(Record):
     hands: int
     fingers: int  # total number n
     dimensions: int  # d
-    starts: Floats = floats("hands")  # start of each block, negative if guided; 0 if the caller writes the targets
+    starts: Floats = floats("hands")  # offset of each block, negated if guided; 0 if the caller writes the targets
     position: Floats = floats("fingers * dimensions")  # r [m]
     velocity: Floats = floats("fingers * dimensions")  # r' [m/s]
-    sources: Table = table("fingers", "2")  # places of each finger's r and r'
+    sources: Table = table("fingers", "2")  # offsets of each finger's r and r' from this record

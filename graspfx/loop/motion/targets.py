@@ -113,7 +113,7 @@ def add_path(part: PathPart, t: float, now: Displacement) -> None:
 
 @kernel
 def add_levels(part: LevelsPart, t: float, now: Displacement) -> None:
-    """Add the level that was reached last, or the step to the next level."""
+    """Add the level that was reached last, or the value and rate of the step that is under way."""
     count, durations, levels = part.count, part.durations, part.levels
     k = count_until(part.begins, count, t) - 1
     level = levels[k + 1]
@@ -191,7 +191,7 @@ def vector_at(components: Floats, i: int) -> Vector:
 
 @inline
 def axis_matrix(u: Vector, cos: float, sin: float) -> Matrix:
-    """Compute u u' + cos (I - u u') + sin [u]x."""
+    """Compute the rotation about the unit vector u: u u' + cos (I - u u') + sin [u]x."""
     x, y, z = u.x, u.y, u.z
     xx, yy, zz = x * x + cos * (1.0 - x * x), y * y + cos * (1.0 - y * y), z * z + cos * (1.0 - z * z)
     xy, xz, yz = x * y * (1.0 - cos), x * z * (1.0 - cos), y * z * (1.0 - cos)
@@ -201,7 +201,7 @@ def axis_matrix(u: Vector, cos: float, sin: float) -> Matrix:
 
 @kernel
 def turn_plane(turning: Turning, position: Floats, velocity: Floats, n: int) -> None:
-    """Rotate positions and velocities (n, 2) about z by the present angle."""
+    """Rotate positions and velocities (n, 2) about z through the centre, by the present angle and its rate."""
     angle, rate, c = turning.now.value.x, turning.now.rate.x, turning.centre
     sin, cos = elementary.sin_cos(angle)
     for i in range(n):
@@ -216,7 +216,7 @@ def turn_plane(turning: Turning, position: Floats, velocity: Floats, n: int) -> 
 
 @kernel
 def turn_space(turning: Turning, position: Floats, velocity: Floats, n: int) -> None:
-    """Rotate positions and velocities (n, 3) about the axis by the present angle."""
+    """Rotate positions and velocities (n, 3) about the axis through the centre, by the present angle and its rate."""
     angle, rate, c, u = turning.now.value.x, turning.now.rate.x, turning.centre, turning.axis
     sin, cos = elementary.sin_cos(angle)
     R = axis_matrix(u, cos, sin)
@@ -230,7 +230,7 @@ def turn_space(turning: Turning, position: Floats, velocity: Floats, n: int) -> 
 
 @kernel
 def turn(turning: Turning, t: float, position: Floats, velocity: Floats, n: int, d: int) -> int:
-    """Rotate positions and velocities (n, d) in place; return 0 if the angle and its rate are zero.
+    """Rotate positions and velocities (n, d) in place; return 0 if the angle and its rate are zero, else 1.
 
     r -> c + R (r - c), v -> R v + angle' u x R (r - c), R = u u' + cos (I - u u') + sin [u]x.
     """
@@ -249,7 +249,7 @@ def turn(turning: Turning, t: float, position: Floats, velocity: Floats, n: int,
 
 @kernel
 def target(hand: HandState, t: float) -> None:
-    """Compute r and r' of a hand at time t (`graspfx.loop.hand.Hand`)."""
+    """Compute the target positions r of a hand and their rates r' at time t (`graspfx.loop.hand.Hand`)."""
     if hand.turns == 0 and hand.motion.count == 0 and hand.squeeze.count == 0:
         return  # r is constant and was written when the hand was made
     displace(hand.squeeze, t, hand.closing)
@@ -331,7 +331,7 @@ def joined_guided_target(joined: JoinedHandsState, t: float) -> None:
 
 @kernel
 def joined_target(joined: JoinedHandsState, t: float) -> None:
-    """Compute r and r' of joined hands (`graspfx.loop.hand.JoinedHands`)."""
+    """Compute r and r' of joined hands, after those of its guided hands (`graspfx.loop.hand.JoinedHands`)."""
     d = joined.dimensions
     for h in range(joined.hands):
         start = int(joined.starts[h])

@@ -22,10 +22,10 @@ SINES = 16  # number of sines of a tremor on one axis
 class Tremor(_Parts):
     """x_a(t) = A s((t - begin)/ramp) sqrt(2/N) sum_k sin(2 pi f_ak t + phi_ak) on each axis a, zero before `begin`.
 
-    One frequency is drawn from each of N equal parts of the band; the phases are uniform. By the central limit theorem
-    x is nearly Gaussian, with a flat spectrum over the band and a long-time root mean square A (M. Shinozuka,
-    Simulation of multivariate and multidimensional random processes, J. Acoustical Society of America 49, 1971). x
-    depends on time only, not on the sampling period.
+    s is the minimum-jerk step. One frequency is drawn from each of N = 16 equal parts of the band; the phases are
+    uniform. By the central limit theorem x is nearly Gaussian, with a flat spectrum over the band and a long-time root
+    mean square A (M. Shinozuka, Simulation of multivariate and multidimensional random processes, J. Acoustical Society
+    of America 49, 1971). x depends on time only, not on the sampling period.
 
     Args:
         amplitude: Root mean square A on each axis [m].
@@ -81,7 +81,7 @@ class Tremor(_Parts):
 
 
 def random_sines(seed: Sequence[int], low: float, high: float, count: int) -> tuple[FloatArray, FloatArray]:
-    """Draw one frequency from each of `count` equal parts of a band, and phases [rad]: (count,) each.
+    """Draw one frequency [Hz] from each of `count` equal parts of a band, and phases [rad]: (count,) each.
 
     Args:
         seed: Seed, whole numbers of zero or more.

@@ -1,6 +1,6 @@
 """One turn of the native loop: wait, ask, read, compute, write, record. The Python loop takes the same steps.
 
-`beat` runs turns of any scene whose devices offer C functions. It iterates over the records of its `Beat`. The fields
+`beat` runs turns of any scene whose devices offer C functions. It iterates over the ports of its `Beat`. The fields
 of the `Beat`, like those of its `World`, are indices into the scene's arena. The source of `beat` also runs
 interpreted.
 """
@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from graspfx.compile.native import Native
 
 # Words of a loop: whether it ends before the next tick, whether it must stop softly, whether forces are no longer
-# allowed, whether this call is the last, whether a call of the loop is in progress, and which device call has its
-# thread, counted as by `DevicePort.place`, 0 for none.
+# allowed, whether this call is the last, whether a call of the loop is in progress, and which device call occupies
+# its thread, counted as by `DevicePort.place`, 0 for none.
 HALT, STOP, QUIT, OVER, BUSY, CALLED = range(6)
 WORDS = 6
 HEAD, STOPPED, SKIPPED = Word.HEAD.value, Word.STOP.value, Word.SKIPPED.value  # places in the ring's words
@@ -76,7 +76,7 @@ class Beat(Record):
 def beat(loop: Beat) -> int:
     """Run one turn if a vendor's thread calls, else all turns until the loop ends.
 
-    Return 1 to be called again, 0 after the last turn.
+    Return 0, without a turn, once the loop is over (`OVER`), else 1.
     """
     publish(loop.buffer, loop.own + BUSY, 1)
     again = 1
@@ -256,7 +256,7 @@ def closing(loop: Beat, j: int) -> int:
 
 @kernel
 def write(loop: Beat, servo: ServoState, i: int, k: int) -> None:
-    """Write a device's forces, which are finite and within its limit."""
+    """Write a device's forces, reduced to its limit; a force that is not finite is a fault and is not written."""
     port, device = loop.ports[i], World(loop.buffer, loop.world).devices[i]
     state = PortState(loop.buffer, port.state)
     half = state.entries
@@ -279,7 +279,7 @@ def call_port(loop: Beat, port: Port, i: int, which: int, block: int) -> int:
     return call_device(loop.buffer, port.functions.offset + 2 * which, block)
 
 
-# Functions that exist as machine code only (graspfx/compile/llvm/late.py) ---------------------------------------------
+# Functions that a compiled program defines itself (graspfx/compile/llvm/late.py); interpreted kernels call these ------
 
 
 @bound_late

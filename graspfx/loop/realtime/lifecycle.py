@@ -29,7 +29,7 @@ DURATION = 0.2  # shortest time for which devices are read before a run [s]
 LEAST = 20  # and smallest number of readings
 FRESH = 0.95  # fraction of the readings that must bring a new sample
 STILL = 0.1  # largest speed of a finger at rest, from its velocity and from its positions [m/s]
-SPAN = 0.01  # time between two of these positions, with at least four new readings between them [s]
+SPAN = 0.01  # shortest time between two of these positions, which are at least four new samples apart [s]
 DRIFT = 0.001  # largest displacement while a recording is opened [m]
 SAME = 1e-6  # tolerance of a rate times the period
 HAS_NATIVE = sys.platform.startswith("linux")  # whether the system supports the loop without Python
@@ -136,10 +136,10 @@ def loop_text(why: str, stations: Sequence[DeviceWiring]) -> str:
 def opened(devices: DeviceExchange, period: float) -> Iterator[None]:
     """Open devices one after another; on exit, stop all of them, then close all of them.
 
-    If a device cannot be closed, a warning is logged; the device then already displays zero force.
+    If a device cannot be closed, a warning is logged; its `stop` was called before.
 
     Raises:
-        DeviceError: If a device does not open; those opened before it are closed.
+        DeviceError: If a device does not open; it and those opened before it are stopped and closed.
     """
     begun = DeviceExchange([])
     begun.exits = devices.exits
@@ -185,8 +185,9 @@ def settle(devices: DeviceExchange, period: float, clock: Clock) -> Rest:
     """Read devices at zero force, for at least 0.2 s and 20 readings, and require that they are at rest.
 
     Raises:
-        DeviceError: If a reading is faulty, a finger moves or is outside its workspace, there are too few samples, or a
-            deadman switch is released.
+        DeviceError: If a reading or a writing fails, a finger moves or is outside its workspace, there are too few
+            new samples, or a deadman switch is released.
+        Interruption: If a signal arrives.
     """
     pacer, trips = Pacer(period, clock), list[float]()
     count = max(LEAST, math.ceil(DURATION / period))
@@ -236,7 +237,7 @@ def look_again(devices: DeviceExchange, rest: Rest, periods: int) -> dict[int, F
 
 
 def positions(devices: DeviceExchange) -> dict[int, FloatArray]:
-    """Return the last position of each finger, by its index."""
+    """Return the last position of each finger in the scene (d,) [m], by the finger's index."""
     return {
         finger: each.places[channel].copy()
         for each in devices.ports

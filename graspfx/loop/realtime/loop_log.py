@@ -21,7 +21,8 @@ FloatArray = NDArray[np.float64]
 class LoopState(Record):
     """Block that a loop fills in each tick, and that is then copied to the tick's row.
 
-    The function that reads the devices fills `largest` and `raw`; a device without raw values has no entry in `raws`.
+    The exchange with Python devices fills `switches` and `raw`; a device without raw values has no entries in `raw`.
+    `largest` stays infinite, because a reported force limit is copied to the row from the memory of its device.
     """
 
     fingers: int  # n
@@ -33,7 +34,7 @@ class LoopState(Record):
     io_write: float  # duration of writing all devices [s]
     skipped: int  # periods skipped before the tick
     fresh: Floats = floats("fingers")  # 1 if the reading contained a new sample
-    largest: Floats = floats("fingers")  # force limit that the device reported, infinite without one [N]
+    largest: Floats = floats("fingers")  # force limit without a report of the device: infinite [N]
     switches: Floats = floats("devices")  # switches as bits
     raw: Floats = floats("raws")
 

@@ -29,8 +29,8 @@ IntArray = NDArray[np.int64]
 
 POLL = 0.005  # time between two checks [s]
 PATIENCE = 0.1  # longest wait for a running tick before devices are stopped from outside [s]
-STALLED = 50  # smallest number of checks without a tick
-STALLED_PERIODS = 20  # and of periods, for a stall of the loop while no device function runs
+STALLED = 50  # checks without a tick, while no device function runs, after which the loop counts as stalled
+STALLED_PERIODS = 20  # or this number of periods, if it takes longer
 ACTIONS = {NO_ASK: "cannot be asked", NO_READ: "cannot be read", NO_WRITE: "cannot be written"}
 _LOST: list[object] = []  # memory of loops that did not end: a vendor's function may still write to it
 
@@ -109,10 +109,10 @@ class NativeLoop:
             ticks: Largest number of ticks to run.
             recorder: Recorder of the rows.
             stop: Function called every few milliseconds; it returns whether forces must decay and the loop must end. A
-                `Writer` is called between two ticks.
+                `Writer` that has news is also called while the loop pauses between two ticks.
             pacer: Pacer of the run; afterwards its state is as if it had waited for each tick.
             look: Function called every few milliseconds with the number of ticks so far.
-            mode: PACED, or FREE for ticks without waiting.
+            mode: PACED, or FREE for ticks without waiting; ignored if a vendor's thread calls the loop.
 
         Raises:
             DeviceError: If a device has no functions, or a device of an earlier run still occupies the loop.
@@ -209,7 +209,7 @@ class NativeLoop:
         return faults
 
     def why(self, index: int, code: int) -> str:
-        """Return the cause of a device's fault; the index after the last device stands for the clock."""
+        """Return the message for a device's fault code; the index after the last device stands for the clock."""
         if index == len(self._ports):
             return self._pacer.late_text
         return port_text(self._ports[index], self._calls[index], code)
@@ -278,7 +278,7 @@ class _Worker:
                 if priority is not None:
                     scheduling.set_policy(*priority)
                 loop()
-            except BaseException as error:  # noqa: BLE001 - told to who waits for the thread
+            except BaseException as error:  # noqa: BLE001 - raised where the thread is awaited
                 self._error = error
 
         self._thread = Thread(target=run, name="graspfx-loop", daemon=True)
@@ -330,7 +330,7 @@ class _Driven:
         return True
 
     def end(self, wait: float) -> bool:
-        """End the thread's calls of the loop; return whether the last call has ended."""
+        """End the thread's calls of the loop; return whether the last call ended within `wait` seconds."""
         self._loop.words[OVER] = 1
         return self._driver.release(wait)
 

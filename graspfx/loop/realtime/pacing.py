@@ -20,7 +20,7 @@ from graspfx.loop.columns import REST, RowTaker
 from graspfx.loop.safety.trust import DECAY
 
 FREE, PACED, DRIVEN = range(3)  # ticks run at once, at absolute deadlines, or when a vendor's thread calls
-BINS = 4096  # bins of one microsecond; the last one also counts all later times
+BINS = 4096  # bins of one microsecond; the last one also counts all longer times
 SHARES = {"p50": 0.5, "p99": 0.99, "p99.9": 0.999}
 SLICE = 0.005  # longest uninterrupted sleep [s]; a run can be stopped between two slices
 SLACK = 1e-9  # tolerance in periods: rounding adds no tick to the decay
@@ -66,7 +66,7 @@ class Lateness(Record):
 
     @property
     def figures(self) -> Mapping[str, float]:
-        """Return quantiles and maximum [s] by name; empty before the first tick.
+        """Return quantiles and maximum [s] by name; empty if no time was counted.
 
         A quantile beyond the bins is the maximum.
         """
@@ -113,7 +113,7 @@ class ClockState(Record):
     latest: float  # largest lateness so far [s]
     left_out: int  # periods skipped before this tick
     skipped: int  # total number of periods skipped
-    row: int  # successive periods skipped, up to the last tick in time
+    row: int  # successive periods skipped since the last tick in time
     fatal: int  # number of successive skipped periods that exceeded `most`
     lateness: Lateness  # lateness of all ticks but the first, including skipped periods
     duration: Lateness  # duration of ticks in machine code, from reading to row
@@ -314,13 +314,14 @@ class Chain(Protocol):
 class SoftEnd(EndState):
     """The last ticks of a run with hardware, in which forces decay.
 
-    The gain of the safety chain decays, and so do the forces on both sides. These are the last ticks of the run's
-    duration, or as many further ticks after a stop. A run whose decay would take fewer than two ticks ends at once.
+    The gain of the safety chain decays, and so do the forces on operator and object. These are the last ticks of the
+    run's duration, or as many further ticks after a stop. A run whose decay would take fewer than two ticks ends at
+    once.
 
     Args:
         chain: Chain whose gain decays; None for a run that ends at once, such as one without hardware.
         period: Sampling period T [s].
-        last: Tick before which the run would end.
+        last: Tick before which the run ends if it is not stopped earlier.
     """
 
     def __init__(self, chain: Chain | None, period: float, last: int) -> None:

@@ -14,8 +14,8 @@ from typing import Any
 
 from graspfx.system import scheduling
 
-NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # signals that may exist on a system
-SERVO, GUARD = 80, 79  # real-time priorities
+NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # signals that end a run, where the system has them
+SERVO, GUARD = 80, 79  # real-time priorities of the servo and of its guard
 SWITCH = 1e-4  # switch interval of Python's threads [s]
 GOVERNOR = "/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"
 REMEDY = (
@@ -25,7 +25,7 @@ REMEDY = (
 
 
 class Interruption(BaseException):
-    """A signal that arrived during a driver's call, which is interrupted."""
+    """Immediate end of a run by a signal, without decay of forces; a driver's call in progress is interrupted."""
 
 
 class Exits:
@@ -65,7 +65,8 @@ class Exits:
 def signals_end() -> Iterator[Exits]:
     """Let signals end the block in an orderly way, and pass them on to their previous handlers afterwards.
 
-    Python calls handlers in the main thread only. Ignored signals remain ignored.
+    Python calls handlers in the main thread only, so a block in another thread receives no signals. Ignored signals
+    remain ignored.
 
     Raises:
         KeyboardInterrupt: If a signal interrupted the block, and its previous handler let the process continue.
@@ -100,7 +101,8 @@ class RealTimeWarning(UserWarning):
 def take_priority() -> dict[str, Any]:
     """Request real-time priority and locked memory for this thread and process; return what the system granted.
 
-    The entries are `policy`, `memory`, `slack` [s] and `governor`.
+    Garbage collection is disabled from then on. The entries are `policy`, `memory`, `slack` [s] if the system grants
+    exact timers, and the processor's `governor` if it is known.
     """
     memory = scheduling.lock_memory()
     scheduling.leave_no_core()

@@ -28,9 +28,9 @@ FAST, FAR, ZEROS, STALE, NOT_FINITE, FORCE, NO_ASK, NO_READ, NO_WRITE, LATE = ra
 QUANTITIES = ("positions", "velocities")
 
 MOST_STILL = 1.0  # longest stall of a loop [s]
-STILL_PERIODS = 20  # and smallest number of periods of a stall
-HANGS = 0.1  # time within which a device's call must return [s]
-WATCHDOGS = 3  # multiple of the scene's watchdog time
+STILL_PERIODS = 20  # or this number of periods, if it is longer
+HANGS = 0.1  # least time granted to a device's call [s]
+WATCHDOGS = 3  # or this multiple of the scene's watchdog time, if it is longer
 
 
 # Guards ---------------------------------------------------------------------------------------------------------------
@@ -44,7 +44,7 @@ class Guards:
         speed: Largest plausible speed of a fingertip along an axis [m/s]; a hand reaches 5 m/s.
         hold: Number of successive readings without a new sample that are tolerated.
         late: Number of successive periods that may be skipped.
-        soft_start: Time over which penetration at the start takes effect [s].
+        soft_start: Time over which an initial penetration gradually takes effect [s].
     """
 
     speed: float = 10.0
@@ -64,7 +64,8 @@ class Guards:
 def patience(period: float, watchdog: float) -> float:
     """Return the time within which a device's function must return while forces are displayed [s].
 
-    This time is a multiple of the watchdog time, bounded by the longest stall of a loop.
+    This time is three times the watchdog time, but at least 0.1 s, and at most the longest stall of a loop: 1 s or 20
+    periods, whichever is longer.
 
     Args:
         period: Sampling period T [s].
@@ -98,7 +99,7 @@ class PortState(Record):
     row: int  # successive readings without a new sample
     periods: int  # periods since the last sample
     why: int  # cause of the fault, 0 without one
-    code: int  # value returned by a function
+    code: int  # value returned by the function that failed, or another number for the message
     figure: float  # value that exceeded a bound
     bound: float  # that bound
     stop_code: int  # value returned by a `stop` that failed although the device answered; 0 otherwise
@@ -133,7 +134,8 @@ def take_sample(port: PortState, code: int, periods: int) -> int:
     """Accept a reading as a whole or reject it; return the cause of a fault, 0 for none.
 
     A position may change by at most `speed` T m along an axis, where m is the number of periods since the last sample.
-    A velocity may be at most `speed`. Without a new sample the last sample is kept, up to `hold` times in succession.
+    A velocity may be at most `speed` along an axis. A reading of zeros alone must be within 1 mm of the last sample.
+    Without a new sample the last sample is kept, up to `hold` times in succession.
 
     Args:
         port: State of the device, with the reading in `raw`.
@@ -186,11 +188,12 @@ def take_sample(port: PortState, code: int, periods: int) -> int:
 
 @kernel
 def enter(port: PortState) -> int:
-    """Transform the last sample into the scene's axes, p = o + s R p_device, minus the depth not yet in effect.
+    """Transform the last sample into the scene's axes (`Frame`), and subtract the depth that is not yet in effect.
 
-    A finger that is inside an object when a run begins has an initial depth o_0, the vector from the nearest point
-    without contact to its position: p' = p - (1 - s) o_0, v' = v + s' o_0, s = u^2 (3 - 2 u), u = t/T_s. The force of
-    the first tick is zero; from T_s on the whole depth is in effect. Damping uses v', the rate of p'.
+    A finger that is inside an object when a run begins has an initial depth e, the vector from the nearest point
+    without contact to its position p. It is placed at p - (1 - w) e with velocity v + dw/dt e, where w = u^2 (3 - 2 u),
+    u = t/T_s, and t is the time of the ticks so far. The force of the first tick is zero; from T_s on the whole depth
+    is in effect. Damping uses the velocity of the place.
     """
     last, placed, half, d = port.sample, port.placed, port.entries, port.dimensions
     for i in range(2 * half):
@@ -216,7 +219,7 @@ def enter(port: PortState) -> int:
 
 @kernel
 def limit_forces(port: PortState) -> int:
-    """Transform `orders` into the device's axes, and scale each force to its limit; return the cause of a fault.
+    """Transform `orders` into the device's axes, reduce forces to their limit, and return the cause of a fault.
 
     The cause is 0 if the forces may be displayed.
     """

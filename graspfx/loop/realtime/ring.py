@@ -1,8 +1,8 @@
 """Memory shared by a servo and the recording process, without locks: rows, notes, letters (new values) and goals.
 
 The memory begins with integers, each in its own cache line (`Word`). Notes and letters follow, then the rows, then
-goals of guided hands. The writer of rows publishes `HEAD` after each row, so a reader that sees the new value also sees
-the row.
+the goals of guided hands and their log. The writer of rows publishes `HEAD` after each row, so a reader that sees the
+new value also sees the row.
 """
 
 from __future__ import annotations
@@ -193,7 +193,7 @@ class RingRecorder:
         return row
 
     def space(self) -> tuple[FloatArray, int, int]:
-        """Return the rows, the index of the next tick's row, and the number of ticks up to the last row."""
+        """Return the rows, the next tick's index in the ring [ticks], and the number of ticks up to the ring's end."""
         place = self.ticks % self._ring.span
         return self._ring.rows, place, self._ring.span - place
 
@@ -275,7 +275,7 @@ def read_letter(place: memoryview) -> Letter:
 
 
 def pack_error(error: BaseException) -> bytes:
-    """Pack an exception for `unpack_error`; if it cannot be pickled, only its message is packed."""
+    """Pack an exception for `unpack_error`; if its attributes cannot be pickled, only its message is packed."""
     error = error.with_traceback(None)
     with suppress(Exception):  # exceptions of other libraries may contain anything
         text = _written(error)

@@ -118,7 +118,7 @@ class SafetyChain:
         return any(getattr(safety, name) for name in MOVES)
 
     def fault_text(self, code: int, fingers: Sequence[str], devices: Sequence[str]) -> str:
-        """Return the message for a cause given by `keep_pace`."""
+        """Return the message for a fault code of the chain (`graspfx.loop.safety.trust`)."""
         number, cause = divmod(code, CAUSES)
         if cause == STALE:
             return f"no new reading of {devices[number]} for more than {self.limits.hold} samples; all forces are zero"
@@ -133,7 +133,10 @@ class SafetyChain:
 
 
 def fill_tank(grasped: GraspedObject, safety: SafetyState) -> None:
-    """Fill the tank with sum L_i^2/(2 k) [J], the energy of springs at the force limits; k is `least_stiffness`."""
+    """Fill the tank with sum L_i^2/(2 k) [J], the energy of springs at the force limits; k is `least_stiffness`.
+
+    The goal becomes the present gains, so that no gain is changing.
+    """
     stiffness = least_stiffness(grasped)
     forces = grasped.array(FingerState.limit)
     forces = np.minimum(forces, safety.fingers.array(FingerLimits.force))

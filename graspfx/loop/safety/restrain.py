@@ -91,7 +91,7 @@ def growth_share(f: Vector, last: Vector, growth: float) -> float:
         return growth / math.sqrt(a)
     across = f - (along / b) * last  # component of f perpendicular to the last force
     side = math.sqrt(dot(across, across))
-    if side * b >= growth * along:  # the ray leaves before the foot of the last force
+    if side * b >= growth * along:  # the ray leaves through the side of the segment
         return growth / side if side > growth else 1.0
     root = along * along - a * (b - growth * growth)
     return (along + math.sqrt(max(root, 0.0))) / a
@@ -101,8 +101,8 @@ def growth_share(f: Vector, last: Vector, growth: float) -> float:
 def wall_share(grasp: GraspState, finger: FingerState, own: FingerLimits) -> float:
     """Find the largest scale s <= 1 at which the force does not push the finger out of its workspace.
 
-    The operator feels -f. At the distance x from a wall, the component towards the wall is at most L x/BAND; beyond the
-    wall it is zero.
+    The operator feels -f. At the distance x from a wall, the component towards the wall is at most L x/BAND, where L
+    is the finger's largest force; beyond the wall the component is zero.
     """
     share = 1.0
     for a in range(grasp.dimensions):

@@ -13,7 +13,7 @@ class Pace(Record):
     ramp: float  # length of the soft start [ticks]
     hold: float  # number of successive samples without a new reading that are tolerated
     fading: float  # decrease of the trust per sample
-    soft: float  # factor of the soft start: 0 at first, then 1
+    soft: float  # factor of the soft start, which rises from 0 to 1
     trust: float  # 1, or less while forces decay
     cause: int  # cause of the decay, 0 without one
     host: int  # 1 + reason why the forces of another program fade, 0 if they do not fade
@@ -85,7 +85,7 @@ class SafetyState(Record):
     kid_moves: bool
     changing: bool  # gains are changing to `goal`
     gain: float  # gamma, factor of stiffness and damping in this sample
-    elapsed: float  # longest of the fingers' last steps [periods]
+    elapsed: float  # longest of the fingers' last steps, at least 1 [periods]
     tank: Tank
     goal: Goal
     scale: Scale

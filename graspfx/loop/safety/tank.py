@@ -1,9 +1,10 @@
 """Energy tank that pays for increases of stiffness, which would otherwise generate energy under load.
 
-At the displacement w = e + s = K^-1 f of a spring's force, a change dK costs dV = 1/2 w'dK w. The tank loses dV, or
-only the part of dK that it can pay for is applied. The tank gains the energy that softening springs release and
-damping dissipates, and holds at most sum L_i^2/(2 k), the energy of springs of the smallest stiffness k at the force
-limits. Friction of the devices is not counted.
+At the displacement w = K^-1 f of a spring's force f (w = e + s, with the displacement e and the slip s of the contact),
+a change dK costs dV = 1/2 w'dK w. The tank loses dV, or only the part of dK that it can pay for is applied. The tank
+gains the energy that is released when gains decrease, and the energy that damping and the passivity controller
+dissipate; a decrease of gamma adds nothing. The tank holds at most sum L_i^2/(2 k), the energy of springs of the
+smallest stiffness k at the force limits. Friction of the devices is not counted.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from graspfx.loop.energy.brake import book_sample, store_sample
 from graspfx.loop.energy.ledger import total_of
 from graspfx.loop.safety.safety_state import SafetyState, Tank
 
-SLIP = 1.25  # a contact that slides under Coulomb's law lets dV exceed 1/2 w'dK w by at most a fifth
+SLIP = 1.25  # factor for contacts that slide by Coulomb's law, for which dV was seen to exceed 1/2 w'dK w by a fifth
 
 
 @kernel
@@ -77,8 +78,10 @@ def price_of_change(grasp: GraspState, safety: SafetyState) -> float:
     """Compute dV = gamma/2 w'dK w of the whole change, at w of the last sample [J].
 
     In modes, w'dK w = dkip/kip^2 (f'W^-1 f - sum_k z_k^2) + sum_k dkappa_k/kappa_k^2 z_k^2 with z_k = q_k'W^-1/2 f and
-    kappa_k = kip + (kep - kip) beta_k. Equal gains have no modes, and f does not determine w if a gain is zero. In both
-    cases the bound max(dkep, dkip) w'W w is used.
+    kappa_k = kip + (kep - kip) beta_k. W is the matrix of the fingers' weights, q_k and beta_k are the rigid modes and
+    their fractions (`graspfx.grasp.rigid_modes`). Equal gains have no modes, and f does not determine w if a gain is
+    zero. In both cases the bound max(dkep, dkip) w'W w is used; if a gain is zero, the displacement e replaces w in the
+    bound.
     """
     if safety.gain <= 0.0:
         return 0.0

@@ -1,4 +1,4 @@
-"""Trust in the readings: a soft start, and the decay of forces without new readings or if a finger is too fast."""
+"""Trust in the readings: a soft start, and the decay of forces for a cause, such as missing readings, or at the end."""
 
 from __future__ import annotations
 

@@ -35,14 +35,14 @@ ENGINE = {
 }
 SLAB = 200.0  # edge of the box that represents a floor to boxes [m]
 MARGIN = 1e-5  # radius by which PyBullet rounds a hull [m]
-ELLIPSOID_POINTS = 2000  # number of points of its hull, which lies up to 1/1000 of its size inside the ellipsoid
+ELLIPSOID_POINTS = 2000  # number of points of the ellipsoid's hull, which lies up to 1/1000 of its size inside it
 
 
 class BulletWorld(BulletCarrier):
     """Bodies in one PyBullet world, with obstacles.
 
     Args:
-        members: Blocks filled by `fill_body`, and shapes. Each body is entirely free or entirely fixed.
+        members: Blocks filled by `fill_body`, and shapes. A body with a shape is entirely free or entirely fixed.
         obstacles: Fixed shapes; concave meshes stay concave.
         meeting: Friction and restitution of all pairs, and whether members collide with one another.
 
@@ -105,7 +105,7 @@ class BulletWorld(BulletCarrier):
         """Create the fixed bodies of an obstacle; for a plane, one per side with members, and a separate one for boxes.
 
         The separate body is a large box, which all corners of a resting box touch in the same step. They touch
-        PyBullet's plane one per step, which rotates the box, so that it slides up to 20 degrees off course. Other
+        PyBullet's plane one per step, which rotates the box, so that its path deviates by up to 20 degrees. Other
         shapes rest better on the plane.
         """
         kind = getattr(obstacle.shape, "kind", None)

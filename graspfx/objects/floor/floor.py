@@ -206,7 +206,10 @@ def reach(points: FloatArray) -> float:
 
 
 def clearance(shape: Any, d: int, state: FloatArray, obstacle: Obstacle) -> float:
-    """Compute the height of the body's lowest point above a half-space or plane [m]; negative inside it."""
+    """Compute the signed distance from a half-space or plane to the nearest point of the body, along the normal [m].
+
+    The distance is negative if the body penetrates the surface.
+    """
     normal, distance = plane_of(obstacle, state[at.POSITION : at.POSITION + 3])
     body, n = BodyState(state), Vector(*normal.tolist())
     points = features(shape, d)

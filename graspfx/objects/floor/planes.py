@@ -41,7 +41,7 @@ class PlaneContact(Record):
     speed: Vector  # velocity at that gap, along the plane's normal and tangents [m/s]
     pressed: bool  # True if the point bears a force
     slip: Vector  # slip velocity along the normal and the tangents [m/s]
-    stretch: Vector  # tangential displacement since it stuck; the first entry is not used [m]
+    stretch: Vector  # tangential displacement since the contact stuck; first entry unused [m]
 
 
 class FloorState(Record):
@@ -85,8 +85,8 @@ STEEP = 0.5  # sine of a rim's tilt above which its fixed points do not count
 def lowest(body: BodyState, feature: Feature, n: Vector) -> tuple[float, Vector]:
     """Return the active fraction of a feature's stiffness, and the lowest point relative to the centre, world axes [m].
 
-    Ball: c - r n. Rim of radius r about z: c - r m_xy/|m_xy|. Ellipsoid: -A^2 m/|A m|. m = R'n is the normal in the
-    body's axes.
+    Ball: c - r n. Rim: c - r m_xy/|m_xy|. Ellipsoid: -A^2 m/|A m|. c and r are the feature's place and radius, A is the
+    diagonal matrix of the semi-axes, and m = R'n is the normal in the body's axes.
 
     Args:
         n: Unit normal of the plane, towards the body.

@@ -4,13 +4,14 @@ A contact is a spring and a damper with Coulomb friction, evaluated at the end o
 
     lambda_n = -k (g + T u_n) - b u_n,  lambda_t = -k (s + T u_t) - b u_t,  |lambda_t| <= mu lambda_n
 
-Here g is the gap, s the stretch of the contact since it stuck, u = u_free + W lambda the velocity of the body at the
-end of the sample, and W = T G' M^-1 G. Equivalently, lambda = K (e + slip) with K^-1 = a I + W and a = 1/(k T + b).
-This is the form of the friction-cone problem, and its modes are the six orthogonalised columns of M^-1/2 G. There are
-at most six unknowns for any number of contact points. The contact forces are then held over the sample like those of
-the fingers, and the body's integrator moves it under all forces together. The integrator's properties in free motion
-(order, momentum, exact viscosity) therefore hold here too. A body that cannot reach a plane in the sample takes the
-same step as without planes, to the bit.
+Here g is the gap and s the tangential displacement since the contact stuck, both at the start of the sample. The
+velocity of the contact point at the end of the sample, u = u_free + W lambda with W = T G' M^-1 G, includes the effect
+of these forces. Equivalently, lambda = K (e + slip) with K^-1 = a I + W and a = 1/(k T + b). This is the form of the
+friction-cone problem, and its modes are the six orthogonalised columns of M^-1/2 G. There are at most six unknowns for
+any number of contact points. The contact forces are then held over the sample like those of the fingers, and the body's
+integrator moves it under all forces together. The integrator's properties in free motion (order, momentum, exact
+viscosity) therefore hold here too. A body that cannot reach a plane in the sample takes the same step as without
+planes, to the bit.
 """
 
 from __future__ import annotations
@@ -95,7 +96,7 @@ def point_velocity(motion: Motion, arm: Vector) -> Vector:
 
 @kernel
 def meet(body: BodyState, floor: FloorState, T: float) -> int:
-    """List the contacts of a body that has moved freely; none if every point ends above every plane."""
+    """List the contacts of a body that has moved freely; return their number, 0 if all points end above all planes."""
     motion, contacts = body.motion, floor.contacts
     lead = lookahead(body.integrator, T)
     w = motion.angular_velocity

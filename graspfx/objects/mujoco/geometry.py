@@ -19,7 +19,7 @@ from graspfx.surfaces.closed_form import proxy
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 ALONG_X = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)  # a capsule's axis in the plane; MuJoCo's is z
-FLATTEST = 2e-4  # ratio of thickness to width of a flat mesh, since MuJoCo needs a volume and has 24 bits
+FLATTEST = 2e-4  # ratio of thickness to width of a flat mesh; MuJoCo needs a volume, from vertices of 24 bits
 THICK = 1.0  # relative to the largest size: thickness of shapes in a plane or on a line
 
 

@@ -188,8 +188,8 @@ ACCURACY = 1e-9  # relative to the largest lift: accuracy of the lifts
 class ContactStep:
     """Step of a world whose contacts have friction, restitution or both.
 
-    MuJoCo's forces f solve y = A f + a0 - a_ref + R f, with y in the dual friction cone and orthogonal to f. Two of its
-    reference accelerations are corrected:
+    MuJoCo's forces f solve y = A f + a0 - a_ref + R f, with y in the dual friction cone and orthogonal to f. The
+    reference accelerations a_ref are corrected in two cases:
 
     - In the dual cone a contact that slides by y_t separates by mu |y_t|: a box at 0.5 m/s hops 2 mm high. This lift is
       subtracted from the normal reference, and the problem is solved again until the lift is that of its solution. The

@@ -62,7 +62,7 @@ class Reach(Table):
 
 
 class Path(Table):
-    """A recorded path of offsets from rest: a CSV file with columns t, x, y, z, or times and positions."""
+    """A recorded path of offsets from rest: a CSV file with columns t, x[, y[, z]], or times and positions."""
 
     kind: Literal["path"]
     file: str | None = Field(
@@ -156,7 +156,7 @@ PerAxis = Annotated[
 
 
 class Spring(Table):
-    """Stiffness and damping of one half of a hand."""
+    """Stiffness and damping of the arm or the grip of a shared hand."""
 
     stiffness: PerAxis = Field(description="K [N/m], a number or one per axis")
     damping: PerAxis = Field(default=0.0, description="B [N s/m], a number or one per axis")
@@ -189,11 +189,11 @@ class Limb(Table):
 
 
 class Stiffening(Table):
-    """Stiffness and damping that grow with the grip force: K + k F and B + b F, where F follows the force |u|."""
+    """Stiffness and damping that grow with the grip force: K + k G and B + b G, where G follows |u|."""
 
     stiffness: NotNegative = Field(description="stiffness k per newton of grip [N/m per N]")
     damping: NotNegative = Field(default=0.0, description="damping b per newton of grip [N s/m per N]")
-    lag: Positive = Field(description="time constant with which F follows |u| [s]")
+    lag: Positive = Field(description="time constant with which the grip force G follows the displayed force |u| [s]")
 
 
 class Reaction(Table):
@@ -228,7 +228,7 @@ class Noise(Table):
 
 
 class Moving(Table):
-    """Motion in time, common to all kinds of hands."""
+    """Motion in time and operator model, common to the hand of one fingertip and the hand of several."""
 
     motion: Motions = Field(default=Rest(kind="rest"), description="motion, or list of motions that are added")
     turn: Turns | None = Field(
@@ -238,7 +238,8 @@ class Moving(Table):
     )
     squeeze: Squeeze = Field(
         default=0.0,
-        description="displacement of r into the object [m]: a number, reached over squeeze_ramp, or steps",
+        description="displacement of the intended positions r along `closing` [m]: a number, reached over "
+        "squeeze_ramp, or steps",
     )
     squeeze_ramp: NotNegative = Field(
         default=0.5,

@@ -38,7 +38,7 @@ BLEND_OF_OBJECT = (0.001, 0.01)  # [m]
 
 
 class Object(Table):
-    """An object that fingers move by m a + b v = f_v (27), in translation and rotation."""
+    """An object that fingers move by eq. (27), m a + b v = f_v, in translation and rotation."""
 
     name: Name = Field(default="object", description="name that fingers and recordings refer to")
     mass: Positive | None = Field(
@@ -57,11 +57,13 @@ class Object(Table):
     )
     inertia: NumberOrVector | None = Field(
         default=None,
-        description="moment of inertia about the centre [kg m^2]; that of the solid shape if not given",
+        description="moment of inertia about the centre [kg m^2]; that of the solid shape or shell if not given",
         json_schema_extra={"excludes": "`dimensions = 1`"},
     )
     shape: Shape | None = Field(default=None, description="shape of the surface; required for unilateral contact")
-    free: Annotated[tuple[Switch, ...], Field(description="mask of the free degrees of freedom, (w,)")] | None = None
+    free: (
+        Annotated[tuple[Switch, ...], Field(description="mask of free degrees of freedom, (w,); default: all")] | None
+    ) = None
     dynamics: str = Field(
         default="native", description="dynamics engine: native, bullet, mujoco or another name from `graspfx list`"
     )
@@ -72,7 +74,7 @@ class Object(Table):
     )
     position: Vector | None = Field(
         default=None,
-        description="initial position of the centre, or of a mesh file's origin, (d,) [m]; the origin if not given",
+        description="initial position of the centre, or of a mesh file's origin, (d,) [m]; zero if not given",
     )
     orientation: NumberOrVector | None = Field(
         default=None,
@@ -92,12 +94,10 @@ class Obstacle(Table):
 
     name: Name = Field(default="obstacle", description="name in messages")
     shape: Shape = Field(description="shape of the surface")
-    position: Vector | None = Field(
-        default=None, description="position of the centre, (d,) [m]; the origin if not given"
-    )
+    position: Vector | None = Field(default=None, description="position of the centre, (d,) [m]; zero if not given")
     orientation: NumberOrVector | None = Field(
         default=None,
-        description="initial orientation: an angle [rad] in the plane, a unit quaternion x, y, z, w in space",
+        description="orientation: an angle [rad] in the plane, a unit quaternion x, y, z, w in space",
         json_schema_extra={"excludes": "`dimensions = 1`"},
     )
 
@@ -107,7 +107,7 @@ class World(Table):
 
     friction: NotNegative = Field(default=0.5, description="Coulomb coefficient of every pair")
     restitution: Annotated[NotNegative, Field(le=1)] = Field(
-        default=0.0, description="ratio of separation speed to approach speed; 0 for native objects"
+        default=0.0, description="ratio of separation speed to approach speed; must be 0 for native objects"
     )
     stiffness: Positive = Field(
         default=STIFFNESS, description="stiffness of a contact point of a native object on an obstacle [N/m]"
