@@ -232,8 +232,8 @@ def build(
 def build_again(scene: Scene, **how: Any) -> Iterator[Servo]:
     """Build a servo as `build` does, or return the previous run's servo with its memory reset to the start.
 
-    A servo is reused only if all its parts are kernels, because then a run changes nothing but the memory. Each run
-    opens and closes the devices.
+    A servo is reused only with the same arguments `how`, and only if all its parts are kernels, because then a run
+    changes nothing but the memory. Each run opens and closes the devices.
     """
     stock = resolve(scene).stock
     kept = stock.take_built()

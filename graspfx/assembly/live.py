@@ -166,9 +166,12 @@ def _has(scene: Scene, key: str) -> bool:
 def value_of(scene: Scene, key: str) -> Any:
     """Return the present value of a key; for `*`, the common value or else a tuple of all values.
 
+    A device's mass or damping that the scene omits is None.
+
     Raises:
         UnknownNameError: If no scene has this key, or this scene has no table of that name or number.
-        InputError: If the scene omits the setting, so that its driver decides, or if the table is defined elsewhere.
+        InputError: If the scene omits another setting, so that its driver decides; if the table is defined elsewhere;
+            or if a part of the key is a value, which has no parts.
     """
     path, (first, *rest) = _indexed(key), key.split(".")
     tables: tuple[Any, ...] = getattr(scene, first) if rest and first in LISTS else ()

@@ -93,8 +93,8 @@ def loci(subject: Subject, frequency: ArrayLike | None = None) -> Loci:
         frequency: Frequencies in ascending order [Hz], up to half the sampling rate; 2000 over three decades if None.
 
     Raises:
-        InputError: If frequencies are not in ascending order or exceed half the sampling rate; or an error of
-            `Scene.linearise`.
+        InputError: If there are fewer than two frequencies, or if they do not increase, are not above zero or exceed
+            half the sampling rate; or an error of `Scene.linearise`.
     """
     loop = open_loop(subject)
     half = 0.5 / loop.period
@@ -135,7 +135,7 @@ def _joined(values: ComplexArray) -> ComplexArray:
 
 
 def _gain_margin(loop: OpenLoop, frequency: FloatArray, response: ComplexArray) -> tuple[float, float]:
-    """Compute the smallest 1/|L| above 1 where a locus crosses the negative real axis, or ends on it.
+    """Compute the smallest 1/|L| above 1 where a locus crosses or ends on the negative real axis; and its frequency.
 
     Loci may be so close that their crossings are confused. The first crossing is therefore recomputed as the factor at
     which an eigenvalue of the closed loop crosses the unit circle.
@@ -176,7 +176,7 @@ def _lesser(best: tuple[float, float], margin: float, frequency: float) -> tuple
 
 
 def _phase_margin(loop: OpenLoop, frequency: FloatArray, response: ComplexArray) -> tuple[float, float]:
-    """Compute the smallest angle between a locus on the unit circle and -1."""
+    """Compute the smallest angle between a locus on the unit circle and -1 [degrees], and its frequency [Hz]."""
     best = math.inf, math.nan
     for locus in range(response.shape[1]):
         column = response[:, locus]
