@@ -139,11 +139,14 @@ def run(
     if isinstance(overrides, int | float):
         if duration is not None:
             raise InputError("overrides", overrides, "values by dotted key", "the duration is also given as a keyword")
-        note = f"a number after the scene is interpreted as its duration: write run(scene, duration={overrides})"
+        note = (
+            "a number as second argument (overrides) is interpreted as the duration, which is deprecated: "
+            f"write run(scene, duration={overrides})"
+        )
         log.warn(note, FutureWarning)
         overrides, duration = None, overrides
     if not isinstance(real_time, bool):
-        raise InputError("real_time", real_time, "True for the wall clock, or False for the scene's own")
+        raise InputError("real_time", real_time, "True for the wall clock, or False for simulated time")
     if stop is not None and not callable(stop):
         raise InputError("stop", stop, "a function without arguments that returns whether to stop, or None")
     scene_ = scene if isinstance(scene, Readable) and not overrides else _loaded(scene, overrides)
