@@ -27,7 +27,7 @@ PLACES = {
     "provisional": "provisional, squeezed by one step from the start",
     "start": "at the start, not squeezed",
 }
-UNITS = {  # units of keys of plain data
+UNITS = {  # names of fields in plain data, with their units
     "gain": "gain_N_per_m",
     "limit": "limit_N_per_m",
     "internal": "internal_N_per_m",
@@ -53,7 +53,7 @@ class Limit:
         gain: Gain of the scene: kip or kep; for standing and pushing the largest remaining stiffness [N/m]; nan for
             matrices.
         limit: Stability limit of the gain [N/m]; inf if no gain is too large.
-        margin: Limit divided by gain.
+        margin: Limit divided by gain, the largest stable factor of the gain.
         frequency: Frequency at which stability is lost [Hz]; nan without a limit.
         exact: True if the limit is computed for one mode in closed form, and the whole loop confirms it to
             `difference`; False if the limit is computed for the whole loop.

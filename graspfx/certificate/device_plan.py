@@ -113,7 +113,7 @@ def _loop(parts: Parts) -> str:
 
 
 def lateness_rows(parts: Parts) -> Iterator[Row]:
-    """Yield the lateness of each device with late forces, in milliseconds and in samples."""
+    """Yield a row for each device with late forces: the time from a motion to its force, in ms and in samples."""
     for wire, late in late_wires(parts):
         names = ", ".join(parts.scene.finger_names[i] for i in wire.used)
         share = late / parts.scene.period
