@@ -111,8 +111,8 @@ def run(
     """Run a scene, as a simulation (time = tick x period; runs are bit-identical) or in real time.
 
     A scene with hardware runs in real time only. Its fingers must be still for a fifth of a second before the start.
-    However a run ends, forces are set to zero first, then files are closed, then the hardware. In the main thread,
-    SIGINT, SIGTERM and SIGHUP end the run in this order and are passed on afterwards.
+    However a run with hardware ends, forces are set to zero first, then files are closed, then the hardware. In the
+    main thread, SIGINT, SIGTERM and SIGHUP end such a run in the same way, and are passed on afterwards.
 
     Args:
         scene: Name of a built-in scene, path of a .toml or .py file, or a Scene.

@@ -214,7 +214,7 @@ def _said_of_passivity(certificate: Certificate) -> str:
         return f"passivity is not judged: {certificate.why_not_passive}"
     values = {"internal": passive.internal, "external": passive.external}
     if all(value == 0.0 for value in values.values()):
-        return "passive for any operator: no gain; friction does not dissipate the energy that sampled damping creates"
+        return "passive for any operator: no gain; friction does not dissipate the energy that sampling creates"
     limits = ", ".join(f"{name} up to {value:.4g} N/m" for name, value in values.items() if value < math.inf)
     return f"passive for any operator: {limits}"
 

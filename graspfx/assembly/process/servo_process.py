@@ -115,7 +115,7 @@ class Mail:
 
 
 LOOK = 0.01  # interval of checks whether to stop [s]
-FAREWELL = 3.0  # time for a process to end after it has closed its hardware [s]
+FAREWELL = 3.0  # time for a process to close its hardware and end [s]
 
 
 class ServoProcess:
