@@ -51,7 +51,7 @@ class ObjectOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """A device m with a hand k_s, b_s, sampled every T; parameters are numbers or arrays that broadcast.
+    """A device m, b with a hand k_s, b_s, sampled every T; parameters are numbers or arrays that broadcast.
 
         m x'' + (b + b_s) x' + k_s x = -f,    m_v/n x_v'' + b_v/n x_v' = f
         f = k (x - x_v) + B ((x_j - x_(j-1))/T - x_v')                             x_v = 0 for a wall
@@ -60,7 +60,7 @@ class Plant:
         mass, damping, period, spring, spring_damping: m [kg], b [N s/m], T [s], k_s [N/m], b_s [N s/m].
         coupling_damping: Damping B of the wall, or of the coupling to the object [N s/m].
         delay: Delay of the displayed force [samples].
-        latency: Additional delay of the displayed force and of the reading together [s].
+        latency: Sum of the additional delays of the displayed force and of the reading [s].
         object_mass, object_damping: m_v [kg] and b_v [N s/m] of the object that n fingers move; m_v is None for a wall.
         fingers: Number n of fingers.
         integrator: Integrator of the object.

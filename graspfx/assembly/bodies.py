@@ -57,7 +57,7 @@ class Solid:
 
     @property
     def shape(self) -> Shape | Mesh | None:
-        """The shape in the body's frame."""
+        """Shape in the body's frame; None for an object without a shape."""
         return self.primitive if self.mesh is None else self.mesh.mesh
 
 

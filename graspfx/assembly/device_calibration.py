@@ -54,7 +54,7 @@ class Sample:
     """One tick of the bench.
 
     Attributes:
-        due: Deadline [s].
+        due: Deadline of the tick [s].
         start, end: Start of the reading, and end of the writing [s].
         position: Positions of the fingers, (k, d) [m].
         is_fresh: Whether the reading contained a new sample.
@@ -596,8 +596,8 @@ def calibrate(
     """Measure a scene's hardware: lateness, mass, friction and resolution; with a person's help also origin and axes.
 
     Each device is opened separately, and comes to rest at zero force. Small pulses then push its fingers back and forth
-    one by one, while nobody holds them. The scene's limits apply. However a calibration ends, forces are set to
-    zero before the devices are closed.
+    one by one, while nobody holds them. Pushes do not exceed the scene's force limits. However a calibration ends,
+    forces are set to zero before the devices are closed.
 
     Args:
         scene: Name, path, or a Scene.

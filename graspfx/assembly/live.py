@@ -59,7 +59,7 @@ def live_fields(keys: Iterable[str]) -> frozenset[str]:
 
     Raises:
         InputError: If a key is not a text, or cannot change during a run; the error states the reason.
-        UnknownNameError: If no scene has a key.
+        UnknownNameError: If a key exists in no scene.
     """
     return frozenset().union(*(_choices(general(require(key))) for key in keys))
 
@@ -195,7 +195,7 @@ def _indexed(key: str) -> list[str]:
 
 
 def _values(part: Any, path: list[str], at: str = "") -> Iterator[Any]:
-    """Follow a path into a part of the scene at a key, and yield the values there."""
+    """Follow a path from a part of the scene, which is at the key `at`, and yield the values at its end."""
     if not path:
         yield part
     elif isinstance(part, tuple):

@@ -81,7 +81,7 @@ class RealTimeSession(Session):
         self._remote.exits.inside = True  # a signal interrupts the user's code
 
     def _look(self, first: int, count: int) -> None:
-        """Update the servo's last row and number of ticks."""
+        """Update the last row and the number of ticks of this process's copy of the servo."""
         self.servo.row = self._recorder.row.copy()
         self.servo.ticks = first + count
 

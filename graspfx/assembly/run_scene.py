@@ -194,7 +194,7 @@ class WholeRun(Session):
 
     @property
     def spent(self) -> float:
-        """Computing time of the run's ticks [s]."""
+        """Time that the run's ticks took [s]."""
         return self._spent
 
 

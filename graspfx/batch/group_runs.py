@@ -106,7 +106,7 @@ class Runs:
         return measures
 
     def recorded(self, make: Callable[[Recording], Any], *, whole: bool) -> list[Any]:
-        """Record the variants; return what `make` makes of each recording, `whole` if that keeps the rows."""
+        """Record the variants; return the results of `make` for each recording. `whole`: results keep the rows."""
         results: list[Any] = [None] * len(self.faults)
         header = header_of(resolve(self.scene))
         for group in self.groups:

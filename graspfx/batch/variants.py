@@ -404,7 +404,7 @@ class Variants:
 
 
 def _layout(arena: Arena) -> str:
-    """Compute the digest of properties not in the memory: the locations of blocks and columns, and the period."""
+    """Compute the digest of what the memory does not contain: places of blocks, names of columns, period, world."""
     places = [(arena.place(array), array.size) for array in arena.arrays]
     columns, period = list(arena.parts.layout.columns), arena.servo.period
     return sha256(repr((places, columns, period)).encode() + bytes(arena.world.buffer)).hexdigest()

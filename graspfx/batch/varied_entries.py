@@ -252,7 +252,7 @@ def _parts(parts: Parts, scene: Scene, hands: Sequence[HandPart]) -> Parts:
 
 
 def _ready(anew: Parts, wired: Sequence[Wire], servo: Servo, inward: FloatArray) -> Iterator[Any]:
-    """Prepare devices, plants and hands for the first tick, as `build` does, in order."""
+    """Prepare devices, plants and hands for the first tick; yield the devices, then each plant and its hand."""
     plants = list(make_plants(anew, wired, inward))
     for wire in wired:
         with wire.device:

@@ -106,7 +106,7 @@ class Reference:
 
     @property
     def extent(self) -> float:
-        """Largest displacement along an axis [m]."""
+        """Largest range of a coordinate of an object or finger [m]."""
         return float(np.ptp(self.places, axis=0).max())
 
     def text(self) -> str:

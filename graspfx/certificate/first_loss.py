@@ -251,7 +251,7 @@ def reaches(families: Sequence[Family]) -> list[Reach]:
 
 
 def least_reaches(groups: Sequence[Sequence[Family]]) -> list[list[Reach]]:
-    """Find each group's smallest stability limit.
+    """Find each group's smallest stability limit; return the reaches of the families in each group.
 
     If a family is stable up to a factor at which another family of the group is unstable, the limit of the first family
     is larger. Its search ends there with the result inf.

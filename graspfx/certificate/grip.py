@@ -157,8 +157,8 @@ class Grip:
 def compiled_sample(grasped: GraspedObject) -> Callable[[], int]:
     """Return a function that computes a sample like `GraspedObject.sample`, some hundred times faster.
 
-    The function is machine code and returns the same bits as the interpreted kernel; without LLVM, the method itself is
-    returned.
+    The function is machine code and returns the same bits as the interpreted kernel; if machine code is not available,
+    the method itself is returned.
     """
     if not is_machine_code():
         return grasped.sample

@@ -167,7 +167,7 @@ def _walk(loop: LateLoop, radius: float) -> tuple[int, FloatArray, FloatArray]:
 
 
 def _points(loop: LateLoop, radius: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Choose angles so dense that det(T/z) changes little between them; also return its phase and log magnitude."""
+    """Choose angles so dense that det(T/z) changes little between them; return them, its phase and log magnitude."""
     angle, phase, size = _start(loop, radius)
     for _ in range(ROUNDS):
         wide = (_turns(phase) > TURN) | (np.abs(np.diff(size)) > TURN) | _is_uneven(angle)
@@ -225,7 +225,8 @@ def _even(angle: FloatArray) -> FloatArray:
 def _is_uneven(angle: FloatArray) -> NDArray[np.bool_]:
     """True for each step that is much wider than a neighbour.
 
-    Within a step past a multiple root, the phase may change by 2 pi; only the steps on either side reveal this.
+    Within a step that passes a multiple root, the phase may change by 2 pi unnoticed; only the small steps beside it
+    reveal this.
     """
     step = np.diff(angle)
     beside = np.minimum(np.append(step[1:], np.inf), np.insert(step[:-1], 0, np.inf))

@@ -57,7 +57,7 @@ def loop_matrix(subject: Subject, motions: Motions | None = None) -> FloatArray:
     "implicit", the ground's last wrench is a state, because the prediction uses it.
 
     Args:
-        subject: Grasp: a `Linearisation`, a scene, or the name or path of one.
+        subject: `Linearisation`, scene, or name or path of a scene.
         motions: Result of `uncoupled`, if known; it does not depend on gains.
     """
     return LoopRows(linear_of(subject), motions).closed()
@@ -82,7 +82,7 @@ def open_loop(subject: Subject) -> OpenLoop:
     With "implicit", the coupling's own prediction of the object is part of C.
 
     Args:
-        subject: Grasp: a `Linearisation`, a scene, or the name or path of one.
+        subject: `Linearisation`, scene, or name or path of a scene.
     """
     linear = linear_of(subject)
     rows = LoopRows(linear, inputs=linear.coordinates[0])
@@ -91,7 +91,7 @@ def open_loop(subject: Subject) -> OpenLoop:
 
 
 def is_late(linear: Linearisation) -> bool:
-    """True if a reaction's delay has so many samples that a state for each would take too long."""
+    """True if a reaction's delay has so many samples that one state per sample and coordinate would take too long."""
     operator = linear.operator
     return operator is not None and operator.reacts and int(operator.delay.max()) * len(linear.mass) > MOST_LATE
 

@@ -76,12 +76,12 @@ class Mode:
 def modes(linear: Subject) -> list[Mode]:
     """List the modes of a grasp of identical devices without preload, internal modes first.
 
-    Of m device coordinates and r of the object, m - r are internal modes "device + wall" and r external modes "device +
-    object". The objects' masses are the eigenvalues of (G G')^-1/2 M_o (G G')^-1/2, their viscosities those with B_o in
-    place of M_o, and the stiffnesses those with G K G'. If these matrices do not commute (nor that with G D G' for the
-    damping), the external motions form one coupled block. Devices with
-    different masses count as identical if friction, springs and gains are proportional to the masses, as with a mass
-    metric: each device is measured in units of the square root of its mass over the mean mass.
+    With m device coordinates and r of the object, there are m - r internal modes "device + wall", and r external modes
+    "device + object". The objects' masses are the eigenvalues of (G G')^-1/2 M_o (G G')^-1/2, their viscosities those
+    with B_o in place of M_o, their stiffnesses those with G K G', and their dampings those with G D G'. If these
+    matrices do not commute, the external motions form one coupled block. Devices with different masses count as
+    identical if friction, springs and gains are proportional to the masses, as with a mass metric: each device is
+    measured in units of the square root of its mass over the mean mass.
 
     Args:
         linear: `Linearisation`, scene, or name or path of a scene.

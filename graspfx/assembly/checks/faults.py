@@ -164,7 +164,7 @@ def _likely_keys(errors: Iterable[Any], draft: Table) -> dict[Key, Key]:
 
 
 def _near(key: str, table: Any) -> str | None:
-    """Return the most similar key; a key that the table already contains must be very similar."""
+    """Return a table's most similar key, if any; a key that the table already contains must be very similar."""
     if table is None:
         return None
     if len(key) > LONGEST_KEY:

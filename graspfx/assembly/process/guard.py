@@ -1,4 +1,4 @@
-"""Guard of a servo's process, which fetches rows, sends heartbeats, and removes the force if the process dies."""
+"""Guard of a servo's process: it fetches rows, sends heartbeats, and removes the force if the process dies."""
 
 from __future__ import annotations
 

@@ -180,7 +180,7 @@ class GoalSender:
             self._post()
 
     def send_all(self, servo: Servo) -> None:
-        """Send the goals in a copy of the servo."""
+        """Send the goals that a copy of the servo contains."""
         with self._lock:
             self._goals = np.concatenate([place.memory[place.entries] for place in goal_places(servo)])
             self._post()
