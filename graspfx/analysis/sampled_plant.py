@@ -51,7 +51,7 @@ class ObjectOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """A device m with a hand k_s, b_s, sampled every T; parameters are numbers or arrays that broadcast.
+    """A device m, b with a hand k_s, b_s, sampled every T; parameters are numbers or arrays that broadcast.
 
         m x'' + (b + b_s) x' + k_s x = -f,    m_v/n x_v'' + b_v/n x_v' = f
         f = k (x - x_v) + B ((x_j - x_(j-1))/T - x_v')                             x_v = 0 for a wall
@@ -60,8 +60,8 @@ class Plant:
         mass, damping, period, spring, spring_damping: m [kg], b [N s/m], T [s], k_s [N/m], b_s [N s/m].
         coupling_damping: Damping B of the wall, or of the coupling to the object [N s/m].
         delay: Delay of the displayed force [samples].
-        latency: Additional delay of the displayed force and of the reading together [s].
-        object_mass, object_damping: m_v [kg] and b_v [N s/m] of the object that n fingers move; None for a wall.
+        latency: Sum of the additional delays of the displayed force and of the reading [s].
+        object_mass, object_damping: m_v [kg] and b_v [N s/m] of the object that n fingers move; m_v is None for a wall.
         fingers: Number n of fingers.
         integrator: Integrator of the object.
         object_delay: Delay of the force on the object [samples].
@@ -88,11 +88,11 @@ class Plant:
         return [name for name in UNITS if self.object_mass is not None or name not in OF_OBJECT]
 
     def checked(self, *, single: bool = False) -> Plant:
-        """Check every parameter and convert it to an array, or to a number if `single`.
+        """Check every parameter; convert those with an entry in `UNITS` to arrays, or to numbers if `single`.
 
         Raises:
             InputError: If a parameter is invalid; the error names it.
-            UnknownNameError: If no integrator has that name.
+            UnknownNameError: If `integrator` is not one of `INTEGRATORS`.
         """
         check: Any = number if single else numbers
         values: dict[str, Any] = {}
@@ -122,9 +122,10 @@ class Plant:
         """Return D and N of the loop's characteristic polynomial D + k N, in ascending powers of s = z - 1.
 
         On a wall the polynomial is z^L [den + z^-delay (k + B (1 - 1/z)/T) num], with the device num/den under
-        zero-order hold, delayed by `latency` seconds more. The object's velocity is its state; "implicit" uses position
-        and velocity at the end of the sample. Without a spring, no force opposes a common motion, which is a root z = 1
-        of D and N; it is moved to z = 0, where it does not matter.
+        zero-order hold, delayed by `latency` seconds more, and the smallest L without negative powers. B acts on the
+        object's velocity state, not on a difference; "implicit" uses position and velocity at the end of the sample.
+        Without a spring, no force opposes a common motion of device and object, which is a root z = 1 of D and N; this
+        root is moved to z = 0, where it does not matter.
         """
         friction = self.damping + self.spring_damping
         late, numerator, denominator = late_device(self.mass, friction, self.spring, self.period, self.latency)
@@ -183,12 +184,12 @@ class Plant:
             yield start, replace(self, **points)
 
     def limit_blocks(self) -> Iterator[tuple[int, FloatArray]]:
-        """Compute the first loss of stability of all points, a block at a time, as (first index, values)."""
+        """Compute the gain at each point's first loss of stability [N/m], as (first index, values) of each block."""
         for start, block in self.blocks():
             yield start, np.asarray(first_loss(*edges(*block.polynomials(), block.unit))[0].ravel())
 
     def limit_map(self) -> FloatArray:
-        """Compute the first loss of stability of all points, in the common shape."""
+        """Compute the gain at the first loss of stability of all points [N/m], in the common shape."""
         limit = np.empty(self.shape)
         flat = limit.reshape(-1)
         for start, values in self.limit_blocks():
@@ -197,7 +198,7 @@ class Plant:
 
 
 def _without_drift(D: FloatArray, N: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Move every common root at z = 1 to z = 0; it is an exact zero here, because s is a factor of both."""
+    """Move every common root at z = 1 to z = 0; there D[0] and N[0] are exactly 0, because s is a factor of both."""
     while True:
         common = (D[0] == 0.0) & (N[0] == 0.0)
         if not common.any():

@@ -57,7 +57,7 @@ class Solid:
 
     @property
     def shape(self) -> Shape | Mesh | None:
-        """The shape in the body's frame."""
+        """Shape in the body's frame; None for an object without a shape."""
         return self.primitive if self.mesh is None else self.mesh.mesh
 
 
@@ -115,7 +115,7 @@ def solid_inertia(solid: Solid, mass: float, dimensions: int) -> tuple[float, ..
 
 
 def place(table: Object | Obstacle, solid: Solid) -> tuple[tuple[float, ...] | None, float | tuple[float, ...] | None]:
-    """Return the initial pose of a body's frame: position [m] and orientation."""
+    """Return the initial pose of a body's frame: position [m], and angle [rad] or quaternion x, y, z, w."""
     position, orientation = table.position, table.orientation
     if solid.mesh is not None and not isinstance(orientation, float):
         return solid.mesh.body_pose(position, orientation)
@@ -160,7 +160,7 @@ def fill(scene: SceneTable, table: Object, solid: Solid, state: FloatArray, *, p
 
 
 class Stock:
-    """Connected devices, shapes and recorded paths, by the locations of their tables in the scene.
+    """Connected devices and shapes, by the locations of their tables in the scene, and recorded paths, by file.
 
     The checks of a scene fill the stock, which belongs to the scene. A copy of a scene starts with an empty stock,
     because neither pickling nor `copy.deepcopy` copies devices.
@@ -175,7 +175,7 @@ class Stock:
         self.starts: dict[int, tuple[float, ...] | None] = {}  # starts of fingers placed along a direction
         self.memory = Memory()  # memory for the blocks of these devices
         self.parts: Any = None  # parts by `graspfx.assembly.resolve`, made on demand
-        self.built: Any = None  # a servo that has run, and its initial state, by `graspfx.assembly.build`
+        self.built: Any = None  # arguments of a build, servo that has run, and its initial state (`build_again`)
         self._solids: dict[Key, Solid] = {}
         self._paths: dict[str, motion.Path] = {}
         self._lock = Lock()
@@ -196,7 +196,7 @@ class Stock:
         """Return the motion recorded in a file.
 
         Raises:
-            InputError: If the file is missing or has another format; the error names the line.
+            InputError: If the file is missing, or has another format; the error then names the line.
         """
         if file not in self._paths:
             self._paths[file] = motion.Path.read(file, self.folder)
@@ -232,7 +232,7 @@ def collide(scene: SceneTable) -> bool:
 
 
 def groups(scene: SceneTable) -> list[list[int]]:
-    """List groups of objects that move together, by index: single native objects, or the objects of a world."""
+    """List groups of objects that move together, by index: single objects, or the objects of one engine's world."""
     groups_: list[list[int]] = []
     for i, thing in enumerate(scene.object):
         mates = [group for group in groups_ if scene.object[group[0]].dynamics == thing.dynamics != "native"]

@@ -178,7 +178,7 @@ def build(
             all.
         live: Keys that may change during the run (`graspfx.assembly.live`); compiled ticks read their values anew.
         real_time: Whether ticks follow the wall clock and record its data.
-        varying: Whether the devices' largest forces are always recorded.
+        varying: Whether each tick records the devices' largest forces, also in simulated time.
         playback: Playback of a recording instead of devices, hands and plants; no device is then opened.
         room: Number of entries of the memory for the parts' blocks; blocks that do not fit are separate arrays.
 
@@ -232,8 +232,8 @@ def build(
 def build_again(scene: Scene, **how: Any) -> Iterator[Servo]:
     """Build a servo as `build` does, or return the previous run's servo with its memory reset to the start.
 
-    A servo is reused only if all its parts are kernels, because then a run changes nothing but the memory. Each run
-    opens and closes the devices.
+    A servo is reused only with the same arguments `how`, and only if all its parts are kernels, because then a run
+    changes nothing but the memory. Each run opens and closes the devices.
     """
     stock = resolve(scene).stock
     kept = stock.take_built()

@@ -54,7 +54,7 @@ class Sample:
     """One tick of the bench.
 
     Attributes:
-        due: Deadline [s].
+        due: Deadline of the tick [s].
         start, end: Start of the reading, and end of the writing [s].
         position: Positions of the fingers, (k, d) [m].
         is_fresh: Whether the reading contained a new sample.
@@ -126,7 +126,7 @@ class Bench:
         return sample
 
     def rest(self, duration: float) -> list[Sample]:
-        """Tick at zero force."""
+        """Tick at zero force for `duration` seconds; return the samples."""
         return [self.tick() for _ in range(max(1, round(duration / self.period)))]
 
     @property
@@ -190,7 +190,7 @@ def on_bench(parts: Parts, wire: Wire, clock: Clock) -> Iterator[Bench]:
 
 
 def _limits(parts: Parts, wire: Wire) -> FloatArray:
-    """Return the largest force that the device displays on each channel, (k,) [N]; infinite if unknown."""
+    """Return the smaller of the device's and the scene's largest force on each channel, (k,) [N]; inf if unknown."""
     limits = np.full(len(wire.fingers), np.inf)
     if wire.device.features.peak_force is not None:
         limits[:] = wire.device.features.peak_force
@@ -208,7 +208,7 @@ def _require(faults: list[str]) -> None:
 
 
 PATIENCE = 20.0  # time to wait for a person [s]
-PUSH = 0.01  # requested displacement [m]
+PUSH = 0.01  # smallest displacement that counts as a push; two centimetres are requested [m]
 CLEAR = 0.8  # fraction of a motion that must be along one axis
 STILL = 5e-4  # largest motion of a still finger [m]
 LONG_ENOUGH = 1.0  # time that a finger must be still [s]
@@ -222,7 +222,7 @@ Prompt = Callable[[str], None]
 
 
 def axis_checks(bench: Bench, channel: int, finger: str, frame: Frame | None, prompt: Prompt) -> dict[str, str]:
-    """Ask a person to push a finger along each axis of the scene; return the result for each axis."""
+    """Ask a person to push a finger along each axis of the scene; return the result as text by the axis's letter."""
     answers = {}
     bench.watched = False
     for axis in range(bench.shape[1]):
@@ -279,21 +279,21 @@ def _placed(bench: Bench, channel: int, frame: Frame | None) -> FloatArray:
     return placed
 
 
-UNTOLD = 1e-5  # resolution, for the length of a push, of a device that reports none [m]
+UNTOLD = 1e-5  # resolution assumed for a device that reports none [m]
 SEEN = 4.0  # number of encoder steps that count as a motion
-STEPS = 60.0  # length of a pulse in resolution steps
+STEPS = 60.0  # displacement by a pulse, in resolution steps
 LONGEST_TRIAL = 0.15  # longest trial push [s]
 LONGEST_PULSE, SHORTEST_PULSE = 0.08, 6  # longest pulse [s], and shortest pulse [periods]
 MOST_SPEED = 0.1  # largest speed at the end of a pulse [m/s]
 BEFORE = 0.04  # time at rest before a pulse [s]
-SPEED = 0.025  # speed of a coasting finger [m/s]
+SPEED = 0.025  # speed at which a finger is released to coast [m/s]
 COAST, TRAVEL, LEAST = 0.35, 0.008, 20  # largest time and distance of coasting [s, m], and smallest number of readings
 LONGEST_START = 0.3  # longest time to reach the speed of coasting [s]
 NEAR, CALM = 2e-3, 0.02  # largest distance and speed of a finger that has returned [m, m/s]
 RETURN = 12.0  # natural frequency of the spring that returns a finger [rad/s]
 LONGEST_WAY = 1.0  # longest return of a finger [s]
 EXPLAINED = 0.9  # smallest explained fraction of the motion under pulses
-MOST_DELAY = 0.02  # largest delay to search for [s], or three periods
+MOST_DELAY = 0.02  # largest delay to search for [s], or three periods if they are longer
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,7 +304,7 @@ class FingerFigures:
         delay, mass: Delay [s] and mass [kg], computed from the finger's response to pulses.
         friction: Viscous friction [N s/m].
         mobility: Mobility W, (d, d) [1/kg].
-        resolution: Smallest step of a reading [m]; 0 if none was observed.
+        resolution: Resolution that the device reports, or else the smallest step between readings [m]; 0 if none.
         pulses: Number of pulses.
         force: Force of a pulse [N].
     """
@@ -430,7 +430,7 @@ def _bring_home(bench: Bench, channel: int, force: float, mass: float) -> None:
 def _coast(
     bench: Bench, channel: int, axis: int, force: float, acceleration: float
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """Accelerate a finger and release it; return times and positions without force, (n,) and (n, d)."""
+    """Accelerate a finger and release it; return times (n,) [s] and positions (n, d) [m] without force."""
     duration = min(SPEED / acceleration, LONGEST_START)
     bench.rest(BEFORE)
     push = force * np.eye(bench.shape[1])[axis]
@@ -596,8 +596,8 @@ def calibrate(
     """Measure a scene's hardware: lateness, mass, friction and resolution; with a person's help also origin and axes.
 
     Each device is opened separately, and comes to rest at zero force. Small pulses then push its fingers back and forth
-    one by one, while nobody holds them. The scene's limits apply. However a calibration ends, forces are set to
-    zero before the devices are closed.
+    one by one, while nobody holds them. Pushes do not exceed the scene's force limits. However a calibration ends,
+    forces are set to zero before the devices are closed.
 
     Args:
         scene: Name, path, or a Scene.
@@ -606,7 +606,7 @@ def calibrate(
         prompt: Function that shows instructions to a person; without it, axes and origin are not checked.
 
     Raises:
-        InputError: If the scene has no hardware, or the share is out of range.
+        InputError: If the scene has no hardware, or the share or the number of pulses is out of range.
         DeviceError: If a device does not open, is not at rest, does not move, or has a fault.
         KeyboardInterrupt: If a signal ended the calibration.
     """

@@ -97,13 +97,13 @@ def _fingers(scene: Scene, wire: Wire) -> str:
 
 
 CONTINUOUS = 0.6  # fraction of a device's continuous force that may be displayed
-DEFAULT = 3.0  # limit of a finger whose device reports none [N]
+DEFAULT = 3.0  # limit of a finger whose device reports no continuous force [N]
 
 
 def chain_table(scene: Scene, wired: Sequence[Wire]) -> Safety | None:
     """Return the table of a scene's safety chain; without the table, hardware or a host gets default values.
 
-    None for a simulation without the table or a host.
+    None for a simulation with neither the table nor a host.
     """
     if scene.safety is not None or (scene.host is None and not any(is_hardware(wire.device) for wire in wired)):
         return scene.safety

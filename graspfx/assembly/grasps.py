@@ -34,7 +34,7 @@ class StillHand:
     closed: float
 
     def stiffness(self, force: FloatArray) -> FloatArray:
-        """Compute the stiffness K (d, n, n) of the hand at rest [N/m]: r - p = K^-1 f.
+        """Compute the stiffness K (d, n, n) of the hand at rest [N/m]: r - p = K^-1 f, r targets and p positions.
 
         Args:
             force: Force f of its fingers at rest (n, d) [N], for a hand that stiffens with the grip.
@@ -58,8 +58,8 @@ def still_hands(parts: Parts, inward: FloatArray, *, guided: bool = True) -> Ite
 def most_forces(parts: Parts, inward: FloatArray, contacts: FloatArray) -> FloatArray:
     """Compute the largest squeezing forces of the hands, K (r - p), (n,) [N].
 
-    r is the closed position of the hand without its guide. p is the finger's start or, if the finger starts inside the
-    object, its contact, because the start would be closer to r.
+    r are the fingers' targets when the hand is closed, without its guide. p are the fingers' starts; for a finger that
+    starts inside the object p is its contact, because its start is closer to r and would give too small a force.
 
     Args:
         parts: Parts of the scene.

@@ -249,7 +249,7 @@ def plugin_hand(
 
     Raises:
         InputError: If the returned object is not a hand for these fingers.
-        PluginError: If `hold` raises another error; the message names its line.
+        PluginError: If `hold` raises an error that is not one of GraspFX; the message names the line.
     """
     parameters = signature(module.hold).parameters
     scene = {"rest": rest.copy(), "inward": inward.copy()}

@@ -51,7 +51,7 @@ class Hardware:
         self._offset = self._meet(self._rest.positions)
 
     def header(self, header: Header) -> Header:
-        """Add the fingers' positions to a header."""
+        """Add the positions and depths of the fingers on hardware, and the devices' round-trip time, to a header."""
         names = self._servo.layout.fingers
         settled = {
             names[f]: {"position": p.tolist(), "offset": self._offset[f].tolist()}
@@ -102,7 +102,7 @@ class Hardware:
         """Set the fingers' contacts at their positions; return the depth of each finger as a vector, (n, d) [m].
 
         Raises:
-            InputError: If a finger is inside its object, and `coupling.enter` does not allow it.
+            InputError: If a finger is more than 1 mm inside its object, and `coupling.enter` does not allow it.
         """
         servo = self._servo
         offset = meet_hardware(servo, self._parts, positions)
@@ -135,7 +135,7 @@ class Stops:
 
 
 def meet_hardware(servo: Servo, parts: Parts, positions: Mapping[int, FloatArray]) -> FloatArray:
-    """Set the contacts of fingers on hardware at these positions or, inside an object, at its surface.
+    """Place the contact of each hardware finger at its position (d,) [m] or, if that is in the object, on its surface.
 
     Returns:
         Depth of each finger below its contact point, as a vector, (n, d) [m].
@@ -170,7 +170,7 @@ def at_hardware(
 
     Raises:
         DeviceError: If a device does not open or is not at rest.
-        InputError: If a finger is inside its object, and `coupling.enter` does not allow it.
+        InputError: If a finger is more than 1 mm inside its object, and `coupling.enter` does not allow it.
         KeyboardInterrupt: If a signal arrived before or during the run, and its handler let the process continue.
     """
     with waiting("preparing ticks"):

@@ -59,7 +59,7 @@ def live_fields(keys: Iterable[str]) -> frozenset[str]:
 
     Raises:
         InputError: If a key is not a text, or cannot change during a run; the error states the reason.
-        UnknownNameError: If no scene has a key.
+        UnknownNameError: If a key exists in no scene.
     """
     return frozenset().union(*(_choices(general(require(key))) for key in keys))
 
@@ -166,9 +166,12 @@ def _has(scene: Scene, key: str) -> bool:
 def value_of(scene: Scene, key: str) -> Any:
     """Return the present value of a key; for `*`, the common value or else a tuple of all values.
 
+    A device's mass or damping that the scene omits is None.
+
     Raises:
         UnknownNameError: If no scene has this key, or this scene has no table of that name or number.
-        InputError: If the scene omits the setting, so that its driver decides, or if the table is defined elsewhere.
+        InputError: If the scene omits another setting, so that its driver decides; if the table is defined elsewhere;
+            or if a part of the key is a value, which has no parts.
     """
     path, (first, *rest) = _indexed(key), key.split(".")
     tables: tuple[Any, ...] = getattr(scene, first) if rest and first in LISTS else ()
@@ -192,7 +195,7 @@ def _indexed(key: str) -> list[str]:
 
 
 def _values(part: Any, path: list[str], at: str = "") -> Iterator[Any]:
-    """Follow a path into a part of the scene at a key, and yield the values there."""
+    """Follow a path from a part of the scene, which is at the key `at`, and yield the values at its end."""
     if not path:
         yield part
     elif isinstance(part, tuple):

@@ -41,10 +41,10 @@ class Mechanics:
         delay: Output delay of each device, (n,) [samples].
         lateness: Additional time from the reading to the force, (n,) [s].
         age: Age of the positions when they are read, (n,) [s].
-        jitter: Smallest and largest lateness, (2, n) [s].
+        jitter: 1st and 99th percentiles of the lateness, (2, n) [s]; the lateness itself if none were measured.
         round_trip: Part of the lateness due to reading and writing, (n,) [s].
         hardware: Mask that is True for fingers on real devices, (n,).
-        assumed: Unreported values that are assumed to be zero.
+        assumed: Sentences about values that are assumed to be zero, or neglected, or not simulated.
     """
 
     mass: FloatArray
@@ -64,7 +64,7 @@ def mechanics(parts: Parts, position: FloatArray, hands: Sequence[StillHand]) ->
     """Compute the mechanics of devices, with fingers at positions (n, d) [m], and of hands.
 
     Raises:
-        InputError: If a device does not report its mass or damping; the error names its finger.
+        InputError: If a device does not report its mass or friction; the error names its fingers.
     """
     n, d = position.shape
     mass, friction = np.zeros((n, d, d)), np.zeros((n, d, d))

@@ -133,7 +133,7 @@ def file_changes(there: Mapping[str, str], here: Mapping[str, str]) -> list[str]
 
 
 def digest_of(path: str) -> str | None:
-    """Compute the digest of a file; None if it does not exist."""
+    """Compute the digest of a file; None if it cannot be read."""
     try:
         return sha256(Path(path).read_bytes()).hexdigest()
     except OSError:
@@ -164,7 +164,7 @@ def _code_in(scene: Scene, texts: Sequence[str]) -> Iterator[str]:
         table = plugins.names(group)
         for text in texts:
             if text in table:
-                with suppress(GraspFXError):  # an ambiguous name: its variant resolves the ambiguity
+                with suppress(GraspFXError):  # two plug-ins of this name: the variant that names one reports them
                     yield from _of_group(scene, group, [text])
 
 

@@ -81,7 +81,7 @@ class RealTimeSession(Session):
         self._remote.exits.inside = True  # a signal interrupts the user's code
 
     def _look(self, first: int, count: int) -> None:
-        """Update the servo's last row and number of ticks."""
+        """Update the last row and the number of ticks of this process's copy of the servo."""
         self.servo.row = self._recorder.row.copy()
         self.servo.ticks = first + count
 
@@ -155,7 +155,7 @@ class RealTimeSession(Session):
                 self._splits.append((tick, split))
 
     def _require_going(self) -> None:
-        """Require that the run continues and that its first tick has been received."""
+        """Require that the run continues, and wait until its first tick has been received."""
         self._require_open()
         while not self._remote.await_rest(0.0):
             if self.tick:
@@ -326,7 +326,7 @@ class LiveSession(RealTimeSession):
         self.ring.words[Word.HALT] = 0
 
     def advance(self, ticks: int = 1) -> None:
-        """Run a number of ticks at the normal rate during a pause.
+        """Run a number of ticks at the normal rate during a pause; a run that is not paused is paused first.
 
         Raises:
             InputError: If the scene has hardware, or the number is not an integer above zero.
@@ -341,10 +341,10 @@ class LiveSession(RealTimeSession):
         words[Word.HALT] = max(int(words[Word.HALT]) - 1, int(words[Word.HEAD])) + ticks + 1
 
     def require_no_hardware(self, action: str) -> None:
-        """Require that no device of the scene displays forces to a person.
+        """Require that the scene has no hardware, which displays forces to a person.
 
         Raises:
-            InputError: If a device does display forces.
+            InputError: If it has hardware.
         """
         if self.servo.hardware:
             raise InputError(

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from graspfx.assembly.resolve import Parts
     from graspfx.scene.model import Scene
 
-OWN = "engine"  # the only key of a scene that does not affect results
+OWN = "engine"  # key of a scene that does not affect results
 NEEDS = ("finger_position", "finger_velocity")
 
 
@@ -208,7 +208,7 @@ def _lacks_largest(original: Recording, parts: Parts) -> bool:
 
 
 def _largest_forces(original: Recording, scene: Scene, overrides: Mapping[str, Any]) -> Recording:
-    """Repeat a simulation with the force limits reported by its devices."""
+    """Repeat a simulation, and record the largest forces that its devices report."""
     if overrides:
         scene = _scene_of(original, {key: value for key, value in overrides.items() if key == OWN})
     if not resolve(scene).simulated:

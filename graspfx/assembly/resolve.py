@@ -44,8 +44,8 @@ Point = tuple[float, ...]
 def start_of(scene: SceneTable, i: int, stock: Stock) -> Point | None:
     """Compute the start position of finger i, (d,) [m]; None for a faulty table.
 
-    A table contains a direction from the object's centre of mass, in world axes at the object's initial pose. The
-    fingertip approaches from far away along this direction and starts at the gap that the table specifies.
+    A start that is a table contains a direction from the object's centre of mass, in world axes at the object's initial
+    pose. The fingertip comes from far away on the line in this direction, and starts at the gap that the table gives.
     """
     start = scene.finger[i].start
     if isinstance(start, tuple):
@@ -248,7 +248,7 @@ class Parts:
 
     @cached_property
     def wires(self) -> tuple[Wire, ...]:
-        """Devices for inspection only; a run uses those of `own_wires`."""
+        """Devices for inspection only; a run uses those of `claim`."""
         return wires(self.scene, self.stock)
 
     def claim(self, room: int = ROOM) -> tuple[tuple[Wire, ...], Memory]:
@@ -354,7 +354,7 @@ def resolve(scene: Scene) -> Parts:
 
 
 def late_wires(parts: Parts) -> Iterator[tuple[Wire, float]]:
-    """List devices with late forces, each with its lateness including the age of the sample [s]."""
+    """List devices with late forces, each with the time from a motion to its force: lateness plus latency [s]."""
     for wire in parts.wires:
         late = (wire.features.lateness or 0.0) + (wire.features.latency or 0.0)
         if late > 0.0:

@@ -111,8 +111,8 @@ def run(
     """Run a scene, as a simulation (time = tick x period; runs are bit-identical) or in real time.
 
     A scene with hardware runs in real time only. Its fingers must be still for a fifth of a second before the start.
-    However a run ends, forces are set to zero first, then files are closed, then the hardware. In the main thread,
-    SIGINT, SIGTERM and SIGHUP end the run in this order and are passed on afterwards.
+    However a run with hardware ends, forces are set to zero first, then files are closed, then the hardware. In the
+    main thread, SIGINT, SIGTERM and SIGHUP end such a run in the same way, and are passed on afterwards.
 
     Args:
         scene: Name of a built-in scene, path of a .toml or .py file, or a Scene.
@@ -139,11 +139,14 @@ def run(
     if isinstance(overrides, int | float):
         if duration is not None:
             raise InputError("overrides", overrides, "values by dotted key", "the duration is also given as a keyword")
-        note = f"a number after the scene is interpreted as its duration: write run(scene, duration={overrides})"
+        note = (
+            "a number as second argument (overrides) is interpreted as the duration, which is deprecated: "
+            f"write run(scene, duration={overrides})"
+        )
         log.warn(note, FutureWarning)
         overrides, duration = None, overrides
     if not isinstance(real_time, bool):
-        raise InputError("real_time", real_time, "True for the wall clock, or False for the scene's own")
+        raise InputError("real_time", real_time, "True for the wall clock, or False for simulated time")
     if stop is not None and not callable(stop):
         raise InputError("stop", stop, "a function without arguments that returns whether to stop, or None")
     scene_ = scene if isinstance(scene, Readable) and not overrides else _loaded(scene, overrides)
@@ -191,7 +194,7 @@ class WholeRun(Session):
 
     @property
     def spent(self) -> float:
-        """Computing time of the run's ticks [s]."""
+        """Time that the run's ticks took [s]."""
         return self._spent
 
 

@@ -27,7 +27,7 @@ FORMAT = 4
 
 
 class Place(NamedTuple):
-    """Cache key of a scene with overrides: everything on which the result of its checks depends."""
+    """Source of a scene with overrides, and its cache key: a digest of all inputs of its checks except data files."""
 
     key: str
     source: Source
@@ -67,9 +67,9 @@ class KeptScene(Readable, KeptTable):
 def place(name: str, overrides: Mapping[str, Any], preset: str | None = None) -> Place | None:
     """Compute the cache key of a TOML scene; None for a scene that cannot be cached.
 
-    The key includes the file's text and path, overrides and preset, trust, installed packages, and time and size of
-    every source file of GraspFX and of its device drivers, as for Python's bytecode. Meshes and recorded paths are
-    compared by content with those that were checked.
+    The key includes the file's text and path, overrides and preset, trust, Python's version, installed packages, and
+    time and size of every source file of GraspFX and of its device drivers, as for Python's bytecode. Meshes and
+    recorded paths are compared by content with those that were checked.
 
     Raises:
         UnknownNameError, InputError: As for `load`.

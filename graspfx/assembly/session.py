@@ -341,9 +341,11 @@ class Session(Carded):
     def get(self, key: str) -> Any:
         """Return the present value of a key of the scene; for `*`, the common value or else a tuple of all values.
 
+        A device's mass or damping that the scene omits is None.
+
         Raises:
             UnknownNameError: If the key does not exist; the error names a close match.
-            InputError: If the scene omits the setting, so that its driver decides, or if the table is defined
+            InputError: If the scene omits another setting, so that its driver decides, or if the table is defined
                 elsewhere.
         """
         return value_of(self.scene, numbered(self.scene, key))

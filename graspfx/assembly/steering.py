@@ -144,8 +144,9 @@ class Steering:
     def _plants(self, other: Servo, values: Mapping[str, Any]) -> Iterator[tuple[int, tuple[PlantWiring, PlantWiring]]]:
         """List the plants whose hands get new numbers, by index, each with the corresponding plant of `other`.
 
-        Before the first tick, all plants are listed. A hand closes along the normals at its fingers' start. With the
-        implicit integrator, these normals depend on the object's free motion, and so on mass, viscosity and gravity.
+        Before the first tick, all plants whose hands may change are listed. A hand closes along the normals at its
+        fingers' start. With the implicit integrator, these normals depend on the object's free motion, and so on mass,
+        viscosity and gravity.
         """
         if self._playback is not None:
             return

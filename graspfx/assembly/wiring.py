@@ -229,7 +229,7 @@ def _hand_faults(
     if finger.hand is None:
         return
     if not isinstance(device, SimulatedDevice):
-        yield at, "a real device is held by the operator's own hand: remove this table"
+        yield at, "a real device is held by the operator's own hand: remove this finger's `hand`"
     elif is_operated(_hand_table(scene, finger)) and not isinstance(device, OperatedDevice):
         yield at, f"{type(device).__name__} supports only a spring and a damper; use the device 'simulated'"
     elif isinstance(finger.hand, str):

@@ -50,7 +50,7 @@ class Batch(Carded):
         notes: Reasons why parts of the batch took longer than usual.
         build_time, run_time: Times to build the variants and to run them [s].
         scene: Name of the scene.
-        layout: Columns of the recordings; those of the first variant if they differ.
+        layout: Columns of the rows of a run; those of one variant if they differ.
     """
 
     values: dict[str, NDArray[Any]]
@@ -120,9 +120,11 @@ class Batch(Carded):
         raise UnknownNameError("measure", name, self.measures)
 
     def growth(self, quantity: str = "finger_position") -> FloatArray:
-        """Return the largest growth over the entries of a quantity for each variant; above 1, the quantity grows.
+        """Return, for each variant, the largest growth over the entries of a quantity; inf if no entry has a growth.
 
-        After a fault (`fault_tick`) all forces are zero, so that a small growth does not imply that the run was stable.
+        Growth is the peak magnitude in the second half of the run divided by that in the first half; it exceeds 1 if
+        the motion grows. After a fault (`fault_tick`) all forces are zero, so that a small growth does not imply that
+        the run was stable.
         """
         statistics = self[quantity]
         if "growth" not in statistics:
@@ -152,7 +154,8 @@ class Batch(Carded):
         """Convert to an xarray Dataset with one dimension per key, or `variant` with `zip`.
 
         Measures become variables such as `finger_force_rms`; recordings become the variables of
-        `Recording.to_xarray`, and summaries their numbers. Each variable has `units` and `long_name`.
+        `Recording.to_xarray`, and summaries their numbers. Variables of measures and recordings have `units` and
+        `long_name`.
 
         Raises:
             MissingPackageError: If xarray is not installed: `pip install 'graspfx[data]'`.
@@ -206,19 +209,20 @@ def run_batch(
     The results of each run are bit-identical to `gx.run`, except for the sign of a zero. Every value is validated as in
     a scene file.
 
-    Variants are not built one by one. Gains, coefficients of friction, mass and viscosities are written into the
-    memory of all variants as columns; one variant of each kind is built, and other built variants verify the
+    More than 16 variants are not built one by one. Gains, coefficients of friction, mass and viscosities are written
+    into the memory of all variants as columns; one variant of each kind is built, and other built variants verify the
     columns. Numbers of devices and hands take 1 to 2 ms per combination. For any other key one variant is built for
-    each value, and combinations are assembled from these variants. To verify the assembly, all combinations of extreme
-    values and some other combinations are built. For keys that interact, every combination is built.
+    each value, and combinations are assembled from these variants. To verify the assembly, up to 64 combinations of
+    extreme values and some other combinations are built. For keys that interact, every combination is built.
 
-    Variants run one by one on all processors, by the program of all scenes: nothing is compiled for a batch.
+    Each thread runs one variant at a time, by the program of all scenes; nothing is compiled for a batch.
 
     Measures need a few hundred bytes of memory per variant, and some megabytes per thread. Recordings need the
     memory of their rows.
 
     Args:
-        scene: Scene, name or path. Every device, hand and body must be a kernel.
+        scene: Scene, name or path. Every device, hand and body must be computed by kernels; run variants of other
+            scenes with `gx.sweep`.
         values: Lists of values by dotted key, as for `scene.replace`. All combinations are run; the last key changes
             fastest.
         duration: Duration [s], rounded to whole periods; by default the duration in the scene.

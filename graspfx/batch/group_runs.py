@@ -106,7 +106,7 @@ class Runs:
         return measures
 
     def recorded(self, make: Callable[[Recording], Any], *, whole: bool) -> list[Any]:
-        """Record the variants; return what `make` makes of each recording, `whole` if that keeps the rows."""
+        """Record the variants; return the results of `make` for each recording. `whole`: results keep the rows."""
         results: list[Any] = [None] * len(self.faults)
         header = header_of(resolve(self.scene))
         for group in self.groups:
@@ -176,8 +176,8 @@ class GroupRuns:
         """Measure all variants.
 
         Args:
-            columns: Indices of the measured numbers of a row, followed by the derived variables.
-            derived: Names of these variables.
+            columns: Indices of the measured numbers in a row that is followed by the derived variables.
+            derived: Names of the derived variables.
             threads: Number of threads.
 
         Returns:
@@ -225,7 +225,7 @@ class GroupRuns:
         return Ended(rows, self._fault(arena), arena, copy)
 
     def _bound(self, count: int) -> tuple[FloatArray, Callable[..., int], FloatArray]:
-        """Bind the program to an arena, and return the rows that it writes."""
+        """Bind the program to a new arena; return the arena, the function that runs ticks, and the rows it writes."""
         arena, rows = np.zeros(self.group.program.size), np.zeros((count, self._width))
         arrays = {"arena": arena, "rows": rows.reshape(-1)}
         bound = self._program.bind(*(arrays[name] for name in self._program.arrays))

@@ -28,7 +28,7 @@ OF_OBJECT = {  # quantities of the first object, as named by `Recording`
 
 
 def columns_of(layout: Layout, quantities: Sequence[str]) -> tuple[dict[str, Column], list[str]]:
-    """Find the columns of quantities; computed variables follow the row and are also listed."""
+    """Return the columns of quantities, and the names of computed variables, whose columns follow those of the row."""
     derived = {column.name: column for column in layout.derived}
     columns: dict[str, Column] = {}
     behind: list[str] = []
@@ -89,7 +89,7 @@ def divider(group: Group, names: Sequence[str], arena: FloatArray) -> Callable[[
 
 # Statistics -----------------------------------------------------------------------------------------------------------
 
-FIRST, LAST, SUM, SQUARES, LOW, HIGH, LATE_LOW, LATE_HIGH = range(8)  # measures of a number; LATE_ is the second half
+FIRST, LAST, SUM, SQUARES, LOW, HIGH, LATE_LOW, LATE_HIGH = range(8)  # LOW, HIGH: first half; LATE_: second half
 MEASURES = 8
 STATISTICS = ("first", "last", "mean", "rms", "min", "max", "peak", "growth")
 

@@ -214,7 +214,7 @@ class Variants:
         return self._of_values(np.arange(len(self.numbers)))
 
     def _of_values(self, members: Index) -> list[Group]:
-        """Group some variants by building one variant for each value of a key."""
+        """Group some variants by building one variant for each value of every key."""
         groups_: list[Group] = []
         for part in self._patterns(members):
             groups_ += self._split(part)
@@ -239,7 +239,7 @@ class Variants:
         return groups_
 
     def _spread(self, members: Index, values: Mapping[str, FloatArray], own: Sequence[int]) -> list[Group] | None:
-        """Build one variant for each combination of the other keys; None if built variants contradict the columns."""
+        """Group variants of a kind by the other keys, and add the columns; None if built variants contradict them."""
         middle = self.numbers[members[len(members) // 2]]
         others = [i for i in range(len(self.keys)) if i not in own]
         kind = None if others else (tuple(self.keys), int(Columns(self.scene, values).kinds()[0]))
@@ -374,7 +374,7 @@ class Variants:
         return len(np.unique(self.numbers, axis=0)) == math.prod(len(np.unique(each)) for each in self.numbers.T)
 
     def _holds(self, group: Group) -> bool:
-        """Compare assembled variants with built ones: all combinations of extreme values, and some others."""
+        """Compare assembled variants with built ones: up to 64 combinations of extreme values, and some others."""
         numbers = self.numbers[group.members]
         ends = [np.isin(numbers[:, i], _extremes(self.values[key], numbers[:, i])) for i, key in enumerate(self.keys)]
         corners = np.flatnonzero(np.all(ends, axis=0))
@@ -404,7 +404,7 @@ class Variants:
 
 
 def _layout(arena: Arena) -> str:
-    """Compute the digest of properties not in the memory: the locations of blocks and columns, and the period."""
+    """Compute the digest of what the memory does not contain: places of blocks, names of columns, period, world."""
     places = [(arena.place(array), array.size) for array in arena.arrays]
     columns, period = list(arena.parts.layout.columns), arena.servo.period
     return sha256(repr((places, columns, period)).encode() + bytes(arena.world.buffer)).hexdigest()

@@ -252,7 +252,7 @@ def _parts(parts: Parts, scene: Scene, hands: Sequence[HandPart]) -> Parts:
 
 
 def _ready(anew: Parts, wired: Sequence[Wire], servo: Servo, inward: FloatArray) -> Iterator[Any]:
-    """Prepare devices, plants and hands for the first tick, as `build` does, in order."""
+    """Prepare devices, plants and hands for the first tick; yield the devices, then each plant and its hand."""
     plants = list(make_plants(anew, wired, inward))
     for wire in wired:
         with wire.device:
@@ -315,7 +315,7 @@ class Columns:
 
     @cached_property
     def by_field(self) -> dict[str, FloatArray]:
-        """Values by key, in the general form, or with an index if only one table of a list is replaced."""
+        """Values of the keys that belong to no device or hand, by key with indices of tables, or with `*` for all."""
         numbers = {_own(self.scene, key): each for key, each in self.values.items()}
         return {key: each for key, each in numbers.items() if not is_of_a_part(self.scene, key)}
 
@@ -341,7 +341,7 @@ class Columns:
         return self.of(key, getattr(getattr(self.scene.coupling, share), quantity))
 
     def body(self, k: int, field: str) -> FloatArray:
-        """Return a number of an object's body, NaN if not given."""
+        """Return a number of an object's body in each variant, (V,); NaN if not given."""
         key, table = f"object.{k}.{field}", self.scene.object[k]
         if key in self.by_field:
             return self.by_field[key]

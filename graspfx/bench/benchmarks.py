@@ -117,7 +117,7 @@ def cpu() -> str:
 
 
 def time_text(us: float | None) -> str:
-    """Format a time with three digits and a unit; empty for a method that was not timed."""
+    """Format a time [us] with three digits and a unit; empty for a method that was not timed."""
     if us is None:
         return ""
     for size, unit in ((1e6, "s"), (1e3, "ms"), (1.0, "µs")):

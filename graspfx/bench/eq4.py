@@ -172,7 +172,7 @@ def by_pinv(G: FloatArray, x: FloatArray) -> FloatArray:
 
 
 def by_solve(G: FloatArray, x: FloatArray) -> FloatArray:
-    """Solve the normal equations G G' v = G x; raise LinAlgError if G G' is singular."""
+    """Compute P x = G' v, where v solves the normal equations G G' v = G x; raise LinAlgError if G G' is singular."""
     return np.asarray(np.linalg.solve(G @ G.T, G @ x) @ G)
 
 
@@ -183,7 +183,8 @@ SKEW[[1, 2, 3, 5, 6, 7], [2, 1, 2, 0, 1, 0]] = [-1.0, 1.0, 1.0, -1.0, -1.0, 1.0]
 class GraspMatrix:
     """G of n points in space, (6, 3 n): forces, then moments about the origin (eq. 2), updated in place.
 
-    The identities are constant; one product of the points with a constant matrix gives the rows of the moments.
+    The identity blocks (rows of forces) are constant; the rows of moments are one product of the points with a constant
+    matrix.
     """
 
     def __init__(self, n: int) -> None:
@@ -222,7 +223,7 @@ def _directions(rng: np.random.Generator, n: int) -> FloatArray:
 
 
 def _near_line(rng: np.random.Generator, h: float) -> FloatArray:
-    """Place five points whose distances from a line through the origin are h times their distances along it."""
+    """Place five points along a line through the origin, at distances from it of about h times their extent on it."""
     axes = np.linalg.qr(rng.normal(size=(GRASPS, 3, 3)))[0]
     along = np.linspace(-1.0, 1.0, 5) + 0.1 * rng.normal(size=(GRASPS, 5))
     local = np.concatenate([along[:, :, None], h * rng.normal(size=(GRASPS, 5, 2))], axis=2)

@@ -106,7 +106,7 @@ class Reference:
 
     @property
     def extent(self) -> float:
-        """Largest displacement along an axis [m]."""
+        """Largest range of a coordinate of an object or finger [m]."""
         return float(np.ptp(self.places, axis=0).max())
 
     def text(self) -> str:
@@ -263,7 +263,7 @@ def attempt(scene: Scene, choice: Choice, duration: float, instant: float, round
 
 
 def converge(scene: Scene, duration: float, instant: float, *, small: float = SMALL) -> Reference:
-    """Halve a scene's period until the estimated error of the motion is small relative to the motion's extent.
+    """Halve a scene's period, at most ten times, until the motion's estimated error is small relative to its extent.
 
     Native bodies use the exact integrator; PyBullet and MuJoCo use their own.
 

@@ -62,7 +62,7 @@ class _Starter:
         self._kept = self._new("cache")
 
     def method(self, name: str, *arguments: str, cold: bool = False) -> Method:
-        """Return a method that starts a process with these arguments; ValueError with its output if it fails."""
+        """Return a method that starts a process with these arguments; ValueError with its last line if it fails."""
 
         def call() -> None:
             cache = str(self._new("cache") if cold else self._kept)

@@ -16,8 +16,8 @@ LIMITS = """
 Times of `gx.run` are whole calls, from the scene to the recording, divided by the number of ticks; the program of all
 scenes was compiled before. `session.step(1)` is timed call by call. Its highest quantiles are due to the system's
 scheduler, because the process has ordinary priority and other processes run (see the machine's load). Devices are
-simulated; a real device waits for its bus. Errors are the difference of the last positions from those of the
-interpreted engine; both engines give identical bits.
+simulated; a real device waits for its bus. Errors are the largest difference of finger positions in the first 100 ticks
+from those of the interpreted engine; both engines give identical bits.
 """
 
 SCENES = ("reference-1dof", "paper-waving", "sphere-three-fingers", "mug")

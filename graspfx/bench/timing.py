@@ -69,7 +69,7 @@ class Row:
     """A row of a table: one method in one case.
 
     Attributes:
-        time_us: Time per operation in the fastest, least disturbed round [us]; None if not timed.
+        time_us: Time per operation in the fastest, least disturbed round or single call [us]; None if not timed.
         error: Largest error against the oracle, in `unit`; None without an oracle.
         ratio: Time relative to the case's reference, or to its fastest method.
         state: "timed", "wrong" (not timed: it fails, or its error exceeds the bound) or "missing" (not installed).

@@ -27,7 +27,7 @@ PLACES = {
     "provisional": "provisional, squeezed by one step from the start",
     "start": "at the start, not squeezed",
 }
-UNITS = {  # units of keys of plain data
+UNITS = {  # names of fields in plain data, with their units
     "gain": "gain_N_per_m",
     "limit": "limit_N_per_m",
     "internal": "internal_N_per_m",
@@ -53,7 +53,7 @@ class Limit:
         gain: Gain of the scene: kip or kep; for standing and pushing the largest remaining stiffness [N/m]; nan for
             matrices.
         limit: Stability limit of the gain [N/m]; inf if no gain is too large.
-        margin: Limit divided by gain.
+        margin: Limit divided by gain, the largest stable factor of the gain.
         frequency: Frequency at which stability is lost [Hz]; nan without a limit.
         exact: True if the limit is computed for one mode in closed form, and the whole loop confirms it to
             `difference`; False if the limit is computed for the whole loop.
@@ -214,7 +214,7 @@ def _said_of_passivity(certificate: Certificate) -> str:
         return f"passivity is not judged: {certificate.why_not_passive}"
     values = {"internal": passive.internal, "external": passive.external}
     if all(value == 0.0 for value in values.values()):
-        return "passive for any operator: no gain; friction does not dissipate the energy that sampled damping creates"
+        return "passive for any operator: no gain; friction does not dissipate the energy that sampling creates"
     limits = ", ".join(f"{name} up to {value:.4g} N/m" for name, value in values.items() if value < math.inf)
     return f"passive for any operator: {limits}"
 

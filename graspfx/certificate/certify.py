@@ -118,7 +118,7 @@ def certify(
 
 
 def name_of(scene: Scene) -> str:
-    """Return the name of a scene: that of its file or, without a file, its title."""
+    """Return the name of a scene: that of its file or, without a file, its title, or else its name in messages."""
     path = scene.source.path
     return path.stem.replace("_", "-") if path is not None else scene.title or scene.source.name
 
@@ -131,7 +131,7 @@ def certificates(scene: Scene, at: str = "squeezed", recording: Recording | None
     unstable at those values, the other gains are held at half the limit of all gains together.
 
     Raises:
-        InputError: If a device does not state its mass or damping.
+        InputError: If a device does not state its mass or friction.
     """
     names = [scene.object[i].name for i in sorted(set(scene.finger_objects))]
     return [_certificate(scene, at, name, recording) for name in names]

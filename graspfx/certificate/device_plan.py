@@ -32,7 +32,7 @@ def safety_rows(parts: Parts) -> Iterator[Row]:
     if limits is None or table is None:
         yield "safety", False, "no [safety]: only the law and the devices' own limits bound the forces"
         return
-    usual = "default values, because hardware always has a safety chain; " if parts.scene.safety is None else ""
+    usual = "default values, because hardware and hosts always have a chain; " if parts.scene.safety is None else ""
     why = "a non-finite force becomes zero, with a fault; the object receives the limited forces"
     yield "safety", True, f"{usual}{why}"
     yield _soft_start(limits)
@@ -113,7 +113,7 @@ def _loop(parts: Parts) -> str:
 
 
 def lateness_rows(parts: Parts) -> Iterator[Row]:
-    """Yield the lateness of each device with late forces, in milliseconds and in samples."""
+    """Yield a row for each device with late forces: the time from a motion to its force, in ms and in samples."""
     for wire, late in late_wires(parts):
         names = ", ".join(parts.scene.finger_names[i] for i in wire.used)
         share = late / parts.scene.period

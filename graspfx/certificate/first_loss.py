@@ -40,7 +40,7 @@ SAME = 1e-13  # relative: smaller steps are rounding
 NEAREST = 1e-12  # relative width at which a bracket is narrow enough
 MOST_HALVINGS = 200
 NARROW = 1e-3  # relative width of a bracket in which an eigenvalue of a late loop is followed
-FARTHEST = 0.05  # largest displacement of the followed eigenvalue
+FARTHEST = 0.05  # largest distance inside the circle of the followed eigenvalue at the stable end
 
 
 # Loops over the factor of a gain -------------------------------------------------------------------------------------
@@ -251,7 +251,7 @@ def reaches(families: Sequence[Family]) -> list[Reach]:
 
 
 def least_reaches(groups: Sequence[Sequence[Family]]) -> list[list[Reach]]:
-    """Find each group's smallest stability limit.
+    """Find each group's smallest stability limit; return the reaches of the families in each group.
 
     If a family is stable up to a factor at which another family of the group is unstable, the limit of the first family
     is larger. Its search ends there with the result inf.
@@ -341,7 +341,7 @@ def _find_edges(searches: Sequence[_Search]) -> None:
 
 
 def _just_above(searches: Sequence[tuple[_Search, float]]) -> list[complex]:
-    """Find the largest eigenvalue just above a factor of each search."""
+    """Find the eigenvalue of largest |z| of each search's family, at a factor slightly above the given one."""
     return [z for (z,) in farthest([(search.family, [s * (1.0 + BEYOND)]) for search, s in searches])]
 
 

@@ -157,8 +157,8 @@ class Grip:
 def compiled_sample(grasped: GraspedObject) -> Callable[[], int]:
     """Return a function that computes a sample like `GraspedObject.sample`, some hundred times faster.
 
-    The function is machine code and returns the same bits as the interpreted kernel; without LLVM, the method itself is
-    returned.
+    The function is machine code and returns the same bits as the interpreted kernel; if machine code is not available,
+    the method itself is returned.
     """
     if not is_machine_code():
         return grasped.sample
@@ -184,7 +184,7 @@ def grip_margins(grasped: GraspedObject) -> FloatArray:
 
 
 def edge_directions(grasped: GraspedObject, fingers: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-    """Return T and V (n d, fingers) in world axes: while a contact slides along t, V'f = f_t - mu f_n = 0."""
+    """Return T and V (n d, fingers) in world axes; a contact that slides along t in T has f_t - mu f_n = V'f = 0."""
     n, d = grasped.fingers, grasped.dimensions
     R = grasped.body_state[body.ROTATION : body.ROTATION + 9].reshape(3, 3)
     forces = list(_forces(grasped))
@@ -257,11 +257,11 @@ class Ground:
 
 
 def ground_under(parts: Parts, index: int, grip: Grip, *, lower: float = 0.0) -> Ground | None:
-    """Return the ground of an object, moved by `lower` [m] along gravity; None if no plane supports it.
+    """Return the ground of an object that is moved by `lower` [m] along gravity; None if no plane supports it.
 
-    K_g = sum k J'J over the supporting points, where J (d, r) is the velocity of a point per motion of the object, and
-    k the world's stiffness; B_g is computed likewise with b = 2 sqrt(k m). The result is also None if the object is not
-    native, or if an obstacle is neither a half-space nor a plane.
+    K_g = sum c k J'J over the supporting points, where J (d, r) is the velocity of a point per motion of the object, k
+    the world's stiffness, and c the point's share of it; B_g is computed likewise with b = 2 sqrt(k m). The result is
+    also None if the object is not native, or if an obstacle is neither a half-space nor a plane.
     """
     scene, part, obstacles = parts.scene, parts.objects[index], parts.obstacles
     table, d = part.table, scene.dimensions

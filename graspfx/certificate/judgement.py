@@ -62,6 +62,7 @@ class Judgement:
         limits: Limits of the modes of all objects, and of the grasps on their supports.
         pushing: Limits of fingers that push alone; empty unless requested.
         grip: Ratio of the squeeze to the smallest squeeze that holds the load (`grip_of`); minimum over the objects.
+            `grip` and the following four numbers are nan unless requested.
         depth: Penetration depth of the deepest fingertip at rest [m]; nan without a rest.
         squeeze: Largest internal force of a finger at rest [N]; nan without a rest.
         force: Largest total force of a finger at rest [N]; nan without a rest.
@@ -136,7 +137,7 @@ class Judge:
 
         Raises:
             SceneError: If the scene does not accept a key or a value.
-            InputError: If a device does not state its mass or damping.
+            InputError: If a device does not state its mass or friction.
         """
         self.count += 1
         try:

@@ -223,7 +223,7 @@ def _of_lone_object(scene: Scene, key: str) -> str:
 
 
 def _modal(scene: Scene, loop: Linearised, sweeps: Sequence[Sweep]) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Compute all limits at once: M_i = m_v t_i + J_i and b_i = b_v t_i + b_w r_i are linear in the swept values."""
+    """Compute all limits at once: M_i = m_v t_i + J_i and b_i = b_v t_i + b_w w_i are linear in the swept values."""
     linear, table = loop.linear, scene.object[scene.finger_objects[0]]
     m, r = linear.coordinates
     root = np.sqrt(linear.mass / linear.mass.mean())

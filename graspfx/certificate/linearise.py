@@ -61,7 +61,7 @@ class Linearised:
         tips: Fingertips in world axes, (n, d) [m].
         normals: Unit normals into the object in world axes, (n, d).
         forces: Forces of the fingers on the object at rest in world axes, (n, d) [N]; nan at the start.
-        at: "squeezed" or "start" for each object.
+        at: "squeezed", "start", "provisional" or "recorded" for each object.
         assumed: Assumptions of the matrices, as sentences.
         splits: Split of each object's grasp.
         laws: Coupling law of each object, with matrices in world axes.
@@ -129,10 +129,10 @@ def linearise(
             forces.
 
     Raises:
-        InputError: If a device does not state its mass or damping; objects with different integrators are linearised
+        InputError: If a device does not state its mass or friction; objects with different integrators are linearised
             together; or no finger touches an object (`NotGraspingError`), unless at the start.
         NoRestError: If no rest of a grasp is found.
-        UnknownNameError: If no object has that name.
+        UnknownNameError: If no object, or no operating point, has that name.
     """
     require_no_host(scene, "a certificate")
     if at not in WHERE:

@@ -146,7 +146,10 @@ def standing_limits(loop: Linearised) -> Iterator[Limit]:
 
 
 def pushing_limits(scene: Scene, loop: Linearised) -> list[Limit]:
-    """Compute the limits of every set of fingers that may touch alone; none if contacts cannot separate."""
+    """Compute the limits of every set of fingers that may touch alone; none if contacts cannot separate.
+
+    With more than five fingers, only single fingers are examined.
+    """
     n = len(loop.fingers)
     if scene.coupling.contact == "attached" or n == 1:
         return []
@@ -185,7 +188,10 @@ def _pushes(scene: Scene, loop: Linearised, pushers: tuple[int, ...]) -> Iterato
 
 
 def gone_without(scene: Scene, loop: Linearised, near: Linearisation, pushers: tuple[int, ...]) -> Linearisation | None:
-    """Build the loop with only the pushing fingers in the split; None for gains per finger, or slipping contacts."""
+    """Build the loop with only the pushing fingers in the split.
+
+    None for gains that are not numbers, a weighted split, or slipping contacts.
+    """
     coupling = scene.coupling
     kep, kip = number_of(coupling.external.stiffness), number_of(coupling.internal.stiffness)
     outer = loop.laws[0].external

@@ -43,7 +43,7 @@ def other_doubts(parts: Parts) -> list[str]:
 
 
 def former_notes(scene: Scene) -> list[str]:
-    """Return a sentence for each device table with settings under former names."""
+    """Return a sentence for each setting of a device's table under a former name."""
     tables = dict(table_at(scene, i) for i in range(len(scene.finger)))
     return [
         f"{dotted((*at, old))} is now called {now!r}; the old name is still accepted"
@@ -81,10 +81,10 @@ def unsettled(parts: Parts) -> list[str]:
     """Return a sentence for each motion that grows from sample to sample, naming the finger with the fastest growth.
 
     Each finger is treated as one of n equal fingers. Squeezing: the finger oscillates against a fixed object, on kip
-    and the grip. Moving: all n fingers oscillate together with the object, on kep and the arm. Velocities are assumed
-    known, forces without delay, and rotations are ignored, so that the absence of a note does not prove stability. No
-    note is given if a device does not state its mass, for hands and dynamics of plug-ins, or for gains that are not
-    single numbers.
+    and the grip. Moving: all n fingers oscillate together with the object, on kep and the arm. Velocities are backward
+    differences, forces have no delay, and rotations are ignored, so that the absence of a note does not prove
+    stability. No note is given if a device does not state its mass, for hands and dynamics of plug-ins, or for gains
+    that are not single numbers.
     """
     scene = parts.scene
     external, internal = scene.coupling.external, scene.coupling.internal

@@ -346,9 +346,9 @@ def settle(
     would be thrown from finger to finger.
 
     The faces, anchors and slip of contacts are stored between steps, as in a run. Each step treats contacts as frozen,
-    but the remaining imbalance is computed with the true contacts. If contacts slide, the imbalance shrinks only by
-    about k/(k + k_h) per step. Later steps therefore treat sliding contacts as sliding, as long as this reduces the
-    imbalance.
+    but the remaining imbalance is computed with the true contacts. If contacts slide, a step reduces the imbalance only
+    to about k/(k + k_h) of its value, with the stiffnesses k of the contact and k_h of the hand. Later steps therefore
+    treat sliding contacts as sliding, as long as this reduces the imbalance.
 
     Args:
         course: Intended positions r (steps, m) [m]; the last positions are held.

@@ -436,7 +436,9 @@ def test_hands_hold_simulated_devices_of_one_kind(tmp_path: Path, monkeypatch: p
     table = put(plane(), "finger.0.device", {"name": "real.py"})
     assert faults(table) == []
     held = put(copy.deepcopy(table), "finger.0.hand", {"stiffness": 1.0})
-    assert faults(held) == ["finger.0.hand: a real device is held by the operator's own hand: remove this table"]
+    assert faults(held) == [
+        "finger.0.hand: a real device is held by the operator's own hand: remove this finger's `hand`"
+    ]
     table["finger"][0]["device"] = {"name": "two-link", "base": [0.0, -0.2]}
     table["hand"] = [{"name": "right", "arm": {"stiffness": 1}, "grip": {"stiffness": 1}}]
     for finger in table["finger"]:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-EVEN = 160  # initial number of points on the half circle
+EVEN = 160  # number of evenly spaced initial points on the half circle
 NEAR = np.concatenate([-np.geomspace(0.1, 1e3, 9)[::-1], [0.0], np.geomspace(0.1, 1e3, 9)])  # about eigenvalues of A
 TURN = 0.7  # largest change of the determinant's phase [rad], and of its logarithm, between points
 UNEVEN = 4.0  # largest ratio of neighbouring steps
@@ -36,9 +36,9 @@ TRIES = 4  # number of searches, from circles of several radii, before counting 
 LEAST, NARROW = 1e-3, 1e-11  # smallest |z| that is searched; relative width of the bracket by counting
 MOST_GROWTH = 1e200  # largest z^-n that is searched
 STEPS = 60  # largest number of iterations
-SAME, SOUND = 1e-13, 1e-9  # relative: size of steps that are rounding; residual of an eigenvalue
+SAME, SOUND = 1e-13, 1e-9  # relative to |z|: steps that are rounding; largest last step of an accepted eigenvalue
 LONGEST = 0.05  # largest step
-STARTS = 24  # number of starts of each kind, the most promising ones
+STARTS = 24  # number of starts of each kind: the smallest determinants, and the largest eigenvalues of A
 ROUNDING = 1e-15
 AT_ONCE = 1_000_000  # entries of (z I - S)^-1 U^H B that are computed together for several points
 OUTSIDE = 1e-9  # relative distance from the farthest root outwards, beyond which no root may exist
@@ -167,7 +167,7 @@ def _walk(loop: LateLoop, radius: float) -> tuple[int, FloatArray, FloatArray]:
 
 
 def _points(loop: LateLoop, radius: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Choose angles so dense that det(T/z) changes little between them; also return its phase and log magnitude."""
+    """Choose angles so dense that det(T/z) changes little between them; return them, its phase and log magnitude."""
     angle, phase, size = _start(loop, radius)
     for _ in range(ROUNDS):
         wide = (_turns(phase) > TURN) | (np.abs(np.diff(size)) > TURN) | _is_uneven(angle)
@@ -188,7 +188,7 @@ def _turns(phase: FloatArray) -> FloatArray:
 
 
 def _start(loop: LateLoop, radius: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Choose initial angles: evenly spaced, clustered about eigenvalues of A, and dense where H is not small.
+    """Choose initial angles: evenly spaced, clustered near zero and eigenvalues of A, and dense where H is not small.
 
     The phase of det(T/z) and the logarithm of its magnitude are returned with the angles.
     """
@@ -225,7 +225,8 @@ def _even(angle: FloatArray) -> FloatArray:
 def _is_uneven(angle: FloatArray) -> NDArray[np.bool_]:
     """True for each step that is much wider than a neighbour.
 
-    Within a step past a multiple root, the phase may change by 2 pi; only the steps on either side reveal this.
+    Within a step that passes a multiple root, the phase may change by 2 pi unnoticed; only the small steps beside it
+    reveal this.
     """
     step = np.diff(angle)
     beside = np.minimum(np.append(step[1:], np.inf), np.insert(step[:-1], 0, np.inf))
@@ -237,7 +238,7 @@ def _circle(radius: float, angle: FloatArray) -> ComplexArray:
 
 
 def _farthest(loop: LateLoop, radius: float, angle: FloatArray, size: FloatArray, best: complex) -> complex:
-    """Find the farthest of the roots near points of small determinant, and near eigenvalues of A."""
+    """Find the farthest of `best` and the roots near points of small determinant and near eigenvalues of A."""
     dips = np.flatnonzero((size <= np.append(size[1:], np.inf)) & (size <= np.insert(size[:-1], 0, np.inf)))
     dips = dips[np.argsort(size[dips])][:STARTS]
     alone = loop.eigenvalues
@@ -248,9 +249,9 @@ def _farthest(loop: LateLoop, radius: float, angle: FloatArray, size: FloatArray
 
 
 def root_near(loop: LateLoop, z: complex) -> complex | None:
-    """Apply the method of successive linear problems, T x = m T'x, from z; return an eigenvalue, or None.
+    """Apply the method of successive linear problems, T x = m T'x, from z; return an eigenvalue, or None if it fails.
 
-    The method converges equally fast to eigenvalues that are multiple by symmetry.
+    The method converges to eigenvalues that are multiple by symmetry as fast as to simple ones.
     """
     at = np.array([z], dtype=complex)
     for _ in range(STEPS):

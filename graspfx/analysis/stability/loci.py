@@ -29,14 +29,14 @@ GROWING = 1e-9  # excess of |z| over 1 that is not rounding of a constant motion
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Loci(Carded):
-    """Characteristic loci of a loop: the eigenvalues of its return ratio L(e^(jwT)), by frequency.
+    """Characteristic loci of a loop: the eigenvalues of its return ratio L(e^(jwT)), by frequency w/(2 pi).
 
     Attributes:
         frequency: Frequencies up to half the sampling rate, (F,) [Hz].
         response: Loci as columns, (F, k), continuous in frequency; loci that are zero are left out.
         gain_margin: Smallest factor above 1 on all of the coupling's forces at which a locus passes through -1; inf if
-            none does. It is also a factor on all gains together, unless the object's integrator is "implicit".
-        gain_frequency: Frequency of that crossing [Hz]; nan if there is none.
+            none does. The margin is also one of all gains together, unless the object's integrator is "implicit".
+        gain_frequency: Frequency at which that locus passes through -1 [Hz]; nan if none does.
         phase_margin: Smallest angle from -1 at which a locus crosses the unit circle [degrees]; inf if none does.
         phase_frequency: Frequency of that crossing [Hz]; nan if there is none.
     """
@@ -93,8 +93,8 @@ def loci(subject: Subject, frequency: ArrayLike | None = None) -> Loci:
         frequency: Frequencies in ascending order [Hz], up to half the sampling rate; 2000 over three decades if None.
 
     Raises:
-        InputError: If frequencies are not in ascending order or exceed half the sampling rate; or an error of
-            `Scene.linearise`.
+        InputError: If there are fewer than two frequencies, or if they do not increase, are not above zero or exceed
+            half the sampling rate; or an error of `Scene.linearise`.
     """
     loop = open_loop(subject)
     half = 0.5 / loop.period
@@ -135,9 +135,9 @@ def _joined(values: ComplexArray) -> ComplexArray:
 
 
 def _gain_margin(loop: OpenLoop, frequency: FloatArray, response: ComplexArray) -> tuple[float, float]:
-    """Compute the smallest 1/|L| above 1 where a locus crosses the negative real axis, or ends on it.
+    """Compute the smallest 1/|L| above 1 where a locus crosses or ends on the negative real axis; and its frequency.
 
-    Loci may be so close that their crossings are confused. The first crossing is therefore recomputed as the factor at
+    Loci may be so close that their crossings are confused. The smallest margin is therefore recomputed as the factor at
     which an eigenvalue of the closed loop crosses the unit circle.
     """
     best = math.inf, math.nan
@@ -176,7 +176,7 @@ def _lesser(best: tuple[float, float], margin: float, frequency: float) -> tuple
 
 
 def _phase_margin(loop: OpenLoop, frequency: FloatArray, response: ComplexArray) -> tuple[float, float]:
-    """Compute the smallest angle between a locus on the unit circle and -1."""
+    """Compute the smallest angle between a locus on the unit circle and -1 [degrees], and its frequency [Hz]."""
     best = math.inf, math.nan
     for locus in range(response.shape[1]):
         column = response[:, locus]

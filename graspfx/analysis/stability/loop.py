@@ -57,7 +57,7 @@ def loop_matrix(subject: Subject, motions: Motions | None = None) -> FloatArray:
     "implicit", the ground's last wrench is a state, because the prediction uses it.
 
     Args:
-        subject: Grasp: a `Linearisation`, a scene, or the name or path of one.
+        subject: `Linearisation`, scene, or name or path of a scene.
         motions: Result of `uncoupled`, if known; it does not depend on gains.
     """
     return LoopRows(linear_of(subject), motions).closed()
@@ -82,7 +82,7 @@ def open_loop(subject: Subject) -> OpenLoop:
     With "implicit", the coupling's own prediction of the object is part of C.
 
     Args:
-        subject: Grasp: a `Linearisation`, a scene, or the name or path of one.
+        subject: `Linearisation`, scene, or name or path of a scene.
     """
     linear = linear_of(subject)
     rows = LoopRows(linear, inputs=linear.coordinates[0])
@@ -91,7 +91,7 @@ def open_loop(subject: Subject) -> OpenLoop:
 
 
 def is_late(linear: Linearisation) -> bool:
-    """True if a reaction's delay has so many samples that a state for each would take too long."""
+    """True if a reaction's delay has so many samples that one state per sample and coordinate would take too long."""
     operator = linear.operator
     return operator is not None and operator.reacts and int(operator.delay.max()) * len(linear.mass) > MOST_LATE
 
@@ -130,7 +130,7 @@ def late_loop(linear: Linearisation, motions: Motions | None = None, *, drift: b
 class LoopRows:
     """Equations of devices, hands and object, as matrix rows that multiply the state and additional inputs.
 
-    Device i feels a force (n_i + phi_i) T after its tick, and its reading is (a_i + psi_i) T old:
+    Device i feels each tick's force (n_i + phi_i) T after the tick, and its reading is (a_i + psi_i) T old:
 
         s_(k+1) = E(T) s_k + Gamma(T - phi T) F_(k-n) + [Gamma(T) - Gamma(T - phi T)] F_(k-n-1)
         x(t_(k+1) - psi T): the same up to (1 - psi) T
@@ -307,7 +307,7 @@ class LoopRows:
         return self._steps[part]
 
     def _operated(self, operator: OperatorMatrices, displayed: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
-        """Return the operator's own forces on (x, x', y, y'), and the rows of the operator's memory."""
+        """Return the effect of the operator's own forces on (x, x', y, y'), and the rows of the operator's memory."""
         at, S = self.at, operator.limb
         limbs = held_limbs(self.linear)
         push = np.zeros((len(self.hold), displayed.shape[1]))
@@ -334,7 +334,7 @@ def _groups(parts: FloatArray) -> Sequence[tuple[float, NDArray[np.intp]]]:
 
 
 def late_readings(linear: Linearisation) -> int:
-    """Return the number of rows of readings in a loop's state; zero if positions have no age."""
+    """Return the number of readings of each coordinate in a loop's state; zero if positions have no age."""
     if not linear.age.any():
         return 0
     return 1 + max(samples_and_part(age, linear.period)[0] for age in linear.age.tolist())
@@ -343,8 +343,9 @@ def late_readings(linear: Linearisation) -> int:
 def ground_wrench(linear: Linearisation, s: FloatArray, position: FloatArray, speed: FloatArray) -> FloatArray:
     """Compute the ground's wrench F_g from the position q and velocity w that the object would have without it.
 
-    F_g = -Y [K_g (q + a w) + B_g w], Y = [I + (T K_g + B_g) s]^-1. With the lookahead a of `objects.floor.rest`, a
-    change of the velocity w changes the position at which the ground acts by T times as much, for every integrator.
+    F_g = -Y [K_g (q + a w) + B_g w], Y = [I + (T K_g + B_g) s]^-1, where s maps a wrench to the velocity that it adds.
+    With the lookahead a of `objects.floor.rest`, a change of the velocity w changes the position at which the ground
+    acts by T times as much, for every integrator.
     """
     if linear.ground is None:
         return np.zeros_like(position)
@@ -496,7 +497,7 @@ def drift_free(linear: Linearisation, states: int) -> FloatArray | None:
     if linear.operator is not None:
         holding = np.vstack([holding, linear.operator.pull])
     hand = np.hstack([holding, np.zeros((len(holding), r))])
-    # coordinates in units of the energy that they store, so that metres and radians are comparable
+    # coordinates scaled by the root of their mass or inertia, so that metres and radians are comparable
     length = np.sqrt(np.concatenate([linear.mass, np.diag(linear.inertia)]) / linear.mass.mean())
     stretch = np.vstack([K / length[:, None], hand]) / length
     _, sizes, motions = np.linalg.svd(stretch)

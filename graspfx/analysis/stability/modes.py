@@ -76,17 +76,19 @@ class Mode:
 def modes(linear: Subject) -> list[Mode]:
     """List the modes of a grasp of identical devices without preload, internal modes first.
 
-    There are m - r internal modes "device + wall", and r external modes "device + object". The objects' masses are the
-    eigenvalues of (G G')^-1/2 M_o (G G')^-1/2, their viscosities those with B_o in place of M_o, and the stiffnesses
-    those with G K G'. If these matrices do not commute, the external motions form one coupled block. Devices with
-    different masses count as identical if friction, springs and gains are proportional to the masses, as with a mass
-    metric: each device is measured in units of the square root of its mass over the mean mass.
+    With m device coordinates and r of the object, there are m - r internal modes "device + wall", and r external modes
+    "device + object". The objects' masses are the eigenvalues of (G G')^-1/2 M_o (G G')^-1/2, their viscosities those
+    with B_o in place of M_o, their stiffnesses those with G K G', and their dampings those with G D G'. If these
+    matrices do not commute, the external motions form one coupled block. Devices with different masses count as
+    identical if friction, springs and gains are proportional to the masses, as with a mass metric: each device is
+    measured in units of the square root of its mass over the mean mass.
 
     Args:
         linear: `Linearisation`, scene, or name or path of a scene.
 
     Raises:
-        InputError: If devices or delays differ, gains mix internal and external forces, or there is a preload, a ground
+        InputError: If devices or delays differ, `rate` is not "difference", the rows of G are dependent, gains mix
+            internal and external forces, internal stiffness and damping do not commute, or there is a preload, a ground
             or an operator model; `spectral_radius` has no such restriction.
     """
     linear = linear_of(linear)

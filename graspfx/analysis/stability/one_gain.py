@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 
 DECADES = -6, 3  # range of log10(b T/m) in which a friction is searched
 GRID = 361  # number of frictions of the first grid, 40 per decade
-REFINED = 65, 6  # number of frictions between two neighbours, and number of refinements, down to a width of 1e-12
+REFINED = 65, 6  # number of frictions between two neighbours, and of refinements, to a relative width of 1e-12
 
 
 def _on_wall(mass: ArrayLike, damping: ArrayLike, period: ArrayLike, wall_damping: Any = 0.0, **options: Any) -> Plant:
@@ -217,12 +217,12 @@ def largest_gains(
 ) -> Gains:
     """Compute the largest gains of n fingers along one axis that are stable up to `margin` times their values.
 
-    k_ip is the limit of a wall divided by `margin`, k_ep is the limit with an object of mass m_v/n divided by `margin`,
-    and k_p is the smaller of the two. With `pushing`, k_ep and k_p are lowered until any s of the n fingers may push
-    alone: the split's stiffness is then 1/[(1 - s/n)/k_ip + (s/n)/k_ep], and the object's mass is m_v/s.
+    k_ip is the limit of an undamped wall divided by `margin`, k_ep is the limit with an object of mass m_v/n divided by
+    `margin`, and k_p is the smaller of the two. With `pushing`, k_ep and k_p are lowered until any s of the n fingers
+    may push alone: the split's stiffness is then 1/[(1 - s/n)/k_ip + (s/n)/k_ep], and the object's mass is m_v/s.
 
     Args:
-        margin: Safety factor; above 1.
+        margin: Safety factor, above 0; with 1, the gains are the limits themselves.
         options: Options of `stability.external_limit`, such as `spring`, `integrator`, `delay` and `object_delay`.
     """
     room = number("margin", margin, "1", zero=False)

@@ -130,7 +130,7 @@ DEEP = 1e-5  # largest initial depth in an obstacle [m]; a larger one is due nei
 
 
 def meeting_faults(scene: SceneTable, stock: Stock, earlier: Sequence[Finding]) -> Iterator[Finding]:
-    """Find contacts that the objects' dynamics do not support, if objects, obstacles and world have no other fault."""
+    """Find contacts that the objects' dynamics do not support, if bodies, world and gravity have no other fault."""
     if any(at[:1] in (("object",), ("obstacle",), ("world",), ("gravity",)) for at, _ in earlier):
         return
     yield from _together(scene, stock)
@@ -254,7 +254,7 @@ def _too_stiff(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterat
 
 
 def _inside(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterator[Finding]:
-    """Find shapes that start inside a half-space or across a plane; a test of other pairs would need a search."""
+    """Find shapes that start inside a half-space or across a plane; tests of other obstacles would need a search."""
     from graspfx.objects.floor.floor import clearance
 
     state = np.zeros(SIZE)

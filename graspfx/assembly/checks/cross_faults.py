@@ -367,7 +367,7 @@ def _turned(scene: SceneTable, at: Key, field: str, value: Any, in_space: str, c
 
 
 def _body(scene: SceneTable, at: Key, thing: Any, stock: Stock, faults: list[Finding]) -> Iterator[Finding]:
-    """Find errors raised when the body is created, if there is no other fault."""
+    """Find errors raised when the body's block is filled, if neither the body nor gravity has another fault."""
     if any(place[: len(at)] == at or place == ("gravity",) for place, _ in faults):
         return
     try:
@@ -492,7 +492,7 @@ def _ratio(scene: SceneTable, quantity: str) -> Iterator[Finding]:
 
 
 def _pair(scene: SceneTable, key: str, word: str, letter: str, relation: str) -> Iterator[Finding]:
-    """Find a pair of lengths of a rule that are not in increasing order; a word stands for no pair."""
+    """Find a pair of lengths that does not increase from 0 ("<=") or from a value above 0 ("<"); `word` is valid."""
     pair = getattr(scene.coupling, key)
     if pair == word:
         return

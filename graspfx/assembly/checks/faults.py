@@ -29,12 +29,12 @@ DO = "move it there, or trust the scene:"
 
 
 def trust_faults(scene: SceneTable, source: Source) -> list[Finding]:
-    """Find every path outside the folder of the scene's file, and remove such paths from the tables.
+    """Find every path outside the folder of the scene's file, and remove such paths; none if the source is trusted.
 
     In a scene from a recording, every Python file that the recording names is a fault, because the recording itself
-    defines which folder is the scene's.
+    defines which folder is the scene's. Paths that an override gives are allowed.
 
-    The remaining scene names no files outside of the folder, so later checks cannot import or read one.
+    The remaining scene names no other files outside of the folder, so later checks cannot import or read one.
     """
     return [] if source.is_trusted else list(_faults((), scene, source))
 
@@ -86,7 +86,7 @@ EXPECTED = {
 FORMS = {"list": "a list", "name": "a name", "number": "a number", "word": "a number or a word"}  # others: tables
 MOST_HINTS = 200  # largest number of unknown keys for which a close match is sought
 VERY_NEAR = 0.75  # the similarity of 'mss' and 'mass' is 0.86, that of 'axis' and 'radius' 0.6
-# Names and places of keys in other programs and in the paper, by table and key.
+# Places in a scene of what other programs and the paper call otherwise, by table and foreign key.
 ELSEWHERE = {
     ("Coupling", "kep"): "external.stiffness",
     ("Coupling", "ked"): "external.damping",
@@ -102,7 +102,7 @@ ELSEWHERE = {
     ("Plane", "offset"): "the position of the object or obstacle",
     ("Placement", "position"): "start = [x, y, z], without a table",
 }
-INSTEAD = {("Placement", "position"): "toward"}  # required keys that may be replaced by another one
+INSTEAD = {("Placement", "position"): "toward"}  # required keys that are not missed if a foreign key is given
 
 
 def find_faults(data: Mapping[str, Any], source: Source) -> tuple[list[Fault], Stock]:
@@ -164,7 +164,7 @@ def _likely_keys(errors: Iterable[Any], draft: Table) -> dict[Key, Key]:
 
 
 def _near(key: str, table: Any) -> str | None:
-    """Return the most similar key; a key that the table already contains must be very similar."""
+    """Return a table's most similar key, if any; a key that the table already contains must be very similar."""
     if table is None:
         return None
     if len(key) > LONGEST_KEY:

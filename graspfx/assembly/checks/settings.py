@@ -1,4 +1,4 @@
-"""Checks of single values: settings of plug-ins, lengths of vectors, recorded paths."""
+"""Checks of single values: settings of plug-ins, lengths of vectors, names of recorded columns."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from graspfx.scene.tables.scene_table import SceneTable
 
 
 def length_faults(scene: SceneTable, at: Key, part: Any, field: str) -> Iterator[Finding]:
-    """Find a vector with a number of components other than d."""
+    """Find a vector whose number of components differs from the scene's dimensions."""
     value = getattr(part, field)
     if value is not None and len(value) != scene.dimensions:
         yield (*at, field), f"expected {numbers(scene.dimensions)}; given {abbreviate(list(value))}"
@@ -128,7 +128,7 @@ def signature_faults(
     parameters: Mapping[str, inspect.Parameter],
     automatic: AbstractSet[str],
 ) -> Iterator[Finding]:
-    """Find settings that a plug-in does not accept and required settings that are missing, except automatic ones."""
+    """Find settings that are not finite or unknown to a plug-in, and missing required ones, except automatic ones."""
     for key, value in settings.items():
         if not _finite(value):
             yield (*at, key), f"expected finite numbers; given {abbreviate(value)}"

@@ -1,4 +1,4 @@
-"""Guard of a servo's process, which fetches rows, sends heartbeats, and removes the force if the process dies."""
+"""Guard of a servo's process: it fetches rows, sends heartbeats, and removes the force if the process dies."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Relay:
         recorder: Recorder of the run.
         watch: Function, such as a viewer's, that is called with the first tick and the number of ticks of each batch of
             rows; it may read the recorder's last row.
-        goals: Function that returns the accepted goals of guided hands by key; None without guided hands.
+        goals: Function that returns, by key, which of the accepted goals have changed; None without guided hands.
 
     Attributes:
         ticks: Number of ticks whose rows were fetched.
@@ -156,7 +156,7 @@ class Guard(Thread):
         messages: Messages of the process, tuples that begin with their kind; the last one is DEATH.
         lock: Lock of the relay and its recorder.
         relay: Relay of the rows; None before the run.
-        failure: Error of the relay, after which the servo is asked to rest.
+        failure: Error of the relay, after which the servo is asked to rest, or of the guard, which kills the process.
         report: Sentences about the removal of forces; empty if no force was removed.
         is_settled: Whether the hardware has reported that it is open and at rest.
         is_overdue: Whether the hardware did not report in time, so that the process was ended.

@@ -42,7 +42,7 @@ class Errand:
         selected: Whether rows have only the columns and ticks that the scene selects.
         live: Keys that may change during the run.
         goals: Number of entries of the guided hands' goals.
-        trust: Whether files outside the scene's folder may be read.
+        trust: Whether all files that the scene names may be used.
         verbosity: Level of messages to pass on, or None.
         path: Search path of modules.
         parent: Process number of the recording process.
@@ -126,7 +126,7 @@ def guide_keys(scene: Scene, servo: Servo) -> list[GuideKeys]:
 
 
 class GoalSender:
-    """Sender of guided hands' goals to a servo in another process, which never waits for the servo.
+    """Sender of guided hands' goals to a servo in another process; it never waits for the servo.
 
     Args:
         ring: Ring buffer shared with the servo.
@@ -180,7 +180,7 @@ class GoalSender:
             self._post()
 
     def send_all(self, servo: Servo) -> None:
-        """Send the goals in a copy of the servo."""
+        """Send the goals that a copy of the servo contains."""
         with self._lock:
             self._goals = np.concatenate([place.memory[place.entries] for place in goal_places(servo)])
             self._post()
@@ -268,10 +268,10 @@ class Hold:
         self.memories: list[FloatArray] = [block, gains, mechanics]
 
     def numbers(self) -> Iterator[tuple[int, Index, FloatArray]]:
-        """Yield the memories, entries and numbers that another hold of the same structure adopts.
+        """Yield the indices of memories, the entries and the numbers that another hold of the same structure adopts.
 
-        Followers of a guided hand are excluded, because their state does not change. Goals are excluded too, because
-        they are sent separately.
+        Followers of a guided hand are excluded, because an update must not change their state. Goals are excluded too,
+        because they are sent separately.
         """
         block, _, _ = self.memories
         if len(block):
@@ -342,7 +342,7 @@ class ParentGone(BaseException):
 
 
 class Orders:
-    """Stop condition of a servo, tested before each tick and during waits; its test also accepts letters.
+    """Stop condition of a servo, tested before each tick and during waits; its test also accepts letters and goals.
 
     Args:
         ring: Ring buffer with the words and letters.
@@ -405,6 +405,6 @@ class Orders:
 
 
 def memories(servo: Servo) -> list[FloatArray]:
-    """List the memories that a letter may write to: the objects' grasps, then the safety chain of each."""
+    """List the memories of objects that a letter may write to: their grasps, then the safety chain of each."""
     chain = servo.safety.buffers if servo.safety is not None else []
     return [*(part.grasped.block for part in servo.objects), *chain]

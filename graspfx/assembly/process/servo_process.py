@@ -115,7 +115,7 @@ class Mail:
 
 
 LOOK = 0.01  # interval of checks whether to stop [s]
-FAREWELL = 3.0  # time for a process to end after it has closed its hardware [s]
+FAREWELL = 3.0  # time for a process to close its hardware and end [s]
 
 
 class ServoProcess:
@@ -220,7 +220,7 @@ class ServoProcess:
     # Messages of the process --------------------------------------------------------------------------------------
 
     def await_rest(self, seconds: float) -> bool:
-        """Wait until the servo is at rest; return whether it is."""
+        """Wait at most `seconds` until the servo is at rest; return whether it is."""
         end = left = time.monotonic() + seconds
         while not self._has_rested and left > 0.0:
             self._take(max(end - time.monotonic(), 0.0))
@@ -259,11 +259,11 @@ class ServoProcess:
         return None
 
     def expect(self, word: str) -> tuple[Any, ...]:
-        """Wait for a message of a kind; raise errors that the process reports.
+        """Wait for a message of a kind and return its content; raise errors that the process reports.
 
         Raises:
-            DeviceError: If the process died.
-            Interruption: If a signal arrived, and the process was ended.
+            DeviceError: If the process died, or a device did not open in time.
+            Interruption: If the process failed after a signal had arrived.
         """
         while True:
             message = self._take(0.05)
