@@ -89,6 +89,7 @@ class Coupling(Carded):
 
     Raises:
         UnknownNameError: If the form is neither "literal" nor "symmetric".
+        InputError: If `external` or `internal` is not an impedance.
     """
 
     external: Impedance | ObjectImpedance

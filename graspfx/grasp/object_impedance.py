@@ -43,7 +43,7 @@ class ObjectImpedance(Carded):
         stiffness: Stiffness K_o in the axes of the contact points, (w, w), forces before moments [N/m, N, N m/rad]; its
             diagonal (w,), or on a line a number. w is 1, 3 or 6, or the grasp's number of free degrees of freedom. Rows
             and columns of locked degrees of freedom are omitted.
-        damping: Damping D_o, in the same forms; zero if None.
+        damping: Damping D_o [N s/m, N s, N m s/rad], in the same forms; zero if None.
         point: Point to which K_o and D_o refer, (d,) [m]; the origin of the grasp's moments if None.
 
     Raises:
@@ -92,7 +92,7 @@ class ObjectImpedance(Carded):
         return ObjectImpedance(even(T @ self.stiffness @ T.T), even(T @ self.damping @ T.T), point)
 
     def about(self, origin: ArrayLike) -> ObjectImpedance:
-        """Return the impedance at another point (d,) [m], S'K S and S'D S, where S x is the motion at `point`."""
+        """Return the impedance S'K S, S'D S about a point (d,) [m]; a motion x there is the motion S x at `point`."""
         if self.point is None:
             return self
         r, d = self.point - np.asarray(origin, dtype=float), len(self.point)

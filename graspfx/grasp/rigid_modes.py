@@ -144,7 +144,7 @@ def write_rotation(
 def keep_rotations(
     freedom: Freedom, root: float, low: float, high: float, whole: bool, modes: Table
 ) -> tuple[int, int]:
-    """Scale all rotations with non-zero blend to unit length, and move them after the translations."""
+    """Scale the rotations that `rigid_modes` keeps to unit length, move them after the translations, and count."""
     count, blended = freedom.shifts, 0
     for k in range(freedom.shifts, freedom.shifts + freedom.turns):
         mode = modes[k]

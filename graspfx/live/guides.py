@@ -60,12 +60,12 @@ def guided_scene(scene: Scene) -> Scene:
 
 
 def hand_name(scene: Scene, table: str, fingers: Sequence[int]) -> str:
-    """Name a hand by its table, such as `hand.0`; the hand of a single finger has the finger's name."""
+    """Return the name of the hand in a table such as `hand.0`; the own hand of a finger has the finger's name."""
     return scene.hand[int(table.split(".")[1])].name if table.startswith("hand.") else scene.finger_names[fingers[0]]
 
 
 def guides_of(session: LiveSession, kind: Literal["hands", "fingers"] | None) -> Sequence[Guide]:
-    """List the guides of a run."""
+    """List the guides of a run: one per guided hand, one per finger of these hands, or none."""
     names, start = session.scene.finger_names, session.start
     guides: list[Guide] = []
     for number, (table, fingers) in enumerate(session.guided if kind else []):

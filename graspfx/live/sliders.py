@@ -76,8 +76,8 @@ class Slider:
 def sliders(scene: Scene) -> list[Slider]:
     """List the sliders of a scene: gains, friction, and the viscosity and mass of objects, if they can change.
 
-    Ranges are linear and end at 4 times the value or more; `widened` extends them beyond stability limits. A stiffness
-    of the object has one factor for translation and one for rotation.
+    Ranges are linear and end at 4 times the value or more (2 times for friction); `widened` extends them beyond
+    stability limits. A stiffness of the object has one factor for translation and one for rotation.
     """
     with build(scene, engine="interpreted") as servo:
         found = list(_factors(servo, scene))
@@ -204,7 +204,7 @@ def _can_change(servo: Servo, scene: Scene, key: str, value: float) -> bool:
     if plain in ("coupling.friction", "finger.*.friction") and value <= 0.0:
         return False  # a contact with friction has additional state
     if plain in INERTIA and any(isinstance(mover.body, Steerable) for mover in servo.movers):
-        return False  # the mass of an object on planes is in another process
+        return False  # what an object on planes derives from its mass is not sent to a servo in another process
     try:
         Steering(servo, scene, [key])
     except GraspFXError:

@@ -93,7 +93,8 @@ def description(scenery: Scenery, title: str, fingers: Sequence[int], touchable:
 def picture(frames: Frames, tick: int, scenery: Scenery, fingers: Sequence[int]) -> bytes:
     """Encode the last frame: tick, time, squeeze, push, poses (x, y, angle), and seven numbers per finger.
 
-    The seven numbers are position, internal force, external force and state. Missing forces are 0, other numbers NaN.
+    The seven numbers are position, internal force, external force (two coordinates each) and state, in SI units as
+    float64. Missing forces of fingers are 0; other missing numbers are NaN.
     """
     n = len(fingers)
     modes = frames.modes.values()
