@@ -86,7 +86,7 @@ ALL = "all"  # name of the condition if an experiment has factors only
 
 @dataclass(frozen=True)
 class Cell:
-    """One combination of a condition and a level of each factor.
+    """One combination of a condition, a level of each factor and, in a comparison with given increments, an increment.
 
     Attributes:
         condition: Name of the condition.
@@ -117,7 +117,7 @@ class Cell:
             repetition: Repetition of the combination, from 1.
             place: Interval with the larger value, 0 or 1; ignored without a comparison.
             increment: Relative increment of the larger value; ignored unless a staircase chooses the increment.
-            is_practice: Whether the trial is practice.
+            is_practice: Whether the trial is practice, which is not evaluated.
         """
         if self.compare is None:
             return Trial(

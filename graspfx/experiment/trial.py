@@ -27,7 +27,7 @@ class Trial:
         answer: Correct answer; empty if there is none.
         reference: Smaller value of a comparison; NaN without a comparison.
         increment: Relative increment of the larger value; NaN without a comparison.
-        is_practice: Whether the trial is practice.
+        is_practice: Whether the trial is practice, which is not evaluated.
     """
 
     number: int

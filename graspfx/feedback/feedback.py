@@ -30,14 +30,15 @@ NO_CONTACT = "no contact: all forces fade to zero"
 
 
 class Feedback(Carded):
-    """Display the forces of a grasp in another simulator, or of a real gripper, on haptic devices.
+    """Convert the forces of a grasp in another simulator, or of a real gripper, to forces for haptic devices.
 
         f = f_e + f_i,   f_e = P f,   f_i = (I - P) f                      (Kawai and Yoshikawa, eq. 3)
         fingers = Kp f_e + Ks f_i,   push = Kp sum_i f_e,i,   grip = mean_i n_i.(Ks f_i,i)
 
     f are the forces of all fingers, and n_i is the unit normal of finger i into the object. The sum of the fingers'
-    forces does not contain the squeeze, and the sum of their magnitudes has no direction. `Feedback` displays the
-    squeeze with its own gain. P is computed as by `graspfx.divide` (pseudoinverse, hard contacts).
+    forces does not contain the squeeze, and the sum of their magnitudes has no direction. `Feedback` therefore
+    separates the squeeze, and scales it by its own gain. P is computed as by `graspfx.divide` (pseudoinverse, hard
+    contacts).
 
     `forces` act from the object on the fingers; results are forces on the operator. With the opposite sign, the
     feedback would be positive: a hand that closes on an object would be pulled closed further.

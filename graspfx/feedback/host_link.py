@@ -41,7 +41,7 @@ class Operator(NamedTuple):
     """State of the operator in a tick of the loop.
 
     Attributes:
-        time: Time of the loop [s].
+        time: Time of the tick on the loop's clock [s].
         position: Positions of the device's fingers, (n, d) [m].
         velocity: Velocities of the device's fingers, (n, d) [m/s].
         force: Forces on the operator that were displayed in the previous tick, (n, d) [N].

@@ -23,7 +23,7 @@ ROUNDING = 1e-13  # relative bound below which eigenvalues of the unheld stiffne
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class ObjectImpedance(Carded):
-    """Spring and damper between fingers and object: a rigid displacement x of the fingers exerts K_o x.
+    """Spring and damper between fingers and object: a rigid displacement x of the fingers exerts the wrench K_o x.
 
     As the external part of a `Coupling`, stiffness and damping are distributed over the contacts so that the object's
     stiffness is the given one for any number of fingers. With N spanning the null space of G', the split's metric M,
@@ -105,7 +105,7 @@ class ObjectImpedance(Carded):
 
 
 def object_gain(impedance: ObjectImpedance, pair: str, split: Split) -> FloatArray:
-    """Compute K_ep, or D_ep, of a split's contacts, (..., m, m), symmetric to the last bit.
+    """Compute K_ep, or D_ep if `pair` is "damping", of a split's contacts, (..., m, m), symmetric to the last bit.
 
     Raises:
         InputError: If the degrees of freedom of impedance and grasp differ.

@@ -1,4 +1,4 @@
-"""Unilateral contact of n fingers with a given stiffness, eqs. (24)-(26), as a projection."""
+"""Unilateral contact of n fingers with a given stiffness, with or without friction: generalises eqs. (24)-(26)."""
 
 from __future__ import annotations
 

@@ -119,9 +119,9 @@ class FingerReach:
 class GoalWalk:
     """Goal of one finger or hand.
 
-    The goal moves to its target, no faster than `speed`. A target far from the finger therefore moves the goal there
-    gradually, and forces of the hand's damper and of collisions on the way stay realistic. Slower motions are followed
-    without delay.
+    The goal moves to its target, no faster than `speed`. If the target is far from the finger, the goal therefore
+    approaches it gradually, and forces of the hand's damper and of collisions on the way stay realistic. A target that
+    moves more slowly than `speed` is followed without delay.
 
     Args:
         speed: Highest speed [m/s].

@@ -138,9 +138,9 @@ def value_in(slider: Slider, values: Mapping[str, Any]) -> float | None:
 
 
 def widened(slider: Slider, verdict: Verdict) -> Slider:
-    """Extend the range of a stiffness to 1.5 times its limit if it ends below the limit.
+    """Extend the range of a stiffness that ends below the stability limit to 1.5 times the limit, rounded up.
 
-    The limit of a factor is its value in the verdict times the margin of its mode.
+    The limit of a factor on the object's stiffness is its value in the verdict times the margin of its mode.
     """
     limit = max(filter(math.isfinite, _limits(slider, verdict)), default=0.0)
     if limit < slider.most:

@@ -66,7 +66,7 @@ def description(scenery: Scenery, title: str, fingers: Sequence[int], touchable:
         title: Title of the page.
         fingers: Numbers of the fingers in the order of the page.
         touchable: Number of fingers that can be touched; they come first.
-        box: Touchable area.
+        box: Touchable area, in the scene's coordinates [m].
         fault: Fault of the run; empty for none.
     """
     objects = [each for each in scenery.solids if each.object is not None]

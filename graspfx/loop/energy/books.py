@@ -75,7 +75,7 @@ class EnergyReport(Record):
 
 
 class LedgerState(Record):
-    """Ledger of one object, stored next to its block."""
+    """Ledger of one object, in a block of its own."""
 
     count: int  # n
     components: int  # components of the forces if gains are matrices with cones, which needs h = K^-1 fe; else 0
