@@ -207,7 +207,7 @@ def divide_fingers(state: ContactSplitState) -> None:
 
 @kernel
 def find_inward(state: ContactSplitState) -> None:
-    """Set the unit normals, without given normals to the mean of the other fingers' points, and the reference point."""
+    """Set the reference point and the unit normals; without normals, these point to the mean of the others' points."""
     n = state.touching
     centre = Vector(0.0, 0.0, 0.0)
     for i in range(state.fingers):

@@ -117,7 +117,7 @@ def gain_limits(
 
 
 def _lifted(E: FloatArray, R: int, D: int, linear: bool, r: float, stiffness: float) -> FloatArray:
-    """Compute the map of s = (x, x', x_(i-1), ..., x_(i-q)) over R ticks, with x_i the sample at the first of them.
+    """Compute the map of s = (x, x', x_(i-1), ..., x_(i-q)) over R ticks; x_i is the sample of the first tick.
 
     Args:
         E: Map of (x, x', f) to (x, x') over a tick, (2, 3).

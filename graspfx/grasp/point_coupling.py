@@ -48,8 +48,9 @@ class PointCoupling(Carded):
         dimensions: Dimension d: 1, 2 or 3.
         tolerance: Largest rms distance of collinear contacts from their line, as a fraction of their rms distance from
             the centroid (`Split`: 1e-6). Contacts are also collinear up to the rounding of their coordinates.
-        engine: "compiled", "interpreted", or "auto", which compiles if llvmlite is installed. Compiling takes a second,
-            once per machine. Both engines compute the same forces to the last bit.
+        engine: "compiled", "interpreted", or "auto", which is "compiled" if the package contains the machine code or
+            llvmlite is installed. Compiling takes a second, once per machine. Both engines compute the same forces to
+            the last bit.
 
     Attributes:
         compute: Callable without arguments that fills `force`; bind it to a local name in a loop.
@@ -62,7 +63,7 @@ class PointCoupling(Carded):
         InputError: If a gain is not a number, there are no fingers, dimensions are not 1, 2 or 3, or the tolerance is
             outside [0, 1).
         UnknownNameError: If the engine is unknown.
-        MissingPackageError: If the engine is "compiled" and llvmlite is missing.
+        MissingPackageError: If the engine is "compiled", the package has no machine code, and llvmlite is missing.
     """
 
     compute: Callable[[], object]

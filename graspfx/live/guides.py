@@ -50,7 +50,7 @@ class Guide:
 
 
 def guided_scene(scene: Scene) -> Scene:
-    """Add a guide to each hand without a guide, except to hands of plug-ins."""
+    """Return the scene with a guide for each hand that has none, except for hands of plug-ins."""
     changes: dict[str, Any] = {
         ".".join(map(str, (*each.at, "guide"))): {}
         for each in holdings(scene)
@@ -155,7 +155,7 @@ class GoalWalk:
         return self._advanced(now)
 
     def step(self, now: float) -> FloatArray | None:
-        """Return the present goal if it has moved; None if it is at its target or has none."""
+        """Return the present goal if it has moved; None if it is at its target or has no target."""
         if self._goal is None or np.array_equal(self._goal, self.target):
             self._time = now
             return None
@@ -182,7 +182,7 @@ def withdrawal(session: LiveSession, row: FloatArray, finger: int, clearance: fl
         session: Running session.
         row: Present row.
         finger: Number of the finger.
-        clearance: Clearance [m].
+        clearance: Additional distance [m].
     """
     columns = session.servo.layout.columns
 

@@ -169,7 +169,7 @@ class TouchLog:
         return ["applied" if fate == "taken" else fate for fate in fates]
 
     def save(self, folder: Path) -> Path:
-        """Write the log as CSV; return the file."""
+        """Write the log as CSV; return the file's path."""
         lines = [HEADER]
         for (client, order, tick, _), fate in zip(self.entries, self.fates(), strict=True):
             x, y = order.place
@@ -180,7 +180,7 @@ class TouchLog:
 
 
 def touched_scene(scene: Scene) -> Scene:
-    """Remove the motions, rotations and squeezes of a scene's hands, so that fingers stay at their initial positions.
+    """Return the scene with hands that have no motion, rotation or squeeze: fingers stay at their initial positions.
 
     Raises:
         InputError: If the scene is three-dimensional, or has no hand that can be moved.

@@ -233,7 +233,7 @@ class DevicePort:
         return f"{self.name} {text}; {ZERO}"
 
     def _failure(self, action: str, error: BaseException) -> str:
-        """Return a description of a failed call; the error message of a simulated device is used unchanged."""
+        """Return a description of a failed call; the message of a simulated device's DeviceError is used unchanged."""
         self.is_gone = True
         if isinstance(error, DeviceError):
             return f"{self.name}: {message(error)}" if self.hardware else str(error)

@@ -32,7 +32,7 @@ class GuidedHand:
     Args:
         hand: Hand with motions of this package only.
         lag: Time constant tau of the followers, above zero [s].
-        offset: Goal of the offsets, (d,) for all fingers or (n, d) [m].
+        offset: Goal of the offsets: (d,) for all fingers, (n, d), or a number for all components [m].
         squeeze: Goal of the squeeze [m].
         settled: Whether the followers start at their goals; otherwise they start at rest at zero.
     """
