@@ -1,7 +1,7 @@
-"""Matrix exponential e^A - I of a small matrix, in NumPy only, because importing scipy.linalg takes as long as a run.
+"""Matrix exponential e^A - I of a small matrix, in NumPy only: importing scipy.linalg takes as long as a short run.
 
-Products and the solution avoid BLAS and LAPACK, whose code depends on the processor. Simulated devices are discretised
-with this function, and a run must be bit-identical on other machines.
+The products and the solution that give the result avoid BLAS and LAPACK, whose code depends on the processor. Simulated
+devices are discretised with this function, and a run must be bit-identical on other machines.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ ROUNDING = 2.0**-53
 def expm1(A: FloatArray) -> FloatArray:
     """Compute e^A - I by scaling and squaring: F = r_13(A / 2^s) - I, diagonal Pade approximant, then F <- 2 F + F^2.
 
-    Without the identity, a small F keeps its relative accuracy and is not rounded in every squaring. s is chosen from
-    norms of powers of A, so that a large nilpotent part (such as inputs held for a sample) costs no accuracy (N. J.
+    Because F excludes the identity, a small F keeps its relative accuracy in every squaring. s is chosen from norms of
+    powers of A, so that a large nilpotent part (such as inputs held for a sample) costs no accuracy (N. J.
     Higham, The scaling and squaring method for the matrix exponential revisited, SIAM J. Matrix Anal. Appl. 26(4),
     2005; A. H. Al-Mohy and N. J. Higham, A new scaling and squaring algorithm for the matrix exponential, SIAM J.
     Matrix Anal. Appl. 31(3), 2009, with the norms themselves in place of estimates).
@@ -49,7 +49,7 @@ def expm1(A: FloatArray) -> FloatArray:
         A: Matrix (k, k), finite.
 
     Returns:
-        Matrix e^A - I (k, k), with an error of a few 1e-16 times the larger of its norm and its condition number.
+        Matrix e^A - I (k, k), with a relative error in the 1-norm of a few 1e-16 times the condition number of e^A.
 
     Raises:
         InputError: If A is not square or not finite.
@@ -101,16 +101,16 @@ def _solution(A: FloatArray, B: FloatArray) -> FloatArray:
 
 def _halvings(A: FloatArray) -> int:
     """Choose s so that r_13(A / 2^s) equals e^(A / 2^s) to rounding: backward error below 2^-53."""
-    A2 = A @ A
-    A4 = A2 @ A2
-    A6 = A4 @ A2
-    d6, d8, d10 = _norm(A6) ** (1 / 6), _norm(A4 @ A4) ** (1 / 8), _norm(A4 @ A6) ** (1 / 10)
+    A2 = _product(A, A)
+    A4 = _product(A2, A2)
+    A6 = _product(A4, A2)
+    d6, d8, d10 = _norm(A6) ** (1 / 6), _norm(_product(A4, A4)) ** (1 / 8), _norm(_product(A4, A6)) ** (1 / 10)
     estimate = min(max(d6, d8), max(d8, d10), _norm(A))
     s = max(0, ceil(log2(estimate / LARGEST))) if estimate > LARGEST else 0
     scaled = np.abs(A) * 0.5**s
-    row = np.ones(len(A))
+    row = np.ones((1, len(A)))
     for _ in range(27):
-        row = row @ scaled
+        row = _product(row, scaled)
     alpha = float(row.max()) / (LEADING * (_norm(scaled) or 1.0))  # |c_27| || |A|^27 || / ||A||
     return s + (max(0, ceil(log2(alpha / ROUNDING) / 26)) if alpha > 0.0 else 0)
 

@@ -20,7 +20,7 @@ VERSION = re.compile(r"^Version: *(\S+)", re.MULTILINE)
 
 
 class Distribution(NamedTuple):
-    """Metadata folder of an installed distribution, and its time of installation."""
+    """Metadata folder of an installed distribution, and the time of the folder's last change."""
 
     folder: str
     installed: int  # [ns]

@@ -1,6 +1,7 @@
 """Log messages, sent to Python's logger `graspfx`; silent by default.
 
-Nothing is logged until some module imports `logging`: before this import there is no handler, and the import is slow.
+Nothing is logged until some module imports `logging`. This module does not import it, because the import is slow, and
+before the import no handler could show a message.
 """
 
 from __future__ import annotations

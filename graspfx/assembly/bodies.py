@@ -277,8 +277,8 @@ def meeting(scene: SceneTable, thing: Object) -> tuple[bool, str]:
         return True, f"{names}, {law}; {_points(thing)}{others}"
     group = next(group for group in groups(scene) if thing in [scene.object[i] for i in group])
     if not in_world(scene, group):
-        alone = "" if len(scene.object) == 1 else "; it passes through other objects"
-        return False, f"there are no obstacles{alone}"
+        why = "every degree of freedom is locked" if scene.obstacle else "there are no obstacles"
+        return False, why if len(scene.object) == 1 else f"{why}; it passes through other objects"
     mates = [scene.object[i].name for i in group if scene.object[i] is not thing] if collide(scene) else []
     met = ", ".join([*([names] if names else []), *mates])
     engine = dynamics_of(thing.dynamics)

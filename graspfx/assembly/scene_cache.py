@@ -141,7 +141,7 @@ def data_files(scene: Scene) -> Iterator[str]:
             yield shape.mesh
     for hand in _hands(scene):
         motions = () if hand.form == "made" else listed(hand.motion)
-        yield from (motion.file for motion in motions if motion.kind == "path")
+        yield from (motion.file for motion in motions if motion.kind == "path" and motion.file is not None)
 
 
 def digests(source: Source, names: Iterable[str]) -> list[list[str]] | None:

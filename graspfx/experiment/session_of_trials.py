@@ -1,4 +1,4 @@
-"""Execution of a session: one trial after the other, each written to disk before the next begins, and its events."""
+"""Execution of a session: each trial is written to disk before the next begins; events are written as they occur."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ EVENTS = {
             "question": "the question could be answered",
             "response": "the question was answered",
             "break": "a pause began",
-            "resume": "the session was resumed, in another process",
+            "resume": "the interrupted session was resumed",
         },
     },
-    "interval": {"Description": "interval of the trial, from 1"},
+    "interval": {"Description": "interval of a comparison, from 1"},
     "value": {"Description": "condition, answer, or another detail of the event"},
 }
 FILE = "events.tsv"  # beside a recording
@@ -51,8 +51,8 @@ class Event(NamedTuple):
     Attributes:
         clock: Time on the clock of `time.monotonic` [s].
         trial: Number of the trial; 0 outside trials.
-        name: Name of the event.
-        interval: Interval of the trial, from 1; 0 for none.
+        name: Name of the event, a level of `EVENTS["event"]`.
+        interval: Interval of a comparison, 1 or 2; 0 for other trials and for events of the whole trial.
         value: Detail of the event, such as the condition or the answer.
     """
 
@@ -68,8 +68,8 @@ class Markers:
 
     Args:
         files: Files of the session.
-        started: Start of the session, time of day [s].
-        resume: Whether to append to an existing table.
+        started: Start of the session, as POSIX time [s].
+        resume: Whether to append to the table if it exists; otherwise, the table must not exist.
         listeners: Functions called with every event, such as an LSL stream.
     """
 
@@ -85,11 +85,11 @@ class Markers:
         self._file = RowFile(files.events, list(EVENTS), resume=goes_on)
 
     def onset(self, clock: float) -> float:
-        """Return the time since the session began [s]."""
+        """Convert a time on the clock of `time.monotonic` to the time since the session began [s]."""
         return clock - self._zero
 
     def mark(self, event: Event) -> None:
-        """Send an event to the listeners, and write it."""
+        """Send an event to the listeners, and write it to the table."""
         for listen in self._listeners:
             listen(event)
         self._file.write({
@@ -103,11 +103,11 @@ class Markers:
 
 
 def write_beside(recording: Path, zero: float, events: Sequence[Event]) -> None:
-    """Write the events of a trial beside a recording, with times relative to its first tick.
+    """Write the events of a trial beside a recording, with times relative to the recording's first tick.
 
     Args:
-        recording: Recording's file.
-        zero: Time of the first tick on the clock of `time.monotonic` [s].
+        recording: Path of the recording's file.
+        zero: Time of the recording's first tick on the clock of `time.monotonic` [s].
         events: Events of the trial.
     """
     lines = ["onset\tduration\tevent\tinterval\tvalue"]
@@ -145,7 +145,7 @@ class SessionOfTrials:
         answerer: Source of answers.
         tell: Function that shows a text.
         stop: Function that returns whether to end the session.
-        is_paced: Whether gaps and breaks are observed and response times are meaningful.
+        is_paced: Whether gaps, breaks and waits before trials are observed, and response times are measured.
         reason: Reason why the session ended before its last trial; empty otherwise.
     """
 
@@ -169,7 +169,7 @@ class SessionOfTrials:
         then not armed again.
 
         Raises:
-            InputError: If a trial with hardware ended in a fault.
+            InputError: If a trial with hardware ended in a fault, or a function gave an unknown answer.
             RecordingError: If the disk cannot be written; the trial has no row and will be repeated.
         """
         if self.plan.done:

@@ -31,7 +31,7 @@ def williams_square(count: int) -> IntArray:
 
     Each condition occurs once in every row, equally often in every position, and equally often after every other
     condition (E. J. Williams, Aust. J. Sci. Res. A 2, 149 (1949)). The first row is 0, 1, n-1, 2, n-2, ...; the other
-    rows add 1 modulo n to the row before. For odd n, the mirrored square follows.
+    rows add 1 modulo n to the row before. For odd n above 1, the mirrored square follows.
 
     Args:
         count: Number of conditions, n.
@@ -86,11 +86,11 @@ ALL = "all"  # name of the condition if an experiment has factors only
 
 @dataclass(frozen=True)
 class Cell:
-    """One combination of a condition and a level of each factor.
+    """One combination of a condition, a level of each factor and, in a comparison with given increments, an increment.
 
     Attributes:
         condition: Name of the condition.
-        levels: Level of each factor, by its name.
+        levels: Level of each factor, by the factor's name.
         values: Values of the scene, by dotted key.
         answer: Correct answer; empty if there is none, or if two intervals are compared.
         compare: Comparison of two intervals; None for one interval.
@@ -114,10 +114,10 @@ class Cell:
 
         Args:
             number: Number in the session, from 1.
-            repetition: Repetition of the condition.
-            place: Interval with the larger value, 0 or 1.
-            increment: Increment of the larger value, if a staircase chooses it.
-            is_practice: Whether the trial is practice.
+            repetition: Repetition of the combination, from 1.
+            place: Interval with the larger value, 0 or 1; ignored without a comparison.
+            increment: Relative increment of the larger value; ignored unless a staircase chooses the increment.
+            is_practice: Whether the trial is practice, which is not evaluated.
         """
         if self.compare is None:
             return Trial(
@@ -156,7 +156,7 @@ def cells(table: ExperimentTable) -> Sequence[Cell]:
 
 @dataclass(frozen=True)
 class Slot:
-    """Entry of the plan: the cell, its repetition, and the interval with the larger value."""
+    """Entry of the plan: the cell, its repetition from 1, and the interval with the larger value in a comparison."""
 
     cell: Cell
     repetition: int
@@ -171,7 +171,8 @@ class SessionPlan:
     Attributes:
         slots: Entries in order.
         stairs: Staircases by condition.
-        easy: Increment of practice trials; None for the largest.
+        easy: Relative increment of practice trials whose condition has a staircase; None for the largest.
+        done: Number of trials that have a row.
     """
 
     slots: Sequence[Slot]
@@ -191,7 +192,7 @@ class SessionPlan:
         return slot.cell.trial(self.done + 1, slot.repetition, slot.place, increment, is_practice=slot.is_practice)
 
     def take(self, row: Row) -> None:
-        """Advance past a trial; its response updates the staircase of its condition."""
+        """Advance past a trial; outside practice, its response updates the staircase of its condition."""
         slot = self.slots[self.done]
         self.done += 1
         if slot.cell.is_adaptive and not slot.is_practice and row.is_correct is not None:

@@ -1,6 +1,6 @@
 """Simulated observers, and the displayed stiffness of a recording, which one kind of observer perceives.
 
-They test an experiment, its staircase and its stimuli; they do not predict people's results.
+Simulated observers test an experiment, its staircase and its stimuli; they do not predict people's results.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def simulated_observer(table: ExperimentTable, participant: str, session: str) -
 
 
 def value_for(value: float | Mapping[str, float], condition: str, otherwise: float) -> float:
-    """Return the value for a condition, from one value per condition or one for all."""
+    """Return the value for a condition: one value for all, or the condition's own, or `otherwise` if it has none."""
     return float(value.get(condition, otherwise)) if isinstance(value, Mapping) else float(value)
 
 
@@ -71,7 +71,7 @@ def displayed_stiffness(recording: Recording, share: Share) -> float:
         share: Part of the force, "internal" or "external".
 
     Raises:
-        InputError: If the share is unknown, or the recording has no such displacement.
+        InputError: If the share is unknown, or that part of the displacements is zero while fingers touch.
     """
     if share not in SHARES.values():
         raise InputError("share", share, "'internal' or 'external'")

@@ -60,7 +60,7 @@ class Stair:
         self.trials += 1
 
     def posterior(self) -> FloatArray:
-        """Return the probability of each threshold."""
+        """Return the posterior probability of each value of `thresholds`."""
         return np.asarray(self._quest.posterior.sum(("slope", "lower_asymptote", "lapse_rate")).values)
 
     def threshold(self) -> tuple[float, float]:
@@ -81,7 +81,7 @@ def chance(increment: float, threshold: float, slope: float, lapse: float) -> fl
 
 
 def information(increment: float, threshold: float, slope: float, lapse: float) -> float:
-    """Compute the Fisher information of one answer about the log threshold: p'^2 / (p (1 - p))."""
+    """Compute the Fisher information of one answer about log t: p'^2 / (p (1 - p)), where p' = dp / d log t."""
     p = chance(increment, threshold, slope, lapse)
     ratio = (increment / threshold) ** slope
     change = -(1.0 - GUESS - lapse) * np.exp(-ratio) * ratio * slope  # dp / d log t
@@ -101,9 +101,9 @@ class Threshold(NamedTuple):
 
     Attributes:
         condition: Name of the condition.
-        value: Threshold relative to the reference, at 80 % correct answers.
-        spread: Posterior standard deviation of the threshold's logarithm.
-        trials: Number of answered trials.
+        value: Threshold t of `Stair`, relative to the reference; 80 % correct answers for a lapse rate of 0.02.
+        spread: Posterior standard deviation of the threshold's natural logarithm.
+        trials: Number of answered trials, without practice.
     """
 
     condition: str

@@ -21,13 +21,13 @@ class Trial:
     Attributes:
         number: Number in the session, from 1.
         condition: Name of the condition; "all" if the experiment has none.
-        repetition: Repetition of the condition, from 1.
-        levels: Level of each factor, by its name.
+        repetition: Repetition of the condition with these levels, from 1; in practice, number of the practice trial.
+        levels: Level of each factor, by the factor's name.
         intervals: Values of the scene in each interval, by dotted key; a comparison has two intervals.
         answer: Correct answer; empty if there is none.
         reference: Smaller value of a comparison; NaN without a comparison.
         increment: Relative increment of the larger value; NaN without a comparison.
-        is_practice: Whether the trial is practice.
+        is_practice: Whether the trial is practice, which is not evaluated.
     """
 
     number: int
@@ -53,7 +53,7 @@ class Presentation:
     Attributes:
         trial: Planned trial.
         recordings: File of each interval's recording.
-        faults: Descriptions of faults in the runs.
+        faults: Descriptions of faults in the runs; none in a session, which asks no question after a fault.
     """
 
     trial: Trial
@@ -74,11 +74,11 @@ class Row:
     Attributes:
         trial: Planned trial.
         response: Response; empty if there is none.
-        response_time: Time from the question to the response [s]; NaN without a response, or if timing is not observed.
-        onset: Time from the start of the session to the first interval [s].
+        response_time: Time from the question to the response [s]; NaN without a response, or not in real time.
+        onset: Time from the start of the session to the first tick of the first interval [s].
         duration: Time from the onset to the response, or, without a response, to the end of the last interval [s].
         fault: Description of a fault in the runs; empty for none.
-        path: Folder of the recordings, relative to the table.
+        path: Folder of the recordings, relative to the folder of the table.
     """
 
     trial: Trial

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 from graspfx import __version__, log
 from graspfx.assembly.provenance import by_name, engine_versions, file_changes, files_of, scene_changes
-from graspfx.card import counted
 from graspfx.errors import InputError, RecordingError
 from graspfx.experiment.experiment_table import Study
 from graspfx.experiment.session_files import MISSING, RowFile, SessionFiles, cell, place_file, text_of
@@ -25,7 +24,7 @@ COLUMNS: dict[str, dict[str, Any]] = {
     "trial_number": {"Description": "order of the trial in the session, from 1"},
     "trial_type": {"Description": "whether the trial is evaluated", "Levels": {"test": "yes", "practice": "no"}},
     "condition": {"Description": "name of the condition"},
-    "repetition": {"Description": "repetition of the condition, from 1; practice trials are counted separately"},
+    "repetition": {"Description": "repetition of the condition and levels, from 1; in practice, number of the trial"},
     "reference": {"Description": "smaller value of a comparison, in units of its key"},
     "increment": {"Description": "difference between the two values, relative to the reference", "Units": "1"},
     "larger": {"Description": "interval with the larger value", "Levels": {FIRST: "", SECOND: ""}},
@@ -86,7 +85,7 @@ def begin(experiment: Study, files: SessionFiles, mode: str) -> tuple[RowFile, f
     """Create the table of a session; return it with the start of the session, as POSIX time [s].
 
     Raises:
-        RecordingError: If the table exists or cannot be written.
+        RecordingError: If the table or its description exists, or a file cannot be written.
     """
     about = describe(experiment, files, mode)
     if not files.study.exists():
@@ -104,10 +103,12 @@ def begin(experiment: Study, files: SessionFiles, mode: str) -> tuple[RowFile, f
 
 
 def resume(experiment: Study, files: SessionFiles, mode: str, plan: SessionPlan) -> tuple[RowFile, float]:
-    """Open the table of an interrupted session, and advance the plan past its trials.
+    """Open the table of an interrupted session, and advance the plan past its trials; return the same as `begin`.
 
     Raises:
-        RecordingError: If there is no session, or its experiment, scene, files, version, order or mode differ.
+        RecordingError: If there is no session, if its experiment, scene, files, version, order or mode differ, or if
+            another process is writing to its table.
+        InputError: If the table is not UTF-8.
     """
     try:
         about = json.loads(files.table_description.read_text("utf-8"))
@@ -207,10 +208,10 @@ def session_identity(experiment: Study, files: SessionFiles, mode: str) -> dict[
 
 
 def require_same(about: Mapping[str, Any], experiment: Study, files: SessionFiles, mode: str) -> None:
-    """Require that an interrupted session has the same identity; a description in an older form causes a warning.
+    """Require that an interrupted session has the same identity; if its files cannot be compared, a warning is issued.
 
     Args:
-        about: Description of the interrupted session.
+        about: Entry "GraspFX" of the interrupted session's description.
         experiment, files, mode: Experiment, files and mode with which it is to be resumed.
 
     Raises:
@@ -222,7 +223,7 @@ def require_same(about: Mapping[str, Any], experiment: Study, files: SessionFile
     differences = list(_differences(about, own, experiment, mode))
     if about[DIGEST] != before or differences:
         lines = differences or ["the experiment file has other values, or this is another participant's session"]
-        more = f"; and {counted(len(lines) - MOST, 'more difference')}" if len(lines) > MOST else ""
+        more = f"; and {len(lines) - MOST} more" if len(lines) > MOST else ""
         text = "is of another experiment, scene or mode"
         do = "resume it with the original files and version, or begin another with --run N"
         raise RecordingError(f"{files.table_description}: {text}: {'; '.join(lines[:MOST])}{more}; {do}")

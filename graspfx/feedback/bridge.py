@@ -1,11 +1,13 @@
 """The bridge between the rates of host and loop: samples, prediction, and an energy tank for each port.
 
-The forces of tick k act on the operator until tick k + 1. Their work, sum_i f_i.(x_i(k + 1) - x_i(k)), is then known
-and subtracted from the port's tank. If no finger moves farther in a tick than the stride v T, then with a factor
+The forces f_i of a port in tick k act on the operator's fingers, at x_i, until tick k + 1. Their work,
+sum_i f_i.(x_i(k + 1) - x_i(k)), is then known and subtracted from the energy E in the port's tank. The forces are
+multiplied by
 
-    s = min(1, E/(v T sum_i |f_i|))
+    s = min(1, E/(v T sum_i |f_i|)).
 
-a port's forces never use more energy than its tank holds. The operator's work fills the tank up to its limit.
+If no finger moves farther in a tick of length T than the stride v T, with v the scene's `host.speed`, the forces never
+use more energy than the tank holds. The operator's work fills the tank up to its capacity.
 """
 
 from __future__ import annotations
@@ -49,7 +51,7 @@ MOST_NUMBER = 2.0**53
 
 
 class PortTank(Record):
-    """Energy tank of a port, which supplies the work of its forces on the operator."""
+    """Energy tank of a port: it supplies the work that the port's forces do on the operator."""
 
     level: float  # energy E [J]
     most: float  # capacity [J]
@@ -105,7 +107,7 @@ class HostState(Record):
 
 @dataclass(frozen=True, eq=False)
 class HostPart:
-    """A host's record and its bridge.
+    """Record shared with a host, and memory of the bridge.
 
     Attributes:
         record: Record shared with the host.
@@ -117,12 +119,12 @@ class HostPart:
 
     @property
     def state(self) -> HostState:
-        """The bridge."""
+        """State of the bridge, a view of `block`."""
         return HostState(self.block)
 
 
 def make_host(table: Any, most: FloatArray, dimensions: int, period: float) -> HostPart:
-    """Create the bridge of a scene's table `host`.
+    """Create the bridge of a scene's table `host`, and the record that it shares with the host.
 
     Args:
         table: Table `host` of the scene.
@@ -152,7 +154,7 @@ def make_host(table: Any, most: FloatArray, dimensions: int, period: float) -> H
 
 @kernel
 def host_forces(state: GraspState, host: HostState) -> int:
-    """Set the fingers' forces of this tick; return 0, or the code of the reason why all forces are zero."""
+    """Exchange samples and set the fingers' forces of this tick; return 0, or the code why all forces are zero."""
     settle(state, host)
     host.age += 1.0
     take_sample(host)
@@ -208,7 +210,7 @@ def settle(state: GraspState, host: HostState) -> None:
 
 @kernel
 def book(tank: PortTank, work: float) -> None:
-    """Subtract work on the operator from a tank."""
+    """Subtract work on the operator [J] from a tank; negative work fills it up to its capacity."""
     tank.level = min(tank.level - work, tank.most)
     tank.given += work
     tank.exchanged += abs(work)
@@ -301,7 +303,7 @@ def take_sample(host: HostState) -> None:
 
 @kernel
 def check_sample(host: HostState, slot: Floats) -> None:
-    """Reject forces that are not finite or implausibly large."""
+    """Set the host's code if a value of the sample is not finite, or a finger's force is implausibly large."""
     d, m = host.dimensions, host.size
     for i in range(host.fingers):
         square, sums = 0.0, 0.0
@@ -318,7 +320,7 @@ def check_sample(host: HostState, slot: Floats) -> None:
 
 @kernel
 def keep_sample(host: HostState, slot: Floats, number: float) -> None:
-    """Store a sample's forces, and their slopes since the previous one."""
+    """Store a sample's forces, their slopes since the previous sample, and the positions to which they refer."""
     m, interval = host.size, slot[1] - host.time
     known = host.number > 0.0 and interval > 0.1 * host.period
     for k in range(m):

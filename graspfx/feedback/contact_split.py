@@ -24,8 +24,8 @@ class Shown(NamedTuple):
     Attributes:
         push: Net force of the object on the hand, for one device, (d,) [N].
         moment: Net moment about the reference point, (3,), or (1,) in the plane [N m].
-        grip: Mean over the fingers of the internal force along the normal into the object [N]; positive closes the
-            hand, so a grasp that presses on an object shows a negative grip, which opens the operator's fingers.
+        grip: Mean over the touching fingers of the internal force along the normal into the object [N]; positive closes
+            the hand, so a grasp that presses on an object gives a negative grip, which opens the operator's fingers.
         fingers: Force on each finger, for a device with one channel per finger (n, d) [N]: `external` + `internal`.
         external, internal: The two parts of `fingers`, (n, d) [N].
         touching: Mask of the fingers that touch, (n,).
@@ -207,7 +207,7 @@ def divide_fingers(state: ContactSplitState) -> None:
 
 @kernel
 def find_inward(state: ContactSplitState) -> None:
-    """Normalise the normals; without normals use the directions to the mean of the other fingers' points."""
+    """Set the reference point and the unit normals; without normals, these point to the mean of the others' points."""
     n = state.touching
     centre = Vector(0.0, 0.0, 0.0)
     for i in range(state.fingers):
@@ -245,7 +245,7 @@ def remember(state: ContactSplitState) -> bool:
 
 @kernel
 def apply_gains(state: ContactSplitState) -> Vector:
-    """Apply the gains to each finger's two forces, and compute grip and moment."""
+    """Apply the gains to each finger's external and internal force, compute the grip, and return the moment."""
     moment = Vector(0.0, 0.0, 0.0)
     for j in range(state.contacts):  # f_v = G f (eq. 2), with the contacts' own torques
         point = row_of(state.point, j)
@@ -277,7 +277,8 @@ def scaled(gain: Table, v: Vector) -> Vector:
 def fade(state: ContactSplitState, moment: Vector, changed: bool) -> None:
     """Add the remainder of the last change: the forces before the change minus the forces of the new contacts.
 
-    The remainder decreases to zero linearly in time, even if contacts change in every sample.
+    After the last change, the remainder decreases to zero linearly in time. Each new change starts from the present
+    forces, so the remainder decreases even if contacts change in every sample.
     """
     left = max(1.0 - (state.time - state.changed) / state.fade, 0.0)
     if changed:

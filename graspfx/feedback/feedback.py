@@ -30,13 +30,14 @@ NO_CONTACT = "no contact: all forces fade to zero"
 
 
 class Feedback(Carded):
-    """Display the forces of a grasp in another simulator, or of a real gripper, on haptic devices.
+    """Convert the forces of a grasp in another simulator, or of a real gripper, to forces for haptic devices.
 
         f = f_e + f_i,   f_e = P f,   f_i = (I - P) f                      (Kawai and Yoshikawa, eq. 3)
         fingers = Kp f_e + Ks f_i,   push = Kp sum_i f_e,i,   grip = mean_i n_i.(Ks f_i,i)
 
-    The sum of the fingers' forces does not contain the squeeze, and the sum of their magnitudes has no direction.
-    `Feedback` displays the squeeze with its own gain. P is computed as by `graspfx.divide` (pseudoinverse, hard
+    f are the forces of all fingers, and n_i is the unit normal of finger i into the object. The sum of the fingers'
+    forces does not contain the squeeze, and the sum of their magnitudes has no direction. `Feedback` therefore
+    separates the squeeze, and scales it by its own gain. P is computed as by `graspfx.divide` (pseudoinverse, hard
     contacts).
 
     `forces` act from the object on the fingers; results are forces on the operator. With the opposite sign, the
@@ -107,7 +108,7 @@ class Feedback(Carded):
             finger: Index of the finger of each contact, (m,); a finger may have several contacts. If not given,
                 contact j belongs to finger j.
             reference: Reference point of the moment, (d,) [m], such as the object's present centre; the mean of the
-                fingers' points if not given. Either point moves with the object.
+                fingers' points if not given. It holds for this sample only.
 
         Returns:
             Forces on the operator.
@@ -178,7 +179,7 @@ class Feedback(Carded):
         raise InputError("normals, torques, reference, time", self._state, "finite numbers")
 
     def _prepare(self, d: int, contacts: int, most: int) -> None:
-        """Allocate memory for contacts and fingers."""
+        """Allocate memory for contacts and fingers, unless the present memory is large enough."""
         n = 1
         if self._state is not None:
             if d != self._dimensions:

@@ -1,4 +1,4 @@
-"""Largest gains of the loop of operator, device, bridge and a linear environment, from its exact sampled model."""
+"""Largest gains of the loop of operator, device, bridge and a linear environment, from an exact sampled model."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class GainLimits(Carded):
 
     Attributes:
         push: Largest push gain; inf if none is too large.
-        squeeze: Largest squeeze gain.
+        squeeze: Largest squeeze gain; inf if none is too large.
         stiffness: Largest felt stiffness of a finger, gain times environment's stiffness, for either port [N/m].
         delay: Delay, within the range, at which the stiffness limit occurs [ticks].
         frequency: Frequency of the oscillation at the limit [Hz].
@@ -80,13 +80,13 @@ def gain_limits(
         damping: Device's viscous damping b [N s/m].
         period: Period T of the loop [s].
         host_ticks: Number R of ticks from one sample of the host to the next.
-        delay: Delay D from the operator's reading to the tick that displays the answer [ticks], or its range; with a
-            real host at least 1, because an answer follows the tick to which it refers.
+        delay: Delay D from the operator's reading to the tick that displays the answer [ticks], or its range (least,
+            most); with a real host at least 1, because an answer follows the tick to which it refers.
         push_stiffness, squeeze_stiffness: Environment's stiffness k at one finger for a gain of 1, if all fingers move
             together (push), or close (squeeze) [N/m].
         hand_stiffness, hand_damping: Stiffness and damping of the operator's finger to ground [N/m, N s/m].
         predict: "hold", "linear" or "model".
-        model: Ratio r of the model's stiffness to g k.
+        model: Ratio r of the model's stiffness to g k; only for "model".
 
     Raises:
         InputError: If an argument is invalid.
@@ -117,7 +117,7 @@ def gain_limits(
 
 
 def _lifted(E: FloatArray, R: int, D: int, linear: bool, r: float, stiffness: float) -> FloatArray:
-    """Compute the map of s = (x, x', x_(i-1), ..., x_(i-q)) over R ticks, with x_i the sample at the first of them.
+    """Compute the map of s = (x, x', x_(i-1), ..., x_(i-q)) over R ticks; x_i is the sample of the first tick.
 
     Args:
         E: Map of (x, x', f) to (x, x') over a tick, (2, 3).
@@ -149,7 +149,7 @@ def _radius(matrix: FloatArray) -> tuple[float, float]:
 
 
 def _first_loss(loop: Callable[[float], FloatArray], unit: float) -> tuple[float, float]:
-    """Find the smallest stiffness at which a loop loses stability [N/m], and the eigenvalue's angle there [rad]."""
+    """Find the stiffness at which a loop first loses stability [N/m], or inf, and the eigenvalue's angle [rad]."""
     low = 0.0
     for power in np.linspace(*DECADES, int((DECADES[1] - DECADES[0]) * PER_DECADE) + 1).tolist():
         high = unit * 10.0**power

@@ -41,12 +41,13 @@ class Operator(NamedTuple):
     """State of the operator in a tick of the loop.
 
     Attributes:
-        time: Time of the loop [s].
+        time: Time of the tick on the loop's clock [s].
         position: Positions of the device's fingers, (n, d) [m].
         velocity: Velocities of the device's fingers, (n, d) [m/s].
-        force: Forces that were displayed in the previous tick, (n, d) [N].
+        force: Forces on the operator that were displayed in the previous tick, (n, d) [N].
         age: Age of the host's last sample that the loop has received [s].
-        push_tank, squeeze_tank: Energies of the tanks [J]; if a tank is empty, the forces of its port are zero.
+        push_tank, squeeze_tank: Energies of the tanks [J]; if a tank is empty, the forces of its port are zero, unless
+            `host.tank` of the scene is 0, which switches the tanks off.
         lost, late: Counts of the host's samples that were lost, and of those that arrived after a newer one.
     """
 
@@ -74,7 +75,8 @@ class Operator(NamedTuple):
 class HostLink:
     """Link from a host program to the loop of a scene whose `[host]` has this name; a context manager.
 
-    At the end of the block, even after an exception, the loop is told that the host has ended: all forces fade to zero.
+    At the end of the block, even after an exception, the loop is told that the host has ended, and all forces fade to
+    zero.
 
     Args:
         name: Name of the record, `host.name` of the scene.
@@ -85,7 +87,7 @@ class HostLink:
         dimensions: Number of dimensions d.
 
     Raises:
-        DeviceError: If no loop with this name runs.
+        DeviceError: If no loop with this name runs, or its record has another version.
     """
 
     def __init__(self, name: str, *, timeout: float = 10.0) -> None:
@@ -120,7 +122,7 @@ class HostLink:
                 at the first read with a time. By default the call returns immediately.
 
         Raises:
-            DeviceError: If the loop has ended, or has a fault.
+            DeviceError: If the loop has ended, has a fault, or writes no samples.
         """
         if time is not None:
             self._wait(time)
@@ -155,9 +157,9 @@ class HostLink:
     def show(self, shown: Shown, time: float) -> None:
         """Display forces to the operator.
 
-        A device with one finger displays the push. A device with two fingers displays each finger's force if the host's
-        hand has two fingers, otherwise the push and the grip. A device with more fingers displays each finger's force;
-        fingers without a counterpart in the host's hand get zero force.
+        A device with one finger displays the push. A device with two fingers displays each finger's force if `shown`
+        has forces of two fingers, otherwise the push and the grip. A device with more fingers displays each finger's
+        force; fingers without a counterpart in `shown` get zero force.
 
         Args:
             shown: Result of `Feedback.update`, computed for the operator's state of the last `read`.
@@ -165,13 +167,13 @@ class HostLink:
 
         Raises:
             DeviceError: If the loop has ended, or has a fault.
-            InputError: If the number of dimensions differs, or if the host's hand has more fingers than a device of
-                more than two fingers.
+            InputError: If the number of dimensions differs, or if `shown` has more fingers than a device of more than
+                two fingers.
         """
         external, internal = self._external, self._internal
         n, count = self.fingers, len(shown.external)
         if shown.push.shape != (self.dimensions,):
-            raise InputError("shown", shown.push.shape, f"forces with {self.dimensions} coordinates")
+            raise InputError("shown", shown.push.shape, f"a push of {self.dimensions} coordinates, as the device has")
         if n == 1:
             external[0], internal[0] = shown.push, 0.0
         elif count == n:

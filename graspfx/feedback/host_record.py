@@ -6,15 +6,16 @@ All words are float64 in the machine's byte order. With n fingers of d coordinat
     header  0 magic 71301955, 1 version 1, 2 n, 3 d, 4 period [s], 5 slots (8), 6 first word of the host's slots, 7
             words of each, 8 and 9 the same for the loop's slots, 10 state (1 running, 2 ended, 3 a fault), 11 code of
             the fault, 12 number of the host's last sample, 13 number of the loop's last sample
-    host    0 number k = 1, 2, ..., 1 time of the host [s], 2 zero, or a code that stops the run (1: the host has ended,
+    host    0 number k = 1, 2, ..., 1 time of the host [s], 2 zero, or a code that ends the run (1: the host has ended,
             2: not finite, 3: too large), then n d external and n d internal forces on the operator [N], n d positions
             of the operator from which the sample was computed [m], and the sum of all previous words of the slot
     loop    0 number, 1 time [s], 2 age of the host's last sample [s], 3 and 4 energies of the tanks of push and squeeze
             [J], 5 samples lost, 6 samples that came late, then n d positions [m], n d velocities [m/s], n d forces on
             the operator [N], and the sum
 
-Sample k is in slot k mod 8. Write the slot first and its number into the header last. A reader uses a slot if the
-slot's first word is the number and its last word is the sum, added in order; otherwise the reader tries again.
+Sample k is in slot k mod 8. Write the slot first and its number into the header last. A reader uses a slot if its first
+word is the number in the header and its last word is the sum of the others, added in order; otherwise the reader tries
+again.
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ class Contacts:
 
     A model may also be a selection matrix (k, d + moments). Each row defines a component by coefficients of the full
     model's components in the contact's axes, forces before moments. Rows are orthonormal. A row contains either only
-    forces or only moments.
+    forces or only moments, and rows of forces precede rows of moments.
 
     In the plane and on the line there is no torsion about the normal, so a soft contact equals a hard contact. The axes
     of contacts are the world's axes unless frames are given.
@@ -76,8 +76,8 @@ def contacts(
 
     Args:
         points: Contact points, (n, d) [m] with d = 1, 2 or 3, or many sets of points, (..., n, d).
-        normals: Normals into the object of any non-zero length, (n, d) or (..., n, d). Required for frictionless
-            contacts, and for soft contacts in space without frames.
+        normals: Normals into the object of any non-zero length, (n, d) or (..., n, d). Without frames, they are
+            required for frictionless contacts, and for soft contacts in space.
         model: Name or selection matrix, one for all contacts or one per contact.
         frames: Axes of each contact as orthonormal columns, (n, d, d) or (..., n, d, d); the last column is the normal
             into the object.
@@ -139,7 +139,7 @@ def point_contacts(points: FloatArray, normals: FloatArray | None = None) -> Con
 
 
 def _stacked(rows: Sequence[FloatArray]) -> FloatArray:
-    """Stack vectors to rows (k, d); each vector is given per set of contacts, or once for all sets."""
+    """Stack arrays of row vectors (..., k, d) along k; each is given per set of contacts, or once for all sets."""
     sets = np.broadcast_shapes(*(each.shape[:-2] for each in rows))
     return np.concatenate([np.broadcast_to(each, (*sets, *each.shape[-2:])) for each in rows], axis=-2)
 

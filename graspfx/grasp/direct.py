@@ -35,7 +35,7 @@ class PointGrasp(Record):
     internal_stiffness: float  # kip [N/m]
     internal_damping: float  # kid [N s/m]
     tolerance: float  # relative to the contacts' rms radius; contacts closer to a line do not rotate about it
-    rank: int  # rank of G at the last call
+    rank: int  # rank of G at the last call; d if P was not needed
     points: Floats = floats("count * dimensions")  # [m]
     displacement: Floats = floats("count * dimensions")  # e [m]
     rate: Floats = floats("count * dimensions")  # e' [m/s]
@@ -43,12 +43,12 @@ class PointGrasp(Record):
 
     @property
     def stiffness(self) -> float:
-        """The difference kep - kip."""
+        """The difference kep - kip [N/m], by which the field d contains e."""
         return self.external_stiffness - self.internal_stiffness
 
     @property
     def damping(self) -> float:
-        """The difference ked - kid."""
+        """The difference ked - kid [N s/m], by which the field d contains e'."""
         return self.external_damping - self.internal_damping
 
 
@@ -60,7 +60,7 @@ def vector_at(numbers: Floats, j: int) -> Vector:
 
 @kernel
 def couple(block: NDArray[np.float64]) -> None:
-    """Compute the forces of a block that starts at entry 0 of its array."""
+    """Compute the forces of the grasp whose block starts at entry 0 of an array."""
     couple_points(PointGrasp(block, 0))
 
 
@@ -108,7 +108,7 @@ def shifted(grasp: PointGrasp) -> None:
 
 @kernel
 def between_two(grasp: PointGrasp) -> None:
-    """Compute the forces of two contacts: P d is the mean and, across their line, the difference of the field d."""
+    """Compute the forces of two contacts: P d is d itself across their line, and the mean of d along it."""
     k, c, a, b = grasp.internal_stiffness, grasp.internal_damping, grasp.stiffness, grasp.damping
     p, e, rate, f = grasp.points, grasp.displacement, grasp.rate, grasp.force
     d = grasp.dimensions
@@ -164,14 +164,14 @@ def in_plane(grasp: PointGrasp) -> None:
 
 @kernel
 def in_space(grasp: PointGrasp, modes: Table | None) -> None:
-    """Compute the forces in space: P d is the mean and a rotation, in the frame of the line nearest to the contacts.
+    """Compute the forces in space: P d is the mean and a rotation, in a frame along the line through two contacts.
 
     If `modes` is given, write the rotations into it instead.
 
     q points from the first contact to the farthest contact. Let x be the coordinate along which q is longest, and
-    u = (1, t, s) = q / q_x. Rotations are about u, y and z. The arms about u are those of v = y - t x and w = z - s x,
-    which are computed in pairs of floats, so small arms are as accurate as large arms. The 3 x 3 matrix of moments is
-    graded. Elimination of y and z before u therefore loses no accuracy as contacts approach a line.
+    u = (1, t, s) = q / q_x. Rotations are about u, y and z. The arms about u depend only on v = y - t x and
+    w = z - s x, which are computed in pairs of floats, so small arms are as accurate as large arms. The 3 x 3 matrix of
+    moments is graded. Elimination of y and z before u therefore loses no accuracy as contacts approach a line.
     """
     p = grasp.points
     origin = vector_at(p, 0)
@@ -234,9 +234,9 @@ class Moments:
 class Pivots:
     """Factors L D L' of the moments: inverses of D's entries for y and z, its entry for u or 0, and the entries of L.
 
-    The remaining entries are zero unless contacts lie on a line. They are then the axis along the line, (1, y, z) about
-    u, y and z; the inverse of its moment; and the unit vector of its motion in terms of the orthonormal motions about
-    y, z and u.
+    The remaining entries are zero unless contacts lie on a line within the tolerance, but not exactly. They are then
+    the axis along the line, (1, y, z) about u, y and z; the inverse of its moment; and the unit vector of the motion
+    about this axis in terms of the orthonormal motions about y, z and u.
     """
 
     y: float
@@ -281,7 +281,7 @@ def halves(x: float) -> tuple[float, float]:
 
 @kernel
 def centre_of(grasp: PointGrasp, line: Line) -> Centre:
-    """Compute x, v and w of all contacts in pairs of floats; write them in place of the forces; return the means."""
+    """Compute x, v and w of all contacts in pairs of floats, and write them in place of the forces; return means."""
     p, e, rate, f = grasp.points, grasp.displacement, grasp.rate, grasp.force
     a, b, ix, iy, iz, t, s = grasp.stiffness, grasp.damping, line.x, line.y, line.z, line.t, line.s
     x0, y0, z0 = p[ix], p[iy], p[iz]

@@ -16,7 +16,7 @@ SYMMETRIC = 1e-9  # relative asymmetry up to which a matrix counts as symmetric
 
 
 def turned_gain(gain: Gain, R: FloatArray) -> Gain:
-    """Rotate each finger's matrix, R K R'. A full matrix can be rotated only if all fingers have the same R."""
+    """Rotate each finger's matrix, R K R'; a full matrix by the block-diagonal matrix of the fingers' R."""
     K, d = np.asarray(gain), R.shape[-1]
     if K.ndim < 2:
         return gain
@@ -34,7 +34,7 @@ def block_diagonal(blocks: FloatArray, n: int) -> FloatArray:
 
 
 def even(K: FloatArray) -> FloatArray:
-    """Remove the skew part of a symmetric matrix, which is due to rounding."""
+    """Remove the skew part that rounding adds to a symmetric matrix."""
     return np.asarray(0.5 * (K + np.swapaxes(K, -1, -2)))
 
 
@@ -42,7 +42,8 @@ def checked_gain(name: str, argument: ArrayLike) -> Gain:
     """Check a gain, and copy it.
 
     Raises:
-        InputError: If a number is negative or not finite, or a matrix is not symmetric positive semidefinite.
+        InputError: If a number is negative or not finite, a matrix is not symmetric positive semidefinite, or the shape
+            is wrong.
     """
     value = finite(name, argument)
     if value.ndim == 0:

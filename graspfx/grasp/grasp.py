@@ -25,9 +25,10 @@ class Grasp(Carded, GraspMatrix):
     """Contacts on an object: f_v = G f, G (w, m), column j = [a_j; (c_i - o) x a_j] for a force, [0; a_j] for a moment.
 
     w = 1 on the line (f), 3 in the plane (f_x, f_y, t_z) and 6 in space (force, then moment), minus the number of
-    locked degrees of freedom. f is the force of the fingers on the object. Columns are ordered contact by contact,
-    forces before moments. Leading axes of `points` index many sets of n contacts with the same models, origin and
-    degrees of freedom. G is then (..., w, m), and each set is split independently.
+    locked degrees of freedom. f is the force of the fingers on the object, a_j the unit direction or axis of its
+    component j, and c_i the point of that component's contact. Columns are ordered contact by contact, forces before
+    moments. Leading axes of `points` index many sets of n contacts with the same models and degrees of freedom. G is
+    then (..., w, m), and each set is split independently.
 
     Args:
         points: Contact points, (n, d) or (..., n, d) [m].
@@ -37,7 +38,7 @@ class Grasp(Carded, GraspMatrix):
         frames: Axes of each contact as columns, the last one the normal, (n, d, d) or (..., n, d, d); the world's axes
             if None.
         origin: Reference point o of moments, (d,), or one point for each set [m]; zero if None.
-        free: Mask of the w degrees of freedom in which the object can move; rows of the others are omitted.
+        free: Mask of the 1, 3 or 6 degrees of freedom, True where the object can move; rows of the others are omitted.
 
     Attributes:
         contacts: Checked contacts, with their components.
@@ -47,6 +48,7 @@ class Grasp(Carded, GraspMatrix):
 
     Raises:
         InputError: If an argument is invalid for `grasp.contact.contacts`, or the shape of the origin or mask is wrong.
+        UnknownNameError: If no model has a given name.
     """
 
     def _card(self) -> Card:

@@ -71,9 +71,9 @@ class Coupling(Carded):
     as given.
 
     The form "literal" is eq. (4). Its stiffness is asymmetric if the gains do not commute with P. An asymmetric
-    stiffness creates energy on closed motions. A warning states the energy, and is repeated whenever the energy has
-    grown tenfold. The form "symmetric", P K_ep P' + (I - P) K_ip (I - P)', never creates energy. The two forms agree
-    for scalar gains.
+    stiffness creates energy on some closed motions. A warning states the energy, and is repeated whenever the energy
+    has grown tenfold. The form "symmetric", P K_ep P' + (I - P) K_ip (I - P)', never creates energy. The two forms
+    agree for scalar gains.
 
     If the external and internal stiffness are equal, then f = K e exactly, without P, in both forms (the conventional
     method, eqs. 20-23). The same holds for the damping.
@@ -89,6 +89,7 @@ class Coupling(Carded):
 
     Raises:
         UnknownNameError: If the form is neither "literal" nor "symmetric".
+        InputError: If `external` or `internal` is not an impedance.
     """
 
     external: Impedance | ObjectImpedance

@@ -93,7 +93,7 @@ class GraspMatrix:
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:
-        """Mask of the object's free degrees of freedom, forces before moments."""
+        """Mask of the object's free degrees of freedom, (1,), (3,) or (6,), translations before rotations."""
         return np.ones(self.dimensions + MOMENTS[self.dimensions], dtype=bool)
 
     @property
@@ -136,11 +136,12 @@ class GraspMatrix:
         return transposed(rows)[..., self.free, :]
 
     def unit_free(self) -> tuple[FloatArray, FloatArray]:
-        """Return a matrix (..., w, m) with the row space of G, torsion columns scaled by a length, and that length.
+        """Return a matrix (..., w, m) with the row space of G after torsion columns are scaled by R [m], and R (...).
 
         The rows are the object's free motions at the contacts: translations, and rotations about the contacts' centroid
-        divided by the rms contact radius R. R is the returned length. If a translation is locked, the rotation's row
-        includes the motion of the centroid, so that a knob rotates about its own axis.
+        divided by R, the rms distance of the contacts from their centroid. R is 1 if that distance is zero, or if no
+        rotation is free. If a translation is locked, a rotation's row includes the motion of the centroid in the locked
+        direction, so that a knob rotates about its own axis.
         """
         d, free = self.dimensions, self.free
         a = self.contacts.force_axes
@@ -209,10 +210,11 @@ def _mask(free: ArrayLike, w: int) -> NDArray[np.bool_]:
 def centred_arms(points: FloatArray, *, principal: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Compute u_k x (c_i - c) for each axis of rotation u_k, where c is the centroid.
 
-    The arms are accurate even for contacts far away or nearly on a line. If contacts of rms radius R are at a distance
-    of about h R from a line, a unit rotation about the line moves them by h R, and other rotations move them by R. In
-    ordinary arithmetic the arm about the line, a difference of products, has a relative error of eps / h. Here the arm
-    is computed in pairs of floats, value and rounding error (Dekker 1971, Knuth 1969), and rounded once.
+    The arms are accurate even for contacts far from the origin or nearly on a line. If contacts of rms radius R are at
+    a distance of about h R from a line, a unit rotation about the line moves them by h R, and other rotations move them
+    by R. In ordinary arithmetic the arm about the line, a difference of products, has a relative error of eps / h, with
+    eps the unit roundoff. Here the arm is computed in pairs of floats, value and rounding error (Dekker 1971, Knuth
+    1969), and rounded once.
 
     Args:
         points: Contact points, (..., n, d) [m], d = 2 or 3.

@@ -23,7 +23,7 @@ ROUNDING = 1e-13  # relative bound below which eigenvalues of the unheld stiffne
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class ObjectImpedance(Carded):
-    """Spring and damper between fingers and object: a rigid displacement x of the fingers exerts K_o x.
+    """Spring and damper between fingers and object: a rigid displacement x of the fingers exerts the wrench K_o x.
 
     As the external part of a `Coupling`, stiffness and damping are distributed over the contacts so that the object's
     stiffness is the given one for any number of fingers. With N spanning the null space of G', the split's metric M,
@@ -43,7 +43,7 @@ class ObjectImpedance(Carded):
         stiffness: Stiffness K_o in the axes of the contact points, (w, w), forces before moments [N/m, N, N m/rad]; its
             diagonal (w,), or on a line a number. w is 1, 3 or 6, or the grasp's number of free degrees of freedom. Rows
             and columns of locked degrees of freedom are omitted.
-        damping: Damping D_o, in the same forms; zero if None.
+        damping: Damping D_o [N s/m, N s, N m s/rad], in the same forms; zero if None.
         point: Point to which K_o and D_o refer, (d,) [m]; the origin of the grasp's moments if None.
 
     Raises:
@@ -92,7 +92,7 @@ class ObjectImpedance(Carded):
         return ObjectImpedance(even(T @ self.stiffness @ T.T), even(T @ self.damping @ T.T), point)
 
     def about(self, origin: ArrayLike) -> ObjectImpedance:
-        """Return the impedance at another point (d,) [m], S'K S and S'D S, where S x is the motion at `point`."""
+        """Return the impedance S'K S, S'D S about a point (d,) [m]; a motion x there is the motion S x at `point`."""
         if self.point is None:
             return self
         r, d = self.point - np.asarray(origin, dtype=float), len(self.point)
@@ -105,7 +105,7 @@ class ObjectImpedance(Carded):
 
 
 def object_gain(impedance: ObjectImpedance, pair: str, split: Split) -> FloatArray:
-    """Compute K_ep, or D_ep, of a split's contacts, (..., m, m), symmetric to the last bit.
+    """Compute K_ep, or D_ep if `pair` is "damping", of a split's contacts, (..., m, m), symmetric to the last bit.
 
     Raises:
         InputError: If the degrees of freedom of impedance and grasp differ.

@@ -34,22 +34,23 @@ class PointCoupling(Carded):
     contacts lie nearly on a line, far from the origin, or close together.
 
     Write `points`, `displacement` and `rate`, call `compute()`, and read `force`. All four are (n, d) views of one
-    array and remain valid for the object's lifetime. A `rate` that is never written is zero. Non-finite inputs give NaN
-    forces.
+    array and remain valid for the coupling's lifetime. A `rate` that is never written is zero. Non-finite inputs give
+    NaN forces.
 
-    Contacts on a line rotate about it freely (rank 5 in space), and coincident contacts do not rotate (rank 3). The
-    rank is determined in each call, without the blend of a run (scene key `coupling.blend`). For locked degrees of
-    freedom, weights or torsion use `Grasp`, `Split` and `Coupling.force`.
+    If contacts lie on a line, P excludes the rotation about it (rank 5 in space); if they coincide, P excludes all
+    rotations (rank 3 in space). The rank is determined in each call, without the blend of a run (scene key
+    `coupling.blend`). For locked degrees of freedom, weights or torsion use `Grasp`, `Split` and `Coupling.force`.
 
     Args:
         external: Impedance with numbers k_ep [N/m] and k_ed [N s/m].
-        internal: Impedance with numbers k_ip and k_id.
+        internal: Impedance with numbers k_ip [N/m] and k_id [N s/m].
         fingers: Number n of fingers.
         dimensions: Dimension d: 1, 2 or 3.
         tolerance: Largest rms distance of collinear contacts from their line, as a fraction of their rms distance from
             the centroid (`Split`: 1e-6). Contacts are also collinear up to the rounding of their coordinates.
-        engine: "compiled", "interpreted", or "auto", which compiles if llvmlite is installed. Compiling takes a second,
-            once per machine. Both engines compute the same forces to the last bit.
+        engine: "compiled", "interpreted", or "auto", which is "compiled" if the package contains the machine code or
+            llvmlite is installed. Compiling takes a second, once per machine. Both engines compute the same forces to
+            the last bit.
 
     Attributes:
         compute: Callable without arguments that fills `force`; bind it to a local name in a loop.
@@ -59,10 +60,10 @@ class PointCoupling(Carded):
         force: Force f, (n, d) [N].
 
     Raises:
-        InputError: If gains are matrices, there are no fingers, dimensions are not 1, 2 or 3, or the tolerance is
+        InputError: If a gain is not a number, there are no fingers, dimensions are not 1, 2 or 3, or the tolerance is
             outside [0, 1).
         UnknownNameError: If the engine is unknown.
-        MissingPackageError: If the engine is "compiled" and llvmlite is missing.
+        MissingPackageError: If the engine is "compiled", the package has no machine code, and llvmlite is missing.
     """
 
     compute: Callable[[], object]
@@ -124,7 +125,7 @@ class PointCoupling(Carded):
 
     @property
     def rank(self) -> int:
-        """Rank of the grasp matrix at the last `compute()`; 0 before the first."""
+        """Rank of the grasp matrix at the last `compute()`, d if equal gains need no rank; 0 before the first."""
         return self._grasp.rank
 
 

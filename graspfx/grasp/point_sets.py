@@ -80,7 +80,7 @@ class Workspace:
         return self._modes[:rank].T.copy(), rank
 
     def _set(self, gains: Numbers, tolerance: float) -> None:
-        """Write gains and tolerance to the block, if they are others than before."""
+        """Write gains and tolerance to the block, if they differ from those of the last call."""
         if gains is not self._gains or tolerance != self._tolerance:
             self._block[_head_entries()[2:]] = *gains, tolerance
             self._gains, self._tolerance = gains, tolerance
@@ -137,9 +137,9 @@ def point_force(
 
     Args:
         points: Contact points, (n, d), read-only [m].
-        gains: Gains kep, ked, kip and kid.
+        gains: Gains kep, ked, kip and kid [N/m, N s/m].
         tolerance: Relative tolerance of the rank.
-        e, de: Displacements and rates, (n d,); a rate of None is zero.
+        e, de: Displacements [m] and rates [m/s], (n d,); a rate of None is zero.
     """
     return SPACES.of(points).force(points, gains, tolerance, e, de)
 

@@ -78,6 +78,9 @@ def rigid_modes(
 ) -> tuple[int, int]:  # fmt: skip
     """Compute the rigid modes q_k(i) = sqrt(w_i) (u_k + a_k x c_i) / norm, orthonormal, and their blend beta_k.
 
+    A translation has the direction u_k, and a_k = 0. A rotation has the axis a_k, and u_k is the motion of the centroid
+    along locked directions. c_i is the contact relative to the weighted centroid.
+
     The external projector is P = sum_k beta_k q_k q_k' (eq. 3) on displacements scaled by sqrt(w). Rotations enter with
     beta = smoothstep of their rms arm between `low` and `high` [m], translations with 1.
 
@@ -144,7 +147,7 @@ def write_rotation(
 def keep_rotations(
     freedom: Freedom, root: float, low: float, high: float, whole: bool, modes: Table
 ) -> tuple[int, int]:
-    """Scale all rotations with non-zero blend to unit length, and move them after the translations."""
+    """Scale the rotations that `rigid_modes` keeps to unit length, move them after the translations, and count."""
     count, blended = freedom.shifts, 0
     for k in range(freedom.shifts, freedom.shifts + freedom.turns):
         mode = modes[k]
@@ -182,7 +185,7 @@ def gain_matrix(
     contacts: Many[FramedContact], modes: Table, count: int, external: float, internal: float, coordinates: int,
     square: Table, row: Floats,
 ) -> None:  # fmt: skip
-    """Add sqrt(W) [k_i I + (k_e - k_i) P] sqrt(W) in contact frames to a square (eq. 4, scalar gains).
+    """Add sqrt(W) [k_i I + (k_e - k_i) P] sqrt(W) in contact frames to the matrix `square` (eq. 4, scalar gains).
 
     `row` (6 entries) is work space. With four coordinates, modes and frames include torsion.
     """

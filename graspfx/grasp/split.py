@@ -40,7 +40,7 @@ class Split(Carded):
     forces, and its transpose Q = G'(G M G')^+ G M on displacements. M Q and M (I - Q) are symmetric and positive
     semidefinite, G M (I - Q) = 0, and P = P' = Q for M = I.
 
-    P depends only on the row space of G. It does not depend on the origin or unit of moments, nor on the object's
+    P depends on G only through its row space. It does not depend on the origin or unit of moments, nor on the object's
     frame. A `Grasp` is therefore factored with moments about the contacts' centroid, in units of the contacts' rms
     radius R, so that the rank depends on lengths alone. Rotations are in radians, and translations and torsion of a
     contact in units of R. A unit motion of the object is external if the rms displacement of the contacts exceeds
@@ -76,8 +76,9 @@ class Split(Carded):
         sets: Shape of the sets of contacts, () for one set.
 
     Raises:
-        InputError: If the metric has a wrong shape or is not positive definite, values are not finite, or the tolerance
-            is outside [0, 1).
+        InputError: If the metric has a wrong shape or is not positive definite, values are not finite, the tolerance is
+            outside [0, 1), or weights or stiffness do not belong to the kind.
+        UnknownNameError: If the kind is unknown.
     """
 
     def __init__(
@@ -142,7 +143,7 @@ class Split(Carded):
 
     @cached_property
     def modes(self) -> FloatArray:
-        """Orthonormal motions in the metric's own coordinates, L x with M = L L."""
+        """Orthonormal motions (..., m, rank) in the metric's own coordinates, L x with M = L L."""
         if self._root is None and (self.grasp is None or self.of_points or not self.grasp.torsion_columns.any()):
             return self._motions
         Q = np.linalg.qr(transposed(self.stretch(transposed(self._motions))))[0]
@@ -183,7 +184,10 @@ class Split(Carded):
 
     @cached_property
     def _spectrum(self) -> tuple[FloatArray, FloatArray]:
-        """Orthonormal basis (..., m, rank) of the rows of G, and singular values, zero below the tolerance."""
+        """Basis (..., m, rank) of the rows of G, and singular values, zero below the tolerance.
+
+        The basis is orthonormal after the rows of torsions are multiplied by the contacts' rms radius.
+        """
         if self.grasp is None:
             basis, values = _row_space(self._bare, relative=self._tolerance)
         else:

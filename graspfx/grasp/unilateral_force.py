@@ -1,4 +1,4 @@
-"""Unilateral contact of n fingers with a given stiffness, eqs. (24)-(26), as a projection."""
+"""Unilateral contact of n fingers with a given stiffness, with or without friction: generalises eqs. (24)-(26)."""
 
 from __future__ import annotations
 
@@ -71,14 +71,14 @@ def unilateral_force(
     normals: ArrayLike,
     friction: float | Sequence[float] | Literal["stick"] | None = None,
 ) -> Touch:
-    """Solve for fingertip forces that can only push: f in C, slip s in C*, f's = 0, f = K (e + s).
+    """Solve for fingertip forces that can only push: f = K (e + s), f in a cone C, and the slip s of a contact law.
 
-    Without friction C is {lambda n, lambda >= 0} for each finger. With "stick" a finger does not slip while it pushes;
-    if its normal force would pull, its whole force is zero. A coefficient mu gives the cone |f_t| <= mu f_n with
-    Coulomb's law: s_n >= 0, f_n s_n = 0, and s_t is zero inside the cone and opposes f_t on its edge. A solution
-    exists, but it may not be unique for a large mu. If none is found, the associated law is used instead (s in C*, so
-    that slipping fingers also lift off), and `law` reports it; for a symmetric K the solution of this law exists, is
-    unique and is always found.
+    Without friction C is {lambda n, lambda >= 0} for each finger, s is in the dual cone C*, and f's = 0. With "stick" a
+    finger does not slip while it pushes; if its normal force would pull, its whole force is zero. A coefficient mu
+    gives the cone |f_t| <= mu f_n with Coulomb's law: s_n >= 0, f_n s_n = 0, and s_t is zero inside the cone and
+    opposes f_t on its edge. A solution exists, but it may not be unique for a large mu. If none is found, the
+    associated law is used instead (s in C*, f's = 0, so slipping fingers also lift off), and `law` reports it; for a
+    symmetric K the solution of this law exists, is unique and is always found.
 
     For two opposed fingers without friction this is the rule of Kawai and Yoshikawa, eqs. (24)-(26): finger i is in
     contact inside x_ci of (25), and the stiffness at a single finger is 2 kep kip/(kep + kip). For a symmetric K and s

@@ -23,8 +23,9 @@ class MarginRow(NamedTuple):
         mode: "internal", "external", "external translation", "external rotation", "standing on ..." or "pushing with
             ..."; for pushing fingers, the weakest set.
         name: Name of the object.
-        gain: Gain in the scene [N/m]; NaN for matrices.
-        limit: Stability limit with the other gains fixed [N/m]; infinite if there is none.
+        gain: Gain in the scene [N/m], for standing and pushing the largest stiffness; NaN for matrices.
+        limit: Stability limit of the gain [N/m]; infinite if there is none. Other gains are fixed, except for standing
+            and pushing, where all gains change by the same factor.
         margin: Limit divided by gain.
         frequency: Frequency at which stability is lost [Hz]; NaN without a limit.
     """
@@ -102,7 +103,7 @@ class Certifier:
         self._base: _Base | None = None
 
     def provisional(self, values: Mapping[str, Any]) -> Verdict | None:
-        """Judge by the last linearisation, with changed gains and object parameters at its equilibrium and squeeze.
+        """Judge by the last linearisation, with changed gains and object parameters, at that equilibrium and squeeze.
 
         Returns None before the first linearisation, and for values that `Change` cannot describe or that are invalid.
         """

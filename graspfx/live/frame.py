@@ -52,8 +52,8 @@ class Frames:
     def poses(self) -> dict[str, tuple[FloatArray, FloatArray]]:
         """Positions (N, 3) [m] and quaternions w, x, y, z (N, 4) of each object with a recorded position.
 
-        They are those of the frame in which the object's shape is described: for a mesh the frame of its file, for any
-        other shape the frame of the object.
+        Each pose is that of the frame in which the object's shape is described: for a mesh the frame of its file, for
+        any other shape the frame of the object.
         """
         poses = {}
         for name in self.layout.objects:

@@ -50,7 +50,7 @@ class Guide:
 
 
 def guided_scene(scene: Scene) -> Scene:
-    """Add a guide to each hand without a guide, except to hands of plug-ins."""
+    """Return the scene with a guide for each hand that has none, except for hands of plug-ins."""
     changes: dict[str, Any] = {
         ".".join(map(str, (*each.at, "guide"))): {}
         for each in holdings(scene)
@@ -60,12 +60,12 @@ def guided_scene(scene: Scene) -> Scene:
 
 
 def hand_name(scene: Scene, table: str, fingers: Sequence[int]) -> str:
-    """Name a hand by its table, such as `hand.0`; the hand of a single finger has the finger's name."""
+    """Return the name of the hand in a table such as `hand.0`; the own hand of a finger has the finger's name."""
     return scene.hand[int(table.split(".")[1])].name if table.startswith("hand.") else scene.finger_names[fingers[0]]
 
 
 def guides_of(session: LiveSession, kind: Literal["hands", "fingers"] | None) -> Sequence[Guide]:
-    """List the guides of a run."""
+    """List the guides of a run: one per guided hand, one per finger of these hands, or none."""
     names, start = session.scene.finger_names, session.start
     guides: list[Guide] = []
     for number, (table, fingers) in enumerate(session.guided if kind else []):
@@ -119,9 +119,9 @@ class FingerReach:
 class GoalWalk:
     """Goal of one finger or hand.
 
-    The goal moves to its target, no faster than `speed`. A target far from the finger therefore moves the goal there
-    gradually, and forces of the hand's damper and of collisions on the way stay realistic. Slower motions are followed
-    without delay.
+    The goal moves to its target, no faster than `speed`. If the target is far from the finger, the goal therefore
+    approaches it gradually, and forces of the hand's damper and of collisions on the way stay realistic. A target that
+    moves more slowly than `speed` is followed without delay.
 
     Args:
         speed: Highest speed [m/s].
@@ -155,7 +155,7 @@ class GoalWalk:
         return self._advanced(now)
 
     def step(self, now: float) -> FloatArray | None:
-        """Return the present goal if it has moved; None if it is at its target or has none."""
+        """Return the present goal if it has moved; None if it is at its target or has no target."""
         if self._goal is None or np.array_equal(self._goal, self.target):
             self._time = now
             return None
@@ -182,7 +182,7 @@ def withdrawal(session: LiveSession, row: FloatArray, finger: int, clearance: fl
         session: Running session.
         row: Present row.
         finger: Number of the finger.
-        clearance: Clearance [m].
+        clearance: Additional distance [m].
     """
     columns = session.servo.layout.columns
 

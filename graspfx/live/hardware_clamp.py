@@ -39,7 +39,7 @@ def shortfall(verdict: Verdict, present: Verdict) -> str:
 
 
 def lower(values: Mapping[str, Any], verdict: Verdict, present: Verdict) -> dict[str, Any] | None:
-    """Lower stiffnesses to 0.9 of their limits; None if none can be lowered without falling below its present value.
+    """Lower stiffnesses to just below 0.9 of their limits; None if none can be lowered and stay above the present one.
 
     Args:
         values: Values by live key, which are not allowed.

@@ -55,7 +55,7 @@ class LiveRun(Resource):
 
     Attributes:
         guides: Guides of the hands or fingers.
-        run_number: Number of resets.
+        run_number: Number of the present run, from 0; `reset`, `record` and `stop_recording` start the next one.
 
     Raises:
         InputError, SceneError, DeviceError, RecordingError: As in `graspfx.open`.
@@ -115,7 +115,7 @@ class LiveRun(Resource):
 
     @property
     def period(self) -> float:
-        """T [s]."""
+        """Sampling period T [s]."""
         return self._session.servo.period
 
     @property
@@ -125,7 +125,7 @@ class LiveRun(Resource):
 
     @property
     def ticks(self) -> int:
-        """Number of ticks whose rows are available."""
+        """Number of ticks whose rows have been written; `rows` returns at most the last 16320 of them."""
         return int(self._session.ring.words[Word.HEAD])
 
     @property
@@ -140,7 +140,7 @@ class LiveRun(Resource):
 
     @property
     def state(self) -> State:
-        """State of the run."""
+        """State of the run; it is "ended" as soon as all forces have been set to zero at the end."""
         session = self._session
         if self._has_ended or int(session.ring.words[Word.PHASE]) >= Phase.RESTED:
             return "ended"
@@ -293,7 +293,7 @@ class LiveRun(Resource):
         """Run a number of ticks in real time, then pause.
 
         Raises:
-            InputError: If the scene has hardware, or the number is not a positive integer.
+            InputError: If the scene has hardware.
         """
         self._session.require_no_hardware("step")
         self._conductor.do(lambda: self._session.advance(ticks))
@@ -303,24 +303,26 @@ class LiveRun(Resource):
 
         Raises:
             RecordingError, DeviceError: If the run cannot start; another reset may succeed.
+            InputError: If hardware has failed.
         """
         self._conductor.do(lambda: self._renew(None)).result()
 
     def record(self, folder: str | PathLike[str]) -> Path:
-        """Start a new run that is recorded in a folder from its first tick; wait until it runs.
+        """Start a new run, recorded in `folder` from its first tick; wait until it runs, and return the file's path.
 
         Raises:
             RecordingError: If the folder already has a recording, or cannot be written.
+            InputError: If hardware has failed.
         """
         self._conductor.do(lambda: self._renew(folder)).result()
         assert self._out is not None
         return self._out
 
     def stop_recording(self) -> Path:
-        """End the recording and start a new run without one; return the recording's file.
+        """End the recording and start a new run without one; return the path of the recording's file.
 
         Raises:
-            InputError: If the run is not recorded.
+            InputError: If the run is not recorded, or hardware has failed.
         """
         out = self._out
         if out is None:

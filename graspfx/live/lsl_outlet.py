@@ -64,15 +64,16 @@ class MarkerStream:
 
 
 class RowStream(RunLook):
-    """LSL stream of rows: the newest row of an attached run, at a lower rate than its ticks.
+    """LSL stream of rows: the newest row of an attached run, at a fixed rate of at most one row per tick.
 
     Each sample carries the time of its tick. A separate thread reads the ring buffer, so the servo is not affected.
-    Other programs see the stream once the first run is attached. A run with another row layout starts a new stream.
+    Other programs see the stream once the first run is attached. A run with other columns, fingers or sampling period
+    starts a new stream.
 
     Args:
         name: Name of the stream.
         rate: Rate of samples [Hz], at most one per tick.
-        columns: Columns of rows; their components are the channels.
+        columns: Columns whose components are the channels; the positions of all objects follow them.
 
     Attributes:
         rate: Actual rate of samples [Hz].

@@ -31,9 +31,9 @@ NO_PROCESS = "the process that computes certificates has ended"
 class Margins(Resource):
     """Stability results for a scene with other values, computed in a child process that does not delay the servo.
 
-    `ask` does not block. If requests come faster than results, only the newest request is answered. Each request first
-    gets a provisional result from the last linearisation, then a full result. A full result is dropped if a newer
-    request exists. The unchanged scene is the first request.
+    `ask` does not block. If requests come faster than results, only the newest request is answered. It first gets a
+    provisional result, if the last linearisation is valid for its values, then a full result. A full result is dropped
+    if a newer request exists. The unchanged scene is the first request.
 
     Args:
         scene: Running scene.
@@ -67,7 +67,7 @@ class Margins(Resource):
         return self._latest
 
     def await_verdict(self, number: int, seconds: float) -> Verdict | None:
-        """Wait for the full result of a request, or of a later request; None after a timeout.
+        """Wait for the full result of a request, or of a later request; None after a timeout or `close`.
 
         Args:
             number: Number from `ask`; 1 for the unchanged scene.

@@ -43,7 +43,8 @@ class Solid:
 
     Attributes:
         name: Name in the scene.
-        vertices: Vertices (v, 3) [m], in the frame of `Frame.objects` for objects, in the world for obstacles.
+        vertices: Vertices (v, 3) [m]: of an object in the frame whose pose is in `Frames.poses`, of an obstacle in the
+            world frame.
         faces: Triangles (f, 3), counter-clockwise seen from outside.
         colour: Colour as "#rrggbb".
         object: Name of the object with which the triangles move; None for an obstacle.

@@ -76,8 +76,8 @@ class Slider:
 def sliders(scene: Scene) -> list[Slider]:
     """List the sliders of a scene: gains, friction, and the viscosity and mass of objects, if they can change.
 
-    Ranges are linear and end at 4 times the value or more; `widened` extends them beyond stability limits. A stiffness
-    of the object has one factor for translation and one for rotation.
+    Ranges are linear and end at 4 times the value or more (2 times for friction); `widened` extends them beyond
+    stability limits. A stiffness of the object has one factor for translation and one for rotation.
     """
     with build(scene, engine="interpreted") as servo:
         found = list(_factors(servo, scene))
@@ -138,9 +138,9 @@ def value_in(slider: Slider, values: Mapping[str, Any]) -> float | None:
 
 
 def widened(slider: Slider, verdict: Verdict) -> Slider:
-    """Extend the range of a stiffness to 1.5 times its limit if it ends below the limit.
+    """Extend the range of a stiffness that ends below the stability limit to 1.5 times the limit, rounded up.
 
-    The limit of a factor is its value in the verdict times the margin of its mode.
+    The limit of a factor on the object's stiffness is its value in the verdict times the margin of its mode.
     """
     limit = max(filter(math.isfinite, _limits(slider, verdict)), default=0.0)
     if limit < slider.most:
@@ -204,7 +204,7 @@ def _can_change(servo: Servo, scene: Scene, key: str, value: float) -> bool:
     if plain in ("coupling.friction", "finger.*.friction") and value <= 0.0:
         return False  # a contact with friction has additional state
     if plain in INERTIA and any(isinstance(mover.body, Steerable) for mover in servo.movers):
-        return False  # the mass of an object on planes is in another process
+        return False  # what an object on planes derives from its mass is not sent to a servo in another process
     try:
         Steering(servo, scene, [key])
     except GraspFXError:

@@ -51,7 +51,7 @@ def hello_message(
         rate: Highest rate of states [Hz].
         farthest: Largest component of an offset [m].
         closest: Largest absolute squeeze [m].
-        run: Number of the run in the stream.
+        run: Number of the run in the stream, from 1.
     """
     table = scene.to_dict()
     return _json({
@@ -94,8 +94,8 @@ def state_message(frames: Frames, tick: int, number: int, run: int, state: str, 
     Args:
         frames: Frames, of which the last one is the state.
         tick: Tick of the state.
-        number: Number of the state.
-        run: Number of the run in the stream.
+        number: Number of the state in the stream, from 1.
+        run: Number of the run in the stream, from 1.
         state: "running", "paused" or "ended".
         fault: Fault of the run; empty for none.
     """
@@ -147,8 +147,9 @@ def _shape(table: dict[str, Any], kind: str, number: int) -> Any:
 class StateStream:
     """Stream on a socket with its own threads; a context manager. Runs are attached one after the other.
 
-    Distance and speed of goals are limited (`REACH`, `SPEED`). Goals pass through the follower of the guide, and are
-    recorded with their ticks. If a client leaves, or is silent for half a second, the goal no longer changes.
+    Offset, squeeze and speed of goals are limited (`REACH`, `CLOSEST`, `SPEED`). Goals pass through the follower of the
+    guide, and a recording contains them with their ticks. If a client leaves, or is silent for half a second, the goals
+    of its guides no longer change.
 
     Args:
         line: Listening socket.

@@ -66,7 +66,7 @@ def description(scenery: Scenery, title: str, fingers: Sequence[int], touchable:
         title: Title of the page.
         fingers: Numbers of the fingers in the order of the page.
         touchable: Number of fingers that can be touched; they come first.
-        box: Touchable area.
+        box: Touchable area, in the scene's coordinates [m].
         fault: Fault of the run; empty for none.
     """
     objects = [each for each in scenery.solids if each.object is not None]
@@ -93,7 +93,8 @@ def description(scenery: Scenery, title: str, fingers: Sequence[int], touchable:
 def picture(frames: Frames, tick: int, scenery: Scenery, fingers: Sequence[int]) -> bytes:
     """Encode the last frame: tick, time, squeeze, push, poses (x, y, angle), and seven numbers per finger.
 
-    The seven numbers are position, internal force, external force and state. Missing forces are 0, other numbers NaN.
+    The seven numbers are position, internal force, external force (two coordinates each) and state, in SI units as
+    float64. Missing forces of fingers are 0; other missing numbers are NaN.
     """
     n = len(fingers)
     modes = frames.modes.values()
@@ -168,7 +169,7 @@ class TouchLog:
         return ["applied" if fate == "taken" else fate for fate in fates]
 
     def save(self, folder: Path) -> Path:
-        """Write the log as CSV; return the file."""
+        """Write the log as CSV; return the file's path."""
         lines = [HEADER]
         for (client, order, tick, _), fate in zip(self.entries, self.fates(), strict=True):
             x, y = order.place
@@ -179,7 +180,7 @@ class TouchLog:
 
 
 def touched_scene(scene: Scene) -> Scene:
-    """Remove the motions, rotations and squeezes of a scene's hands, so that fingers stay at their initial positions.
+    """Return the scene with hands that have no motion, rotation or squeeze: fingers stay at their initial positions.
 
     Raises:
         InputError: If the scene is three-dimensional, or has no hand that can be moved.

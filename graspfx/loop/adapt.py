@@ -115,8 +115,8 @@ def adapt(
 
     Raises:
         MissingPackageError: If LLVM is not installed.
-        InputError: If a text does not follow this syntax, an entry is out of range, the library lacks a function, or a
-            name has no setting.
+        InputError: If a text does not follow this syntax, an entry is out of range, the library lacks a function, or
+            the settings are not those named in the texts.
     """
     k, d = shape
     texts = {"ask": ask, "read": read, "write": write, "stop": stop}

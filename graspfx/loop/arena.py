@@ -101,7 +101,8 @@ class Arena:
         record: Whether rows are recorded.
 
     Attributes:
-        world: World of the scene, at `place` in the memory.
+        world: World of the scene.
+        offset: Place of the world.
         servo: Memory of the tick, `ServoState`.
         loop: Memory of a real-time loop, `LoopState`; None for a run without it.
         arrays: All blocks, in the order of their registration.
@@ -195,7 +196,7 @@ class Arena:
                 yield guest.buffer
 
     def _is_native(self, m: PlantWiring) -> bool:
-        """Return whether a plant consists of kernels only."""
+        """Return whether a plant and its devices consist of kernels only."""
         wired = {id(station.device) for station in self.parts.stations}
         devices = [cast("Device", device) for device in m.devices]
         return plants.fused(m.plant) is not None and all(fused(d) is not None and id(d) in wired for d in devices)
@@ -362,7 +363,12 @@ class Arena:
     def _add_channels(
         self, station: DeviceWiring, position: int, velocity: int, command: int, limit: int
     ) -> dict[str, int]:
-        """List the channels that the scene uses, given the places of the first channel's quantities."""
+        """Add the channels that the scene uses; return the index of the first one, and their number.
+
+        Args:
+            station: Device and the fingers that it moves.
+            position, velocity, command, limit: Places of the first channel's quantities.
+        """
         first = len(self._channels)
         for c, f in enumerate(station.fingers.tolist()):
             if f >= 0:

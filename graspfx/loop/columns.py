@@ -56,7 +56,7 @@ class RowTaker(Protocol):
         ...
 
     def take(self, count: int) -> None:
-        """Accept the rows written by the next `count` ticks."""
+        """Accept the rows that `count` further ticks have written."""
 
     def drain(self) -> None:
         """Pass on full buffers; this method is called between ticks."""
@@ -80,8 +80,8 @@ class Declared(NamedTuple):
         unit: Unit of its numbers.
         meaning: Description of the quantity.
         filled: Origin of the values: "sample" (the coupling's sample of a grasp), "servo" (the tick around the sample),
-            "observer" (the ledger of energies), "safety" (the safety chain) or "loop" (the exchange with devices in
-            real time).
+            "observer" (the ledger of energies), "safety" (the safety chain), "loop" (the exchange with devices in
+            real time) or "reader" (computed from a row by the reader of a recording).
         when: Property of `Layout` that tells whether the column exists. An empty name means that the column always
             exists; "always" means that it also exists in recordings of every format.
         kind: Type of its numbers in a file; rows contain only float64.
@@ -214,7 +214,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Layout:
-    """Columns of a recording, all float64, with one row per tick.
+    """Columns of a recording, all float64, with one row per recorded tick.
 
     Attributes:
         dimensions: Number of dimensions d.

@@ -150,7 +150,7 @@ class QuenchableDriver(Protocol):
             settings: Settings of `connect`.
 
         Raises:
-            DeviceError: If the hardware cannot be reached, and its force may persist.
+            DeviceError: If the hardware cannot be reached or does not accept zero force, so that its force may persist.
         """
 
 
@@ -220,7 +220,10 @@ class OperatedDevice(Protocol):
 
     @staticmethod
     def operated_plant(devices: Sequence[Device], operator: Operator, period: float) -> Plant:
-        """Make the plant for a hand with this `operator`, or with an operator of at most the same reaction delay."""
+        """Make a plant for hands with this `operator`, or with operators of at most the same reaction delay.
+
+        The delay line of the plant has room for this delay, in samples of `period` [s].
+        """
         ...
 
 
@@ -255,7 +258,7 @@ class FusedDevice(SimulatedDevice, Protocol):
 
     @property
     def structure(self) -> Index:
-        """Integer entries of the block that are fixed after `open` and select what the kernels compute."""
+        """Indices of the block's integer and boolean entries that select the computation, fixed after `open`."""
         ...
 
     @property
@@ -324,8 +327,8 @@ class Calls(NamedTuple):
     `write` receives only finite forces within `features.peak_force`. `stop` sets the force to zero, regardless of the
     block's contents. A function that waits delays the loop.
 
-    In a vendor's thread, `ask` opens a frame of the library, and `write` or `stop` closes it. A device that was not
-    asked in a turn, or whose forces were already written, is therefore asked again before it is stopped.
+    In a vendor's thread, `ask` begins a frame of the vendor's library, and `write` or `stop` ends it. A device that was
+    not asked in a turn, or whose forces were already written, is therefore asked again before it is stopped.
 
     Attributes:
         ask: Function that sends the request for the next `read`; 0 for a device without requests.

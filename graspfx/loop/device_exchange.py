@@ -82,7 +82,7 @@ class DevicePort:
         station: Device and the fingers that it moves.
         fingers: Names of the scene's fingers.
         period: Sampling period T [s].
-        guards: Guards of hardware.
+        guards: Limits beyond which a reading of hardware is a fault.
 
     Attributes:
         name: Name of the device in messages.
@@ -93,7 +93,7 @@ class DevicePort:
         readings: State and statistics of its readings in the run.
         log: Recorder of new samples, switches and raw numbers of the device; None if they are not recorded.
         place: Number of the device's first call among the calls of all devices, from 1 (`call_of`).
-        is_unstopped: Whether the last attempt to stop the device failed.
+        is_unstopped: Whether the last `stop` failed; false before the first.
         is_up: Whether the device's deadman switch was open at the last reading.
         watches: Whether an open deadman switch removes the force; False before a run, when there is no force.
     """
@@ -110,7 +110,7 @@ class DevicePort:
         self._since = self.fitting.every - 1  # ticks since the device was called
         self.workspace = self.device.features.workspace
         self.log: PortLog | None = None
-        self.is_up = False
+        self.is_unstopped = self.is_up = False
         self.watches = True
         ask = getattr(self.device, "ask", None)
         self._ask: Callable[[], object] | None = ask if callable(ask) else None
@@ -122,7 +122,7 @@ class DevicePort:
 
     @property
     def is_gone(self) -> bool:
-        """Whether a call of the device has failed; the device is then not read again."""
+        """Whether a call of the device has failed, or a reading was invalid; the device is then not read again."""
         return self.readings.is_gone
 
     @is_gone.setter
@@ -130,7 +130,7 @@ class DevicePort:
         self.readings.is_gone = is_it
 
     def open(self, period: float) -> str:
-        """Open the device for one reading and one writing per period."""
+        """Open the device for one reading and one writing every `fitting.every` periods."""
         try:
             self.device.__enter__()
             self.device.open(period * self.fitting.every)
@@ -140,7 +140,7 @@ class DevicePort:
         return ""
 
     def ask(self) -> str:
-        """Request the next sample."""
+        """If the device is read in this tick, request the sample."""
         try:
             if self._ask is not None and self._since + 1 >= self.fitting.every:
                 self._ask()
@@ -218,7 +218,7 @@ class DevicePort:
         return own if frame is None else frame.place(own)
 
     def _watch(self, device: Any, deadman: int) -> str:
-        """Check the deadman switch. If it is open, let the safety chain remove the force, and return the reason."""
+        """Check the deadman switch. If it is open, let the safety chain remove the force; without a chain, say why."""
         switches = device.switches
         if isinstance(switches, bool) or not isinstance(switches, int | np.integer):
             return f"returned {abbreviate(switches)} for its switches, expected an integer with one bit per switch"
@@ -233,7 +233,7 @@ class DevicePort:
         return f"{self.name} {text}; {ZERO}"
 
     def _failure(self, action: str, error: BaseException) -> str:
-        """Return a description of a failed call; the error message of a simulated device is used unchanged."""
+        """Return a description of a failed call; the message of a simulated device's DeviceError is used unchanged."""
         self.is_gone = True
         if isinstance(error, DeviceError):
             return f"{self.name}: {message(error)}" if self.hardware else str(error)

@@ -24,7 +24,7 @@ class Frame:
 
         p = origin + s R p_device,   v = s R v_device,   f_device = s R' f
 
-    so f'v is the same on both sides.
+    so the power f'v = f_device'v_device is the same on both sides.
 
     Attributes:
         origin: Origin of the device in the scene (d,) [m].

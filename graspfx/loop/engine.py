@@ -83,6 +83,7 @@ class Compiled:
     Raises:
         MissingPackageError: If LLVM is needed and not installed.
         InputError: If a third-party kernel cannot be compiled.
+        KernelError: If a third-party kernel has a fault.
     """
 
     name = "compiled"

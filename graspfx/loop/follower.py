@@ -39,11 +39,11 @@ class Follower:
         e(h) = (e + c h) exp(-w h),   r'(h) = (r' - w c h) exp(-w h).
 
     From rest the follower never overshoots. Its position and velocity are continuous. The follower lags a target of
-    constant velocity by 2 tau.
+    constant velocity by the time 2 tau.
 
     Args:
         lag: Time constant tau, above zero [s].
-        position: Initial position, at rest.
+        position: Initial position of any shape, at rest [m].
 
     Attributes:
         position, velocity: State of the follower, in its own arrays [m, m/s].

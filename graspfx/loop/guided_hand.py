@@ -25,13 +25,14 @@ class GuidedHand:
 
         r_i(t) = c + R(t) (rest_i + (s(t) + g(t)) share_i u_i - c) + x(t) + o_i(t)
 
-    g follows the goal of the squeeze, and o_i follows the goal of finger i's offset. Both are critically damped
-    (`Follower`): targets never jump when goals change, and do not overshoot if the followers were at rest.
+    g follows the goal of the squeeze, and o_i follows the goal of finger i's offset; the other symbols are those of
+    `Hand`. Both followers are critically damped (`Follower`), so targets never jump when goals change, and do not
+    overshoot if the followers were at rest.
 
     Args:
         hand: Hand with motions of this package only.
         lag: Time constant tau of the followers, above zero [s].
-        offset: Goal of the offsets, (d,) for all fingers or (n, d) [m].
+        offset: Goal of the offsets: (d,) for all fingers, (n, d), or a number for all components [m].
         squeeze: Goal of the squeeze [m].
         settled: Whether the followers start at their goals; otherwise they start at rest at zero.
     """
@@ -97,7 +98,7 @@ class GuidedHand:
         self._hand = other._hand
 
     def regain(self, stiffness: FloatArray, damping: FloatArray) -> None:
-        """Set K and B, (d, n, n) each [N/m, N s/m]; afterwards the plant must be attached to the hand again."""
+        """Set K and B, (d, n, n) each [N/m, N s/m]; afterwards the plant's `hold` must be called again."""
         self._hand.regain(stiffness, damping)
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:

@@ -49,7 +49,7 @@ class _HeldByGains:
         self._stiffness, self._damping, self.operator = other.stiffness, other.damping, other.operator
 
     def regain(self, stiffness: FloatArray, damping: FloatArray) -> None:
-        """Set K and B, (d, n, n) each [N/m, N s/m]; the plant must then be attached to the hand again."""
+        """Set K and B, (d, n, n) each [N/m, N s/m]; afterwards the plant's `hold` must be called again."""
         self._stiffness, self._damping = _frozen(stiffness), _frozen(damping)
 
 
@@ -268,7 +268,7 @@ def join(hands: Sequence[plant.Hand], order: Sequence[int] | None = None) -> pla
 
 
 def adopt_block(hand: Any, other: Any) -> None:
-    """Copy another hand's block, which contains all parameters of the targets.
+    """Copy another hand's block, which contains all parameters of the targets, but keep the state of followers.
 
     Raises:
         InputError: If the other hand differs in structure, or a motion has no kernel.

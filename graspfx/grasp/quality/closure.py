@@ -17,7 +17,7 @@ from graspfx.numeric import each
 FloatArray = NDArray[np.float64]
 Limit = Literal["elliptic", "independent"]
 
-FLAT = 1e-6  # smallest singular value of the cones' wrenches; below this value some wrench is missing
+FLAT = 1e-6  # smallest singular value of the cones' wrenches, relative to the largest; below it some wrench is missing
 BOUNDARY = 1e-7  # an equilibrium whose evenly spread share is smaller lies on the boundary of the cones
 ROUNDS = 200
 
@@ -86,7 +86,10 @@ class PushingWrenches:
         self.grasp = grasp
 
     def reach(self, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Find each contact's largest u.w at f_n = 1, (k, n), for directions u (k, w), and its force (k, n, d + 1)."""
+        """Find each contact's largest u.w at f_n = 1, (k, n), for directions u (k, w), and its forces (k, n, d + 1).
+
+        The entries of a force are those along the world's axes and the torsion.
+        """
         d = self.normals.shape[1]
         v = np.einsum("kw,wnc->knc", directions, self.maps)
         normal = (v[..., :d] * self.normals).sum(axis=-1)
@@ -120,7 +123,7 @@ class ForceClosure:
     """Whether pushing contacts can exert every wrench, with the proof.
 
     Attributes:
-        closed: True if the contacts can exert every wrench.
+        closed: True if it is proved that the contacts can exert every wrench.
         squeeze: Primal proof if closed, else None: contact forces (m,) with zero wrench, strictly inside their cones;
             the normal forces sum to 1 N.
         separating: Dual proof if not closed, else None: a wrench direction u (w,), forces before moments divided by the
@@ -169,6 +172,7 @@ def force_closure(
 
     Raises:
         InputError: If a contact is full or a selection, normals are missing, or coefficients are negative or missing.
+        UnknownNameError: If the limit is unknown.
     """
     cones = PushingWrenches(grasp, friction, torsion, limit, length, about)
     return closure_of(cones)[0]

@@ -1,7 +1,7 @@
-"""Internal forces: named coordinates that span the null space of G, and their split by a virtual linkage.
+"""Internal forces: named coordinates that span the null space of G, and the split of forces by a virtual linkage.
 
-Coordinates are tensions, bendings and torsions. A virtual linkage describes internal forces as tensions of actuators
-between contacts and torques of joints at contacts.
+Coordinates are tensions, bendings, torsions and, if these do not suffice, single components. A virtual linkage
+describes internal forces as tensions of actuators between contacts and torques of joints at contacts.
 """
 
 from __future__ import annotations
@@ -156,7 +156,7 @@ def _tensions(contacts: Contacts, fingers: list[str], pairs: Sequence[tuple[int,
 
 
 def _bendings(contacts: Contacts, fingers: list[str]) -> Candidates:
-    """Return sum_i l_i u with sum_i l_i = 0 and sum_i l_i c_i = 0, u normal to the span of the contacts."""
+    """List forces l_i u of contacts i with sum_i l_i = 0 and sum_i l_i c_i = 0, u normal to the contacts' span."""
     n, d = contacts.points.shape
     arms = contacts.points - contacts.points[0]
     arms = arms - arms.mean(axis=0)
@@ -326,11 +326,11 @@ class VirtualLinkage:
     Only forces exert a wrench, f_F = W_F^+ w. The contacts' moments are joint torques and therefore internal (Williams
     and Khatib 1993). With G = [W_F W_T], the columns of forces and of moments,
 
-        P = [W_F^+ (I - W_T H); H] G,    H = (N' W_T)^+ N',    N' W_F = 0,
+        P = [W_F^+ (I - W_T H); H] G,    H = (N' W_T)^+ N',    N' W_F = 0.
 
     H is zero unless forces cannot exert some wrench (two contacts cannot rotate the object about the line through
     them). The moments then exert only that wrench. The internal forces are E t and tau - W_F^+ W_T tau. t = E^+ f_F are
-    the tensions of the actuators, each a column [.. u_ij .. -u_ij ..] of E, and tau the torques of the joints.
+    the tensions of the actuators, with a column [.. u_ij .. -u_ij ..] of E for each, and tau the torques of the joints.
 
     Without moments P = G^+ G. For frictionless and hard contacts this is the split of `grasp.split.Split` without a
     metric, for any choice of actuators, because E spans the null space of G and W_F^+ is orthogonal to it. With moments

@@ -30,9 +30,10 @@ def least_friction(grasp: GraspMatrix, wrench: ArrayLike | None = None, *, norma
 
     Without a wrench, the result is the infimum of the coefficients for which `Grasp.force_closure` holds. With a wrench
     w, the result is the least coefficient for which contact forces f in the cones |f_t| <= mu f_n, with f_n <= L,
-    satisfy G f = w. The bound L is required: as L grows the coefficient goes to zero, because larger normal forces
-    transmit more. mu f_n is bilinear in mu and f, so mu is found by bisection. Each step minimises s, subject to
-    |f_t|/mu <= f_n + s and f_n <= L + s at each contact, by a barrier method in the internal forces.
+    satisfy G f = w. The bound L is required, because a larger squeeze needs a smaller coefficient: between opposed
+    contacts, the coefficient goes to zero as L grows. mu f_n is bilinear in mu and f, so mu is found by bisection. Each
+    step minimises s, subject to |f_t|/mu <= f_n + s and f_n <= L + s at each contact, by a barrier method in the
+    internal forces.
 
     Args:
         grasp: Grasp of hard contacts with normals.
@@ -67,7 +68,7 @@ def least_friction(grasp: GraspMatrix, wrench: ArrayLike | None = None, *, norma
     w = finite("wrench", wrench)
     if w.shape != (len(G),):
         raise InputError("wrench", w, f"a wrench of {len(G)} components, one per degree of freedom")
-    L = number("normal_force", normal_force, "a force above zero [N]", "without a bound the infimum is 0", zero=False)
+    L = number("normal_force", normal_force, "a force above zero [N]", "a larger bound needs less friction", zero=False)
     w = np.where(moments, w / size, w) / L
     base = np.linalg.lstsq(G, w, rcond=RANK)[0]
     if np.linalg.norm(G @ base - w) > RANK * max(1.0, float(np.linalg.norm(w))):

@@ -26,9 +26,10 @@ class Margin:
     """Bounds on epsilon, the radius of the largest ball of wrenches that the grasp can exert (Ferrari and Canny 1992).
 
     Attributes:
-        guaranteed: Lower bound: radius of the largest ball in a polytope of wrenches that the contacts can exert.
-        reached: Upper bound: the largest wrench of the contacts along `weakest`, exact for the cones.
-        weakest: Unit direction (w,) of the smallest support of W, forces before moments divided by the length.
+        guaranteed: Lower bound: radius of the largest ball in a polytope of wrenches that the contacts can exert [N].
+        reached: Upper bound: the largest wrench of the contacts along `weakest`, exact for the cones [N].
+        weakest: Unit direction (w,) in which the contacts' largest wrench is smallest, forces before moments divided by
+            the length; zero if there is neither closure nor a proof against it.
         length: Length that divides moments [m].
     """
 
@@ -137,7 +138,7 @@ def _reach(cones: PushingWrenches, directions: FloatArray, bound: Bound) -> tupl
 
 
 def _descended(cones: PushingWrenches, start: FloatArray, bound: Bound) -> tuple[float, FloatArray]:
-    """Descend to a local minimum on the unit sphere: min sum s, s_i >= h_i(u), one s for all contacts or one each."""
+    """Descend to a local minimum on the unit sphere: min sum s, s_i >= u.w_i, one s for all contacts or one each."""
     from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
     n, w = len(cones.normals), len(start)

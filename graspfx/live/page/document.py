@@ -1,4 +1,4 @@
-"""HTML document of a recording, or of a scene that the document runs: one file that loads no other files."""
+"""HTML document of a recording, of a scene that the document runs, or of a live run: it loads no other files."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def document(story: Mapping[str, Any], source: Source = "recording", connects: s
     """Assemble the HTML document of a page.
 
     Args:
-        story: Data of the page, from `story_of`; for a page that runs a scene, with the entry "run".
+        story: Data of the page, from `story_of`; for a page of a run, with the entry "run".
         source: Source of the page's frames.
         connects: Address of the WebSocket that sends the frames, such as ws://127.0.0.1:8080; empty for none.
     """
@@ -111,7 +111,7 @@ def require_page_name(path: str | PathLike[str]) -> Path:
     """Require the path of an HTML file.
 
     Raises:
-        InputError: If the argument is not a path, or has another ending.
+        InputError: If the argument is not a path, or ends in neither .html nor .htm.
     """
     target = recording_path(path, "path")
     if target.suffix.lower() not in (".html", ".htm"):

@@ -1,4 +1,4 @@
-"""Motion of a recording for playback: frames at up to 60 Hz, and charts with the envelope of all ticks."""
+"""Motion of a recording for playback: frames at up to 60 Hz, and charts with the envelope of all recorded rows."""
 
 from __future__ import annotations
 

@@ -70,7 +70,8 @@ def running(scene: Scene, frames: int, presets: Mapping[str, Mapping[str, float]
         presets: Values of sliders, by the name of a button.
 
     Raises:
-        InputError: If a part of the scene is plain Python, other software or hardware, or a preset has no slider.
+        InputError: If a part of the scene is plain Python, other software or hardware, or a preset has a key without a
+            slider or a value outside the slider's range.
     """
     verdict, numbers, margins = _margins(scene)
     parts = resolve(scene)
@@ -101,7 +102,7 @@ def require_runnable(scene: Scene) -> None:
     """Require a scene that runs with kernels of the package only.
 
     Raises:
-        InputError: If it has other parts.
+        InputError: If the scene has other parts.
     """
     with build(scene, engine="interpreted") as servo:
         _whole(servo)
@@ -111,7 +112,7 @@ def _whole(servo: Servo) -> Arena:
     """Return the arena of a scene that runs with kernels of the package only.
 
     Raises:
-        InputError: If it has other parts.
+        InputError: If the scene has other parts.
     """
     arena = servo.arena
     others = {
@@ -271,7 +272,7 @@ def _all_sliders(
 
 
 def _fit(one: Slider, other: Slider, entries: list[int], written: Writer) -> list[list[float]] | None:
-    """Return entry, floor, p and q of max(floor, p + q |1/x - 1/y|) for each of some entries; None if this is wrong."""
+    """Return entry, floor, p and q of max(floor, p + q |1/x - 1/y|) for each entry; None if one does not fit it."""
     if not all(each.key.endswith("stiffness") and each.least > 0.0 for each in (one, other)):
         return None
     places = [

@@ -56,7 +56,7 @@ def packed(values: ArrayLike, kind: str = "f4") -> dict[str, str]:
 
 
 def packed_solid(solid: Solid, number: int) -> dict[str, Any]:
-    """Encode an object or an obstacle; `number` is the object with which it moves, -1 for none."""
+    """Encode an object or an obstacle; `number` is the index of the object with which it moves, -1 for none."""
     mesh = with_normals(solid.vertices, solid.faces)
     return {
         "name": solid.name, "colour": solid.colour, "endless": solid.endless,
@@ -105,7 +105,7 @@ def story_of(recording: Recording, folder: Path | None = None, *, source: Source
         recording: Recording of a run.
         folder: Folder of relative mesh paths; None for the scene's folder.
         source: Source of the page's frames: the recording; a run of its own; or a live run of the program that serves
-            the page. A run produces its own frames and charts, so that the recording's motion is omitted.
+            the page. A run produces its own frames and charts, so the recording's motion is omitted.
 
     Raises:
         InputError: If the recording has no ticks.
@@ -356,7 +356,7 @@ def _about(recording: Recording, motion: Motion) -> list[tuple[str, str]]:
         ("preset", header.preset),
         ("GraspFX", header.versions.get("graspfx", graspfx.__version__)),
         ("frames", f"{len(motion)}, one in {every} ticks, {1.0 / (motion.rows * recording.row_period):.3g} per second"),
-        ("chart", "minimum and maximum over all ticks"),
+        ("chart", "minimum and maximum over all recorded rows"),
         ("numbers", f"as recorded, relative error {RESOLUTION:.0e}; linear interpolation between frames"),
     ]
     return [(name, words) for name, words in lines if words]

@@ -27,7 +27,7 @@ class News(NamedTuple):
     """New frames of a run.
 
     Attributes:
-        run: Number of the run.
+        run: Number of the run, `LiveRun.run_number`.
         first: Number of the first frame, counted from the beginning of the run.
         frames: Frames (k, w), from `Motion.vectors`; the last one may be repeated later with more of its ticks.
     """

@@ -74,7 +74,7 @@ class LivePage(Resource):
         run: Live run.
         sliders: Sliders of the scene.
         new_folder: Function that makes the folder of a recording.
-        port: Port on 127.0.0.1; None for the first free one from 8080.
+        port: Port on 127.0.0.1; None for the first free one from 8080, 0 for any.
         tell: Function that prints a line on the terminal.
 
     Attributes:

@@ -75,14 +75,14 @@ class EnergyReport(Record):
 
 
 class LedgerState(Record):
-    """Ledger of one object, stored next to its block."""
+    """Ledger of one object, in a block of its own."""
 
     count: int  # n
     components: int  # components of the forces if gains are matrices with cones, which needs h = K^-1 fe; else 0
     control: bool  # the passivity controller damps modes that generate energy (`watch`)
     guarded: bool  # a safety chain scales stiffness to gamma K and may withhold force after the brake
     gain: float  # gamma of this sample, if there is a chain
-    foreign: bool  # another integrator moves the object: obstacles do the remaining work
+    foreign: bool  # another integrator moves the object, so the work of obstacles is the remainder
     elapsed: float  # longest of the fingers' last steps [periods], at least 1
     drag: float  # smallest friction b_i/w_i of the devices [N s/m]
     mobility: float  # largest w_i/m_i of the devices [1/kg]

@@ -46,7 +46,11 @@ def control(grasp: GraspState, ledger: LedgerState, T: float) -> bool:
 
 @kernel
 def bound(grasp: GraspState, T: float, mobility: float) -> float:
-    """Compute m/(2 T) [N s/m]; 1/m = max w_i/m_i + sum w_i/m_v + sum w_i |r_i|^2/I bounds every mode's mobility."""
+    """Compute m/(2 T) [N s/m]; 1/m = max w_i/m_i + sum w_i/m_v + sum w_i |r_i|^2/I bounds every mode's mobility.
+
+    m_i is the mass of finger i's device, and m_v and I are the object's mass and smallest moment of inertia; the terms
+    of an object without free translations or rotations are zero. r_i points from the object's centre to finger i.
+    """
     body = grasp.body
     total = squares = 0.0
     for finger in grasp.fingers:

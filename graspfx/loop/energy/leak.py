@@ -100,7 +100,10 @@ def squares(split: ModeSplit, contacts: Many[Contact], steps: Many[Vector4]) -> 
 
 @kernel
 def spend(accounts: Accounts, drag: float, square: Vector) -> None:
-    """Add the energy that friction of `drag` [N/m] dissipates on a step with these squares [m^2]."""
+    """Add the energy that friction dissipates on a step with these squares [m^2].
+
+    `drag` [N/m] is the coefficient of friction [N s/m] divided by the duration of the step.
+    """
     accounts.parts[INTERNAL].spent += drag * square.x
     accounts.parts[TRANSLATION].spent += drag * square.y
     accounts.parts[ROTATION].spent += drag * square.z
@@ -134,11 +137,12 @@ def add_damping(
     """Add a W Q_m D/T to the forces of each account m in debt, with the smallest a that repays it in one equal step.
 
     a = min(most, T debt/(D'W Q_m D)) [N s/m] (Hannaford and Ryu 2002, one controller per mode), so a debt of internal
-    motion adds no damping to motion of the object. A debt beyond `most` is carried over. `most` is required because the
-    damping force is held over a sample; the passivity controller sets it to m/(2 T) (`brake.bound`).
+    motion adds no damping to motion of the object. If `most` limits a, the rest of the debt is carried over to the next
+    sample. `most` is required because the damping force is held over a sample; the passivity controller sets it to
+    m/(2 T) (`brake.bound`).
 
     Returns:
-        Damping a of internal motion, translation and rotation [N s/m].
+        Damping coefficients a of the three accounts: internal motion, translation and rotation [N s/m].
     """
     square = squares(split, contacts, steps)
     squeezing = damping_for(-balance(accounts.parts[INTERNAL]), square.x, T, most)

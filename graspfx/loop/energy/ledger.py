@@ -1,7 +1,8 @@
 """The energy of a grasp per sample: entries for the path from the fingers through the coupling to the object.
 
-Between two samples the held forces f = fe + fd + fb (springs, damping, brake) move by d, the step of the fingers
-relative to the object in its axes. Springs hold the displacement h, fe = K h, and a_j is fe's component in mode j:
+Between two samples the held forces f = fe + fd + fb (springs, damping, brake) act while the fingers move by d relative
+to the object, in the object's axes. The springs have the displacement h, fe = K h, and a_j is fe's component in mode j.
+A plus marks values of the next sample, and Dh = h+ - h:
 
     stored      V_j = 1/2 a_j'h
     damped      fd_j'd                     without fw_j'd; a safety chain withholds fw_j after the brake

@@ -38,8 +38,8 @@ class Observer:
 
     Attributes:
         buffer: Memory of the observer; `watch` uses it and the object's block.
-        met: Wrench (6,) of planes on a body in the previous sample, to be copied to `buffer[MET : MET + 6]` before
-            `watch`; None for a body without planes.
+        met: Wrench (6,) [N, N m] of planes on a body in the previous sample, to be copied to `buffer[MET : MET + 6]`
+            before `watch`; None for a body without planes.
         where: Entries of the buffer under the names used in recordings.
     """
 
