@@ -1,4 +1,4 @@
-"""Exceptions: one base class; each exception builds its message from data, and the message says what to do."""
+"""Exceptions: one base class; an input error builds its message from what was given, expected and is to be done."""
 
 from __future__ import annotations
 

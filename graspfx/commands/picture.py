@@ -97,7 +97,10 @@ def _draw(recording: Recording, path: Path, meshes: Path | None, options: Namesp
 
 
 def scene_folder(header: Header) -> Path | None:
-    """Find the folder to which the scene's paths are relative: the recorded one, else that of a scene of this name."""
+    """Find the folder to which a scene's paths are relative: the recorded one, else that of a scene of the same name.
+
+    None if the recorded folder does not exist, and no scene has that name.
+    """
     from graspfx.plugins import find
 
     folder = Path(header.scene_folder)

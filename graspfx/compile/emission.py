@@ -78,7 +78,7 @@ def loaded(objects: Iterable[bytes], libm: Iterable[str]) -> Any:
 
     Args:
         objects: Object files, which may call one another and functions registered by `show`.
-        libm: Functions of the platform's library that the object files call.
+        libm: Names of the functions of the platform's C library that the object files call as `graspfx_NAME`.
     """
     import llvmlite.binding as llvm
 

@@ -122,7 +122,7 @@ def width(grasp: GraspState) -> int:
 
 @kernel
 def mark(grasp: GraspState, inside: bool) -> None:
-    """Mark the fingers whose force or, if `inside` the projection, whose elastic force is at the limit."""
+    """Mark fingers whose force is at the limit; with `inside` (`is_inside`), also those whose elastic force is."""
     for finger in grasp.fingers:
         least = NEARLY * LIMIT_MARGIN * finger.limit
         if force_size(finger.local, width(grasp)) >= least:
@@ -136,7 +136,7 @@ def is_inside(grasp: GraspState) -> bool:
     """Return whether the projection can respect the limits.
 
     The projection cannot respect limits with the implicit integrator, with matrix gains without a coefficient of
-    friction, or with sticking compliant fingertips.
+    friction, or with sticking compliant fingertips and unequal gains.
     """
     if grasp.padded and grasp.stick and not grasp.equal:
         return False
