@@ -1,4 +1,4 @@
-"""Exceptions: one base class; an input error builds its message from what was given, expected and is to be done."""
+"""Exceptions: one base class; an input error's message says what was given, what was expected and what to do."""
 
 from __future__ import annotations
 

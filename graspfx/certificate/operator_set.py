@@ -140,7 +140,7 @@ class OperatorSet:
 
     Attributes:
         ranges: Range of each key.
-        source: Origin of the ranges, as text.
+        source: Origin of the ranges, as text: "as asked for", "of the scene" or "the usual ones".
     """
 
     ranges: tuple[OperatorRange, ...]

@@ -64,7 +64,7 @@ def _rows(parts: Parts) -> Iterator[Row]:
     if scene.obstacle:
         yield "fingers on obstacles", False, "fingers pass through obstacles; only objects touch them"
     yield _hand(scene)
-    yield "record", True, "one row per tick, written to disk in blocks outside the tick"
+    yield "record", True, "one row per recorded tick, written to disk in blocks outside the tick"
     yield "packages", True, f"{', '.join(packages(scene))}, and imports of the drivers"
 
 

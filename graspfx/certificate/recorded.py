@@ -63,9 +63,9 @@ def recorded(
 ) -> OperatingPoint:  # fmt: skip
     """Set the grip to the recording's last row.
 
-    Contacts, fingers and the object's pose are taken from the row. Forces are computed from these with the scene's own
-    gains. `assumed` of the returned operating point lists the differences of the recording's end from a rest of the
-    scene.
+    Contacts, fingers and the object's pose are taken from the row; from these positions, forces are computed with the
+    scene's own gains. `assumed` of the returned operating point lists the differences of the recording's end from a
+    rest of the scene.
 
     Raises:
         NotGraspingError: If no finger touches in the last row.
@@ -174,9 +174,9 @@ def differences(
 def exchange_times(recording: Recording) -> tuple[float, float] | None:
     """Return the time from a tick's deadline to the end of its writing to devices, as 1st and 99th percentile [s].
 
-    This includes the tick's own lateness, its reading and its writing, but not the computation between them, which no
-    column records. Without the columns `late` and `io`, both values are the round trip of the header; None for a run
-    without hardware.
+    The time includes the tick's own lateness, its reading and its writing, but not the computation between reading and
+    writing, which no column records. Without the columns `late` and `io`, both values are the round trip of the header;
+    None for a run without hardware.
     """
     if all(name in recording.layout.columns for name in COLUMNS) and recording.header.settled:
         late, calls = (recording.array(name) for name in COLUMNS)

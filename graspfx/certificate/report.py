@@ -214,8 +214,8 @@ def _sentence(certificate: Certificate) -> str:
 def beside(scene: Readable) -> Callable[[str, str], dict[str, Any]]:
     """Return a function that takes the names of an object and a mode, and returns the mode's certificate as data.
 
-    The certificate is computed once, on the first call. Keys: `spectral_radius`, `gain` and `limit` [N/m] (None if
-    there is none), and `text`.
+    The certificates are computed once, on the first call. Keys: `spectral_radius`, `gain` and `limit` [N/m], each None
+    if there is none, and `text`.
     """
 
     @cache

@@ -149,7 +149,7 @@ def _machine() -> Any:
 
 
 def _define(libm: Iterable[str]) -> None:
-    """Register function addresses with the loader, which would skip all calls if an address were missing."""
+    """Register function addresses with the loader, which does not report missing ones; their calls would crash."""
     import llvmlite.binding as llvm
 
     for name, library in [(n, n) for n in NEEDED] + [(f"graspfx_{n}", n) for n in libm]:

@@ -214,8 +214,8 @@ def remember(key: str, files: Iterable[str], numbers: Mapping[tuple[str, str], s
 
     Args:
         files: Source files of the kernels. `recall` compares all Python files in the folder of a third-party kernel.
-        numbers: Numbers of modules that the result contains, by module and name. Those of this package are constants of
-            its sources.
+        numbers: Numbers of modules that the result contains, by module and name. Numbers of this package are not
+            stored, because the key covers its sources.
     """
     folders = {Path(file).parent for file in files if not is_own(file)}
     digests = {str(file): _file_digest(str(file)) for folder in folders for file in folder.glob("*.py")}

@@ -41,7 +41,7 @@ class LoopEnergy:
 
 
 def worst_turn(grasped: GraspedObject, fingers: FloatArray) -> LoopEnergy:
-    """Find the closed motion, among a few that every grasp allows, with the largest `share` in magnitude.
+    """Find the closed motion, among a few in the object's free directions, with the largest `share` in magnitude.
 
     The contacts are fixed in the object, and the fingers are fixed in the world. In each motion, the object rotates by
     +-0.5 rad about a free axis. At the same time the object moves sideways and back, along a free direction or the

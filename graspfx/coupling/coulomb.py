@@ -202,7 +202,7 @@ def force_of_recoil(grasp: GraspState, problem: FrictionProblem) -> Answer:
 
 @kernel
 def start_from_forces(grasp: GraspState, problem: FrictionProblem) -> None:
-    """Start the search from the fingers' forces: z_k = h_k v_k'y."""
+    """Start the search from the fingers' forces: z_k = h_k v_k'y (`cones.equations`)."""
     for k in range(problem.modes):
         problem.unknowns[k].value = 0.0
     for i, finger in enumerate(grasp.fingers):

@@ -9,9 +9,9 @@ J = G K + H D / T, N = C^-1 + G K G' + H D H' / T. Q contains the modes, C is th
 computes E_K and E_D. R contains the fraction of its damping that each finger exerts at its depth; G and H are the lever
 arms of springs and dampers. Therefore M = A - V E V' with A = kip + R kid / T. The columns
 V are Q; R Q if damping grows with depth; and the levers that are not sums of modes, R H' of the fingertips. The
-friction problem needs the inverse, M^-1 = A^-1 + A^-1 V Y V'A^-1, Y = E (I - V'A^-1 V E)^-1. The problem has 6 unknowns
-with rates at the contacts and 9 with rates at the fingertips. With depth damping, these numbers are 12 and 15. They
-increase by three if torsion acts along axes other than the normals.
+friction problem needs the inverse, M^-1 = A^-1 + A^-1 V Y V'A^-1, Y = E (I - V'A^-1 V E)^-1. The problem has at most 6
+unknowns with rates at the contacts and 9 with rates at the fingertips; with depth damping, 12 and 15. There are three
+more if torsion acts along axes other than the normals.
 """
 
 from __future__ import annotations

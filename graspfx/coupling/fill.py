@@ -159,7 +159,7 @@ class Grip:
 
     @cached_property
     def body(self) -> FloatArray:
-        """The object's parameters and initial state."""
+        """The object's parameters and initial state, as a block of a `BodyState`."""
         state = np.zeros(size_of(BodyState))
         self.fill_body(state)
         return state
@@ -178,7 +178,7 @@ class Grip:
 
     @property
     def gains(self) -> list[float | FloatArray]:
-        """The gains kep, ked, kip and kid."""
+        """The gains kep [N/m], ked [N s/m], kip [N/m] and kid [N s/m], numbers or matrices."""
         return [gain for part in (self.law.external, self.law.internal) for gain in (part.stiffness, part.damping)]
 
     @cached_property

@@ -1,9 +1,9 @@
 """The step `limit` of a sample: before the object moves, the law's forces are limited to what devices can display.
 
 A limit only at the device would generate energy, because the object would receive forces that are not displayed. The
-limit is normally part of the projection: the cones are cut off at |f_i| <= L_i and the sample is solved again. The
-elastic force then remains the gradient of a convex function (`graspfx.cones.cone`). Forces that are still too large are
-scaled: first the internal force alone, then the whole force.
+limit is normally part of the projection: the cones are cut off at the fingers' limits, |f_i| <= L_i, and the sample is
+solved again. The elastic force then remains the gradient of a convex function (`graspfx.cones.cone`). Forces that are
+still too large are scaled: first the internal force alone, then the whole force.
 
 Scaled forces stay in their cones, and the direction of the wrench does not change. Let a = P f be the smallest contact
 forces with the same wrench, and b = f - a the remaining internal force. The scaled force is alpha (a + lambda b).

@@ -161,7 +161,8 @@ def eliminate(grasp: GraspState, free: int) -> int:
 def fill_motions(grasp: GraspState, free: int, count: int) -> None:
     """Write the object's motion for unit motions of the modes, then of the unheld degrees of freedom.
 
-    After the elimination, x_B = E y - R z for the pivot columns B; the other columns are z.
+    After the elimination, the object's motion is x_B = E y - R z in the pivot columns B, and z in the other columns. y
+    are the motions of the modes, R are the other columns of T, and E is what became of the unit matrix beside T.
     """
     T, W = grasp.wrenches, grasp.motions
     z = count

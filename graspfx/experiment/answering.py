@@ -46,7 +46,7 @@ class Answerer(Protocol):
         ...
 
     def listen(self, keys: Mapping[str, str]) -> None:
-        """Start accepting answers; earlier answers are discarded."""
+        """Start accepting answers, given by key; earlier answers are discarded."""
         ...
 
     def has_answered(self) -> bool:
@@ -165,7 +165,7 @@ class Function:
         self._answers: tuple[str, ...] = ()
 
     def ready(self, text: str) -> None:
-        """Wait for the person by calling `ready`."""
+        """Wait for the person by calling the function given as `ready`, if any."""
         if self._ready is not None:
             self._ready(text)
 

@@ -86,7 +86,7 @@ MISSED, STATE = range(2)  # words of every context
 
 
 class Trampolines:
-    """LLVM text of a device's functions, and the meaning of their codes.
+    """LLVM text of a device's functions, and the meaning of their negative return values.
 
     Args:
         roles: Functions of the device.
@@ -200,7 +200,7 @@ class Trampolines:
     # Fault conditions ----------------------------------------------------------------------------------------------
 
     def _judged(self, role: Role, call: CCall, result: str, verdict: str) -> str:
-        """Write the fault conditions of a call; return the function's code so far."""
+        """Write the fault conditions of a call; return the operand with the function's return value so far."""
         names = {each.name for each in call.arguments if each.kind == "buffer"}
         faults = [each for each in self._fault if (each.buffer in names if each.buffer else result)]
         for each in faults:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @cache
 def lowered(function: FunctionType) -> FunctionType:
-    """Lower a kernel; kernels that it calls are lowered on their first call. Its module's other names are unchanged.
+    """Lower a kernel; kernels that it calls are lowered on their first call, other names of its module are unchanged.
 
     Raises:
         InputError: If a statement or an expression is not supported in kernels; the error names its file and line.
