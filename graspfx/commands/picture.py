@@ -24,7 +24,7 @@ EXAMPLE = """  graspfx picture pick-and-place --time 1.7 --view -60 25"""
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("scene", metavar="RECORDING_OR_SCENE", help="recording, its folder, or a scene to run")
     add_overrides(parser)
-    add_options(parser, ("--time S", "time of the instant [s] (default: when the forces are largest)", float))
+    add_options(parser, ("--time S", "time of the instant [s] (default: most touching fingers, largest forces)", float))
     parser.add_argument(
         "--view",
         metavar="DEG",

@@ -285,7 +285,7 @@ class GraspedObject:
         return contradiction(self._grasp.buffer)
 
     def check_activity(self) -> None:
-        """Warn of matrix gains whose skew part can generate energy: once, and again if the part grows tenfold.
+        """Warn if matrix gains, at their largest skew part, can generate energy: once, and again at a tenfold part.
 
         Samples do not warn; the caller that runs the samples calls this method.
         """

@@ -157,7 +157,8 @@ class Function:
 
     Args:
         respond: Function that returns one of the question's answers.
-        ready: Function called before hardware exerts forces; it returns when a person is ready. None without hardware.
+        ready: Function called with a text before hardware exerts forces, and in real time at breaks and before trials
+            that wait for a person; it returns when the person is ready. None if nobody has to be ready.
     """
 
     def __init__(self, respond: Callable[[Presentation], str], ready: Callable[[str], object] | None = None) -> None:
