@@ -26,7 +26,7 @@ TWO_OVER_PI = 0.6366197723675814
 LN2_HIGH = float.fromhex("0x1.62e42fee00000p-1")  # 32 bits: a multiple by less than 2^21 is exact
 LN2_LOW = float.fromhex("0x1.a39ef35793c76p-33")
 ONE_OVER_LN2 = 1.4426950408889634
-OVERFLOW, UNDERFLOW = 709.782712893384, -745.1332191019412  # above, exp x is infinite; below, it is zero
+OVERFLOW, UNDERFLOW = 709.782712893384, -745.1332191019412  # exp x is infinite above the first, zero below the second
 
 HALF_PI, HALF_PI_LOW = 1.5707963267948966, 6.123233995736766e-17
 PI_LOW = 1.2246467991473532e-16  # pi - fl(pi)
@@ -117,7 +117,7 @@ def cube_root(x: float) -> float:
     third = k // 3
     m = math.ldexp(m, k - 3 * third)  # now in [0.5, 4)
     y = 0.6 + m * (0.4 - 0.035 * m)
-    for _ in range(3):  # Halley's steps: each has three times as many digits
+    for _ in range(3):  # Halley's steps, each of which triples the number of correct digits
         cube = y * y * y
         y += y * ((m - cube) / (2.0 * cube + m))
     return math.copysign(math.ldexp(y, third), x)

@@ -80,7 +80,7 @@ def require_file(name: str, value: str, path: Path, expected: str = "the path of
 
 
 def is_granted() -> bool:
-    """Return whether scene files are trusted: within `granted`, or by the environment variable GRASPFX_TRUST=1."""
+    """Return whether scene files are trusted: within `granted`, or if GRASPFX_TRUST is set to anything except 0."""
     return _granted.get() or os.environ.get(VARIABLE, "0") not in ("", "0")
 
 

@@ -1,4 +1,4 @@
-"""Exceptions: one base class; each exception builds its message from data, and the message says what to do."""
+"""Exceptions: one base class; an input error's message says what was given, what was expected and what to do."""
 
 from __future__ import annotations
 

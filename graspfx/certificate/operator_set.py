@@ -22,15 +22,15 @@ FloatArray = NDArray[np.float64]
 Law = Literal["log", "uniform", "normal", "lognormal"]
 
 FORM = "KEY=FROM:TO or KEY=FROM:TO:LAW, as in finger.*.hand.stiffness=50:1000"
-INSIDE = 0.95  # probability, within the range, of a normal distribution that is truncated at the ends
+INSIDE = 0.95  # probability that a normal distribution, before it is truncated at the ends, lies within the range
 STIFFNESS = 50.0, 1000.0  # usual range of an operator's fingers [N/m]
-DAMPING = 0.5, 2.0  # usual range, relative to the scene's value
-MASS = 1.0, 1.5  # usual range, relative to the device's mass, since a fingertip moves with the device
+DAMPING = 0.5, 2.0  # usual range of a hand's damping, relative to the scene's value
+MASS = 1.0, 1.5  # usual range of a device's mass, relative to the scene's value: a fingertip moves with the device
 MOST_CORNERS = 6  # largest number of ranges for which all corners of the box are judged
 PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
 POINTS = 16  # points per range that fill the box
 DESCENTS = 2  # descents, from the worst points
-STEPS = 30  # largest number of steps of a descent per range
+STEPS = 30  # largest number of evaluations in a descent, for each range
 FINE = 1e-4  # size of a simplex at which a descent ends, relative to a range
 BOX_STEP = 0.15  # first step of a descent, relative to a range
 MASSES = "finger.*.device.mass", "device.*.mass"
@@ -54,7 +54,7 @@ class OperatorRange:
 
     Attributes:
         key: Dotted key of the scene.
-        low, high: Ends of the range.
+        low, high: Ends of the range, in the unit of the key.
         law: Distribution of the population. The search for the worst case covers the whole range for every law.
 
     Raises:
@@ -83,7 +83,7 @@ class OperatorRange:
         """Parse KEY=FROM:TO or KEY=FROM:TO:LAW; the default law is "log" if both ends are above zero, else "uniform".
 
         Raises:
-            InputError: If the text has another form.
+            InputError: If the text has another form, or the ends are invalid (see `OperatorRange`).
             UnknownNameError: If no law has that name.
         """
         key, equals, span = text.partition("=")
@@ -107,7 +107,7 @@ class OperatorRange:
         return f"{self.key}={self.low:g}:{self.high:g}:{self.law}"
 
     def between(self, share: FloatArray | float) -> FloatArray:
-        """Return the values at these fractions of the range, interpolated linearly or in the logarithm."""
+        """Return the values at fractions of the range, 0 to 1, interpolated linearly or, by `law`, in the logarithm."""
         u = np.asarray(share, dtype=float)
         if self.is_logarithmic:
             values = np.exp(math.log(self.low) + u * math.log(self.high / self.low))
@@ -116,7 +116,7 @@ class OperatorRange:
         return np.asarray(np.where(u <= 0.0, self.low, np.where(u >= 1.0, self.high, values).clip(self.low, self.high)))
 
     def quantile(self, probability: FloatArray) -> FloatArray:
-        """Return the quantiles of the population at these probabilities."""
+        """Return the values below which the population lies with these probabilities, 0 to 1, in the key's unit."""
         if self.law in ("normal", "lognormal"):
             from scipy.special import ndtr, ndtri
 
@@ -130,7 +130,7 @@ Ranges = Mapping[str, Any] | Sequence[str | OperatorRange]
 
 
 def usual_law(low: float) -> Law:
-    """Return the default law of a range."""
+    """Return the default law of a range by its lower end: "log" if that is above zero, else "uniform"."""
     return "log" if low > 0.0 else "uniform"
 
 
@@ -140,7 +140,7 @@ class OperatorSet:
 
     Attributes:
         ranges: Range of each key.
-        source: Origin of the ranges, as text.
+        source: Origin of the ranges, as text: "as asked for", "of the scene" or "the usual ones".
     """
 
     ranges: tuple[OperatorRange, ...]
@@ -152,24 +152,24 @@ class OperatorSet:
         return tuple(each.key for each in self.ranges)
 
     def values(self, point: Sequence[float] | FloatArray) -> dict[str, float]:
-        """Return the values by key at a point of the unit box."""
+        """Return the value of each key at a point of the unit box, whose coordinates are fractions of the ranges."""
         pairs = zip(self.ranges, np.clip(point, 0.0, 1.0).tolist(), strict=True)
         return {each.key: float(each.between(share)) for each, share in pairs}
 
     def corners(self) -> list[tuple[float, ...]]:
-        """List the corners of the box; for more than six ranges, only the two ends of a diagonal."""
+        """List the corners of the unit box; for more than six ranges only two: all lower ends, and all upper ends."""
         count = len(self.ranges)
         if count > MOST_CORNERS:
             return [(0.0,) * count, (1.0,) * count]
         return [tuple(map(float, corner)) for corner in product((0, 1), repeat=count)]
 
     def spread(self, count: int) -> list[tuple[float, ...]]:
-        """List points that fill the box evenly: a Halton sequence, with a prime number as radix of each coordinate."""
+        """List `count` points that fill the unit box evenly: a Halton sequence, with a prime radix per coordinate."""
         numbers = range(1, count + 1)
         return [tuple(radical_inverse(k, PRIMES[i]) for i in range(len(self.ranges))) for k in numbers]
 
     def population(self, count: int, seed: int) -> list[dict[str, float]]:
-        """Draw independent random operators from the distributions of their ranges."""
+        """Draw `count` random operators, as values by key; keys are independent, each with its range's distribution."""
         uniform = np.random.Generator(np.random.PCG64(seed)).random((count, len(self.ranges)))
         columns = [each.quantile(uniform[:, i]).tolist() for i, each in enumerate(self.ranges)]
         return [dict(zip(self.keys, row, strict=True)) for row in zip(*columns, strict=True)]
@@ -186,16 +186,18 @@ def radical_inverse(number: int, radix: int) -> float:
 
 
 def operator_set(scene: Scene, ranges: Ranges | None = None) -> OperatorSet:
-    """Read a set of operators; by default the scene's table [operators], or usual ranges of its hands and masses.
+    """Read a set of operators; by default the scene's table [operators], else usual ranges of hands and device masses.
 
     Args:
         scene: Scene whose keys vary.
-        ranges: Ranges by key, (low, high) or (low, high, law); or texts "KEY=FROM:TO" and `OperatorRange`s.
+        ranges: Ranges by key, (low, high) or (low, high, law); or a list of texts "KEY=FROM:TO" or "KEY=FROM:TO:LAW"
+            and `OperatorRange`s.
 
     Raises:
-        InputError: If there are no ranges or too many, a range is invalid, a key occurs twice, or the scene has
-            neither a simulated hand nor a device mass to vary.
-        UnknownNameError, SceneError: If the scene does not accept a key or a value.
+        InputError: If there is no range or more than 12, a range is invalid, a key occurs twice, or `ranges` is None
+            and the scene has neither a table [operators], nor a simulated hand or a device mass to vary.
+        UnknownNameError: If no law has that name.
+        SceneError: If the scene does not accept a key or a value.
     """
     source = "as asked for"
     if ranges is None and scene.operators:
@@ -228,10 +230,11 @@ def _listed(ranges: object) -> Sequence[Any]:
 
 
 def range_of(key: str, value: Any) -> OperatorRange:
-    """Read (low, high) or (low, high, law) of a key.
+    """Read the range of a key: (low, high) or (low, high, law); an `OperatorRange` is returned unchanged.
 
     Raises:
-        InputError: If the value has another form.
+        InputError: If the value has another form, or the ends are invalid (see `OperatorRange`).
+        UnknownNameError: If no law has that name.
     """
     if isinstance(value, OperatorRange):
         return value
@@ -260,7 +263,7 @@ def _has(table: object, name: str) -> bool:
 
 
 def _alike(scene: Scene, keys: list[str], factors: tuple[float, float] | None) -> Iterator[OperatorRange]:
-    """Yield one range for each key of a kind of table; with factors, only if all tables share one value above zero."""
+    """Yield a range for each key, `*` for numbers, with values above zero; with factors, only if these are equal."""
     groups: dict[str, list[float]] = {}
     for key in keys:
         first, _, *rest = key.split(".")
@@ -324,7 +327,7 @@ def worst_operator(
 ) -> Search:
     """Search the box of a set of operators for the smallest figure of merit.
 
-    The search judges all corners of up to six ranges, the centre, and 16 points per range that fill the box. From the
+    The search judges the corners (of more than six ranges only two), the centre, and points that fill the box. From the
     two worst points that are not neighbours, the search descends by the method of Nelder and Mead (1965) within the
     box. Each operator is judged in full. Nothing is known about operators between the points: a worse operator may lie
     in a dip that is narrower than the distance between the points.
@@ -334,7 +337,7 @@ def worst_operator(
         judge: Function that returns the judgement of values by key.
         figure: Function that returns the figure of merit of a judgement; smaller is worse.
         starts: Additional points to judge.
-        points: Number of points that fill the box; 16 for each range if None.
+        points: Number of points that fill the box; None for 16 per range.
     """
     from scipy.optimize import minimize
 
@@ -364,7 +367,7 @@ def worst_operator(
 
 
 def apart(ranked: Sequence[Point]) -> list[Point]:
-    """Select points, the worst first, that are not neighbours of a worse point."""
+    """Select points in the given order; skip a point within 0.3 of a selected one in every coordinate."""
     selection: list[Point] = []
     for place in ranked:
         if all(np.abs(np.subtract(place, other)).max() > 2.0 * BOX_STEP for other in selection):
@@ -373,7 +376,7 @@ def apart(ranked: Sequence[Point]) -> list[Point]:
 
 
 def simplex(start: Point) -> FloatArray:
-    """Return a simplex at a point, with edges into the box."""
+    """Return the corners of a simplex, (n + 1, n): a point, and a step of 0.15 along each axis into the unit box."""
     corners = np.tile(np.array(start), (len(start) + 1, 1))
     for i, x in enumerate(start):
         corners[i + 1, i] = x - BOX_STEP if x > 0.5 else x + BOX_STEP

@@ -64,7 +64,7 @@ def _rows(parts: Parts) -> Iterator[Row]:
     if scene.obstacle:
         yield "fingers on obstacles", False, "fingers pass through obstacles; only objects touch them"
     yield _hand(scene)
-    yield "record", True, "one row per tick, written to disk in blocks outside the tick"
+    yield "record", True, "one row per recorded tick, written to disk in blocks outside the tick"
     yield "packages", True, f"{', '.join(packages(scene))}, and imports of the drivers"
 
 
@@ -99,7 +99,7 @@ def _law_rows(parts: Parts) -> Iterator[Row]:
 
 
 def packages(scene: Scene) -> list[str]:
-    """List the packages that the framework imports for a run of the scene, without figures and tables."""
+    """List the packages that the framework imports for a run of the scene, except those for figures and tables."""
     names = ["numpy", "pydantic (scene)", "h5py (recording)"]
     tables = [holding.table for holding in holdings(scene)]
     if any(each.kind == "path" for hand in tables if isinstance(hand, Moving) for each in listed(hand.motion)):
@@ -116,7 +116,7 @@ def _starts(parts: Parts) -> Iterator[Row]:
     for finger, name, place in zip(parts.scene.finger, parts.scene.finger_names, parts.start.tolist(), strict=True):
         if isinstance(finger.start, Placement):
             ball = f", a ball of {1e3 * finger.radius:g} mm" if finger.radius else ""
-            where = ", ".join(f"{round(x, 12) + 0.0:.6g}" for x in place)  # without rounding of 1e-19 and minus zero
+            where = ", ".join(f"{round(x, 12) + 0.0:.6g}" for x in place)  # neither a rounding error nor minus zero
             why = f"at {where} m, {1e3 * finger.start.gap:g} mm from the surface{ball}"
             yield f"start {name}", True, why
 
@@ -186,17 +186,17 @@ def _weights(parts: Parts) -> Row:
         return "fade", False, "absent = 'follow': a free finger stays in the split"
     if coupling.fade == "auto":
         states = {part.name: part.grasped.state for part in grasps(parts)}
-        between = {f"{1e3 * s.fade_start:.3g} and {1e3 * s.fade_end:.3g} mm": name for name, s in states.items()}
+        between = {f"{1e3 * s.fade_start:.3g} to {1e3 * s.fade_end:.3g} mm": name for name, s in states.items()}
         text = " or ".join(f"{each} of {name}" if len(between) > 1 else each for each, name in between.items())
-        return "fade", True, f"auto: a free finger leaves the split between {text} from the surface"
+        return "fade", True, f"auto: a free finger fades out of the split as its gap grows from {text}"
     low, high = (1e3 * gap for gap in coupling.fade)
-    return "fade", True, f"a free finger leaves the split between {low:g} and {high:g} mm from the surface"
+    return "fade", True, f"a free finger fades out of the split as its gap grows from {low:g} to {high:g} mm"
 
 
 def _weighed_by(scene: Scene) -> str:
-    """Return the reason why fingers are weighted although gains are equal."""
+    """Return what weights fingers although gains are equal, as subject and verb; empty if nothing does."""
     if any(scene.coefficients):
-        return "friction weighs"
+        return "friction weights"
     if scene.coupling.passivity != "off":
         return "the energy ledger weights"
     if not _scalar(scene):
@@ -210,7 +210,7 @@ def _is_implicit(scene: Scene) -> bool:
 
 
 def _resplit(scene: Scene) -> str:
-    """Describe when the split is recomputed."""
+    """Return when the split is recomputed, as text."""
     d = scene.dimensions
     for free in map(scene.free, scene.object):
         shifts, turns = free[:d], free[d:]
@@ -450,7 +450,11 @@ def _engine(scene: Scene, servo: Servo) -> PlanRow:
 
 
 def _obstacle(servo: Servo) -> str:
-    """Return the reason why the scene cannot run compiled; empty if it can."""
+    """Return the reason why the scene cannot run compiled; empty if it can.
+
+    Raises:
+        KernelError: If a third-party kernel has a fault.
+    """
     if not is_machine_code():
         return INSTALL
     try:

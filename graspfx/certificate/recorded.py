@@ -30,8 +30,8 @@ FloatArray = NDArray[np.float64]
 
 LAST = 0.1  # time during which forces at rest must not change [s]
 CALM = 1e-3  # largest change of a force in that time, relative to the largest force
-SAME = 1e-3  # relative to the largest force: largest difference of recorded forces from those of the scene's gains
-BORNE = 1e-2  # relative to the forces on the object: larger remaining wrenches are balanced by something else
+SAME = 1e-3  # largest difference of recorded forces from those of the scene's gains, relative to the largest force
+BORNE = 1e-2  # remainder of the forces on the object above which something else carries it, relative to the largest
 ENDS = (1.0, 99.0)  # percentiles of the samples
 COLUMNS = ("late", "io")  # columns of a real-time run
 
@@ -63,8 +63,9 @@ def recorded(
 ) -> OperatingPoint:  # fmt: skip
     """Set the grip to the recording's last row.
 
-    Contacts, fingers and the object's pose are taken from the row. Forces are computed from these with the scene's own
-    gains. `assumed` of the returned operating point lists the ways in which the recording's end is not such a rest.
+    Contacts, fingers and the object's pose are taken from the row; from these positions, forces are computed with the
+    scene's own gains. `assumed` of the returned operating point lists the differences of the recording's end from a
+    rest of the scene.
 
     Raises:
         NotGraspingError: If no finger touches in the last row.
@@ -94,7 +95,7 @@ def recorded(
 
 
 def set_pose(grip: Grip, recording: Recording, name: str) -> None:
-    """Set the object to the pose of the last row, at rest."""
+    """Set the object's pose to that of the last row; its velocity remains zero."""
     state, d, motion = grip.grasped.body_state, grip.d, recording.objects[name]
     state[body.POSITION : body.POSITION + d] = motion.position[-1]
     if motion.orientation is not None and d == 2:
@@ -173,9 +174,9 @@ def differences(
 def exchange_times(recording: Recording) -> tuple[float, float] | None:
     """Return the time from a tick's deadline to the end of its writing to devices, as 1st and 99th percentile [s].
 
-    This includes the tick's own lateness, its reading and its writing, but not the computation between them, which no
-    column records. Without the columns `late` and `io`, both values are the round trip of the header; None for a run
-    without hardware.
+    The time includes the tick's own lateness, its reading and its writing, but not the computation between reading and
+    writing, which no column records. Without the columns `late` and `io`, both values are the round trip of the header;
+    None for a run without hardware.
     """
     if all(name in recording.layout.columns for name in COLUMNS) and recording.header.settled:
         late, calls = (recording.array(name) for name in COLUMNS)
@@ -188,7 +189,7 @@ def exchange_times(recording: Recording) -> tuple[float, float] | None:
 def lateness_ends(mechanics: Mechanics, recording: Recording | None) -> FloatArray:
     """Return the smallest and the largest lateness of each finger, (2, n) [s].
 
-    For hardware, the times of reading and writing in a recording replace the measured round trip.
+    For hardware, the exchange times of a recording (see `exchange_times`) replace the measured round trip.
     """
     times = None if recording is None else exchange_times(recording)
     if times is None:
@@ -199,7 +200,7 @@ def lateness_ends(mechanics: Mechanics, recording: Recording | None) -> FloatArr
 
 
 def less_stable(linear: Linearisation, ends: FloatArray) -> tuple[Linearisation, list[str]]:
-    """Set the lateness of a loop to the less stable of two extremes, and report it.
+    """Return the loop with the less stable of two latenesses, and a note about its lateness if they differ.
 
     Args:
         linear: Linearised loop.

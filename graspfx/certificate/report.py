@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from graspfx.scene.model import Scene
     from graspfx.scene.tables.reading import Readable
 
-MOST_STEPS, MOST_FAULTS = 12, 8  # largest number of values shown on a card
+MOST_STEPS, MOST_FAULTS = 12, 8  # largest numbers of steps, run or skipped, and of faults on a card
 NOT_JUDGED = "not judged"
 
 
@@ -30,7 +30,7 @@ class Report(Carded):
     Attributes:
         scene: Name of the scene.
         faults: All faults of a scene that cannot run; nothing else is judged then.
-        certificates: Certificates of each object that fingers touch, the worst first; empty if they cannot be computed.
+        certificates: Certificate of each object that has fingers, the worst first; empty if they cannot be computed.
         why: Reason why there are no certificates.
         doubts: Values that are probably not in SI units, with their probable meaning; printed above the result.
         notes: Other warnings about likely mistakes.
@@ -51,12 +51,12 @@ class Report(Carded):
 
     @property
     def ok(self) -> bool:
-        """True if there are no faults, and every grasp is stable."""
+        """True if the scene was judged, and fingers grasp each of its certified objects stably."""
         return self.verdict.startswith(STABLE)
 
     @property
     def verdict(self) -> str:
-        """Result in one line: "stable", "NOT STABLE", "not grasping: ..." or "not judged: why", of the worst object."""
+        """Result of the worst object in one line; begins "stable", "NOT STABLE", "not grasping" or "not judged"."""
         if self.faults:
             count = len(self.faults)
             return f"{NOT_JUDGED}: {count} fault{'s' if count > 1 else ''}, the first {self.faults[0].text(self.scene)}"
@@ -187,14 +187,14 @@ def _least(certificate: Certificate) -> Limit | None:
 
 
 def _lead(stable: bool, least: Limit) -> str:
-    """Introduce the smallest margin; report a loop that is unstable although no gain exceeds its limit."""
+    """Return the words before the smallest margin; they differ for a loop that is unstable below all limits."""
     if stable:
         return "the least margin: "
     return "no gain exceeds its limit; smallest margin: " if least.margin > 1.0 else ""
 
 
 def _sentence(certificate: Certificate) -> str:
-    """Return a certificate in one line."""
+    """Return the result of a certificate in one line."""
     if not certificate.grasps:
         return certificate.verdict
     least, stable = _least(certificate), certificate.stable
@@ -214,8 +214,8 @@ def _sentence(certificate: Certificate) -> str:
 def beside(scene: Readable) -> Callable[[str, str], dict[str, Any]]:
     """Return a function that takes the names of an object and a mode, and returns the mode's certificate as data.
 
-    The certificate is computed once, on the first call. Keys: `spectral_radius`, `gain` and `limit` [N/m] (None if
-    there is none), and `text`.
+    The certificates are computed once, on the first call. Keys: `spectral_radius`, `gain` and `limit` [N/m], each None
+    if there is none, and `text`.
     """
 
     @cache

@@ -94,19 +94,19 @@ def checked_scene(options: Namespace) -> Scene:
 
 
 def seconds_of(options: Namespace) -> float:
-    """Return --seconds, a time above zero; infinite if it is not given."""
+    """Return --seconds, a time above zero [s]; infinite if it is not given."""
     if options.seconds is not None and not options.seconds > 0.0:
         raise InputError("--seconds", options.seconds, "a time above zero")
     return math.inf if options.seconds is None else float(options.seconds)
 
 
 def picture_name(stem: str, options: Namespace) -> str:
-    """Return the file name of a figure in the chosen format."""
+    """Return the file name of a figure: a stem, and the ending of --format (default: png)."""
     return f"{stem}.{options.format or FORMATS[0]}"
 
 
 def scene(text: str) -> str:
-    """Accept a scene's name or path; refuse a recording, and name the commands that read recordings."""
+    """Accept a scene's name or path; refuse a recording, and name the commands that draw recordings."""
     path = Path(text)
     if text.endswith((".h5", ".part")) or (path.name != text and path.is_dir()):
         drawn = f"`graspfx plot {text}` plots it over time, `graspfx picture {text}` draws one instant"
@@ -126,7 +126,9 @@ def recording(text: str) -> Path:
 
 
 def recorded(options: Namespace) -> Path | None:
-    """Return the path of a recording or of its folder, given as SCENE; None if it is a scene, whose name has no slash.
+    """Return the path of a recording given as SCENE, by its file or folder; None for a scene.
+
+    A scene is a path that ends in .toml or .py, or a name without a slash that is no folder with a recording.
 
     Raises:
         InputError: If a recording is given with --set or --preset.
@@ -144,7 +146,7 @@ def recorded(options: Namespace) -> Path | None:
 
 
 def separate(words: Sequence[str]) -> Iterator[str]:
-    """Repeat an option such as --set before each of its values: a word without `=` ends the list."""
+    """Yield words, with an option such as --set repeated before each of its values; a word without `=` ends these."""
     last, option = "", ""
     for word in words:
         is_value = bool(option) and "=" in word and not word.startswith("-")

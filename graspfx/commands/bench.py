@@ -92,7 +92,7 @@ def bench(names: Sequence[str], options: Namespace) -> int:
 
 
 def bench_scene(name: str, options: Namespace) -> int:
-    """Measure the options of a scene, print the results, and draw bench.png in the output folder."""
+    """Measure the options of a scene and print the results; if there are any, draw bench.png (or .svg, .pdf)."""
     from graspfx.bench.scene_choices import trade_off, tradeoff_sheet
     from graspfx.scene.load import load
     from graspfx.show import style

@@ -23,7 +23,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_options(
         parser,
         ("--brief", "print the result in one line, after warnings about units"),
-        ("--tick", "print the steps of a tick, the source of each kernel, and the reason for each skipped step"),
+        ("--tick", "print the steps of a tick, file and line of each kernel, and the reason for each skipped step"),
         ("--json", "print the report as JSON only"),
         ("--strict", "exit with 1 unless the scene is stable"),
     )

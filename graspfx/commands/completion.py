@@ -35,7 +35,7 @@ end
 complete -c graspfx -a '(_graspfx)'
 """,
 }
-MOST = 50  # recordings listed
+MOST = 50  # largest number of recordings listed from out/
 
 
 def add_arguments(parser: ArgumentParser) -> None:

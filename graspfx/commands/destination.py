@@ -1,4 +1,4 @@
-"""Output files of a command: in a new folder in out/, or at --out. Existing files are not overwritten."""
+"""Output files of a command: in a new folder in out/, or at --out. Only --overwrite overwrites existing files."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def require_room(options: Namespace, files: Sequence[Path], option: str = "--out
     """Require that no output file exists, unless --overwrite is given, and that none is a folder.
 
     Raises:
-        RecordingError: If one exists; the message names the option that chooses another file.
+        RecordingError: If a file exists or is a folder; the message names the option that chooses another file.
     """
     for file in files:
         _require_no_folder(file, option)
@@ -53,10 +53,10 @@ def require_room(options: Namespace, files: Sequence[Path], option: str = "--out
 
 
 def require_room_of(options: Namespace, recording: Path) -> None:
-    """Require that no recording or part file exists, unless --overwrite is given.
+    """Require that neither the recording nor its part file exists, unless --overwrite is given.
 
     Raises:
-        RecordingError: If one exists.
+        RecordingError: If one of the two exists.
     """
     if not options.overwrite:
         require_vacancy_of(recording, REMEDY.format("--out"))
@@ -70,7 +70,7 @@ def destination(options: Namespace, name: str, *, latest: bool = False) -> Itera
 
     Args:
         options: Parsed arguments with `out` and `overwrite`.
-        name: Name of the scene.
+        name: Name of the new folder, usually that of the scene.
         latest: Whether to point out/latest to the new folder.
     """
     if options.out is not None:
@@ -91,8 +91,8 @@ def destination(options: Namespace, name: str, *, latest: bool = False) -> Itera
 def _point_to(folder: Path | None) -> Path | None:
     """Point out/latest to a folder, or remove out/latest if None; return the folder to which out/latest pointed.
 
-    out/latest is a symbolic link. Where links are not allowed, as for most users of Windows, it is a file with the
-    folder's name, which every command that reads recordings follows.
+    out/latest is a symbolic link. Where links are not allowed, as for most users of Windows, it is a text file that
+    contains the folder's name; every command that reads recordings follows it.
     """
     link, draft = OUT / LATEST, OUT / f".{LATEST}.{os.getpid()}"
     previous = _target(link)
@@ -120,7 +120,7 @@ def _target(link: Path) -> Path | None:
 
 @contextmanager
 def drawing(picture: Path, otherwise: str = "") -> Iterator[Path]:
-    """Yield the place of a draft, which becomes the picture when it is complete; make the picture's folder.
+    """Make the picture's folder, and yield the path of a draft, which is renamed to the picture when the block ends.
 
     Args:
         picture: Path of the picture.

@@ -21,7 +21,7 @@ EXAMPLE = """  graspfx export out/latest --format nc --out waving.nc
 
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("recording", metavar="RECORDING", type=recording_argument, help="recording, or its folder")
-    formats = "csv: one row per tick, one column per component (default); nc: netCDF, for xarray and others"
+    formats = "csv: one row per recorded tick, one column per component (default); nc: netCDF, for xarray and others"
     bags = "mcap (or rosbag), db3: ROS 2 bag; bag: ROS 1 bag"
     add_options(parser, ("--format FORMAT", f"{formats}; {bags}. The ending of FILE sets the default"))
     add_file(parser, "output file, or its folder (default: recording.csv, recording.nc, ... beside the recording)")

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 SUCCESS, REFUSED, WRONG, FAULTS, INTERRUPTED = 0, 1, 2, 3, 130
 CODES = f"""exit codes:
   {SUCCESS}    done
-  {REFUSED}    `check --strict`: the scene is not stable; `replay`: different bits; `doctor`: a finding needs a remedy
+  {REFUSED}    `check --strict`: not stable; `tune`: no feasible gains; `replay`: different bits; `doctor`: not all ok
   {WRONG}    an error, described on standard error: invalid arguments or scene, an existing file, a full disk
   {FAULTS}    the run has a fault, such as a lost device, after which all forces are zero
   {INTERRUPTED}  interrupted by Ctrl-C; the recording holds the rows so far"""
@@ -138,7 +138,7 @@ def tell(text: str) -> None:
 
 
 def print_result(result: Any, lines: Iterable[str] | None = None) -> None:
-    """Print a result by lines (default: those of its method `lines`), or with --json what its `to_dict` returns."""
+    """Print a result as lines (default: those of its method `lines`), or with --json as what its `to_dict` returns."""
     if is_json():
         print_json(result.to_dict())
     else:

@@ -24,7 +24,7 @@ EXAMPLE = """  graspfx picture pick-and-place --time 1.7 --view -60 25"""
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("scene", metavar="RECORDING_OR_SCENE", help="recording, its folder, or a scene to run")
     add_overrides(parser)
-    add_options(parser, ("--time S", "time of the instant [s] (default: when the forces are largest)", float))
+    add_options(parser, ("--time S", "time of the instant [s] (default: most touching fingers, largest forces)", float))
     parser.add_argument(
         "--view",
         metavar="DEG",
@@ -97,7 +97,10 @@ def _draw(recording: Recording, path: Path, meshes: Path | None, options: Namesp
 
 
 def scene_folder(header: Header) -> Path | None:
-    """Find the folder to which the scene's paths are relative: the recorded one, else that of a scene of this name."""
+    """Find the folder to which a scene's paths are relative: the recorded one, else that of a scene of the same name.
+
+    None if the recorded folder does not exist, and no scene has that name.
+    """
     from graspfx.plugins import find
 
     folder = Path(header.scene_folder)

@@ -54,7 +54,7 @@ def execute(options: Namespace) -> int:
 
 
 def _lines(replay: Replay) -> Iterator[str]:
-    """Describe the comparison, the largest differences first."""
+    """Describe the comparison, then each column that differs, in the order of the recording's columns."""
     original, count = replay.original, len(replay.columns)
     text = f"{original.header.scene or 'a recording'}: {len(original)} ticks, {count} columns replayed"
     if replay.is_open_loop:

@@ -97,7 +97,7 @@ def _print_certificate(scene: Scene) -> None:
 
 
 def _draw_loops(folder: Path, scene: Scene, options: Namespace) -> None:
-    """Draw the diagrams of --plot for the scene's loop at rest; the Z-width belongs to the scene's first device."""
+    """Draw the diagrams of --plot for the scene's loop at rest; the Z-width is that of the first finger's device."""
     from graspfx.analysis.passivity.walls import z_width
     from graspfx.analysis.stability.loci import loci
     from graspfx.show import certificate_figures

@@ -25,7 +25,7 @@ EXAMPLE = """  graspfx stream paper-waving
   graspfx stream sphere-three-fingers --goals --rate 90
   graspfx stream paper-waving --lsl"""
 RATE = 60.0  # default rate of states [Hz]
-TOKEN = "GRASPFX_TOKEN"  # environment variable; everybody on the machine can read an argument
+TOKEN = "GRASPFX_TOKEN"  # environment variable with the token: other users of the machine can read an argument
 LOOK = 0.1  # interval between checks whether to end [s]
 
 

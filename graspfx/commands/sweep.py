@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 EXAMPLE = """  graspfx sweep paper-spring --over coupling.external.stiffness=20:70:25 --over object.viscosity=0.4:1.6:20
   graspfx sweep paper-spring --over object.mass=0.05:0.4 --over object.viscosity=0.4:1.6 --sample lhs:500"""
-MOST = 3  # variants at each end of the table; reasons for failures
+MOST = 3  # largest number of variants at each end of the table, and of reasons for failures
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -151,7 +151,7 @@ def _place(options: Namespace) -> Iterator[Path]:
 def _draw(
     result: SweepResult, names: list[str], folder: Path, options: Namespace, notes: dict[str, None]
 ) -> Iterator[Path]:
-    """Draw the measures: curves and marginals on one sheet, one map for each measure; collect the notes."""
+    """Draw the measures and yield the files: curves and marginals in one, maps in one per measure; collect notes."""
     sheets = [[name] for name in names] if result.has_maps else [names]
     for k, sheet in enumerate(sheets):
         picture = folder / picture_name("sweep" if not k else f"sweep-{sheet[0].replace('/', '-')}", options)

@@ -1,4 +1,4 @@
-"""graspfx touch: run a scene whose fingers follow a touch screen. The force is shown, not felt."""
+"""graspfx touch: run a scene whose fingers follow touches on a screen. The force is shown, not felt."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ def execute(options: Namespace) -> int:
 
 
 def _serve(scene: Scene, guide: Literal["hands"] | None, options: Namespace) -> int:
-    """Run a scene and serve its page until Ctrl-C."""
+    """Run a scene and serve its page until Ctrl-C, or for --seconds; return the exit code."""
     from graspfx.live.live_run import LiveRun
     from graspfx.live.sliders import live_keys, sliders
     from graspfx.live.view.live_page import LivePage
@@ -88,7 +88,7 @@ def _folder(options: Namespace, scene: Scene) -> Path:
 
 
 def _show_recording(source: Path, options: Namespace, stop: Callable[[], bool]) -> int:
-    """Write the page of a recording to --html, or serve it until Ctrl-C; return the exit code."""
+    """Write the page of a recording to --html, or serve it until Ctrl-C or for --seconds; return the exit code."""
     file = recording_file(source)
     if options.html is not None:
         _require_room(options)

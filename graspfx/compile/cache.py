@@ -49,7 +49,7 @@ def _own() -> Path:
 
 
 def lock_folder() -> Path | None:
-    """Create the cache's folder, which also contains locks; return None if it is not writable."""
+    """Create the cache's folder, which also contains locks; None if that fails, or other users can write to it."""
     try:
         make_own(here := folder())
         return None if intrusion(here) else here
@@ -66,7 +66,7 @@ def folder_text() -> str:
 
 
 def load(key: str) -> bytes | None:
-    """Read an entry of the cache; None if it is missing or damaged.
+    """Read an entry of the cache; None if it is missing, damaged or not readable.
 
     Warn if other users can write to the folder or the file, which is then not used.
     """
@@ -143,7 +143,7 @@ def require_room() -> None:
 
 def _warn(here: Path, why: str) -> None:
     text = f"the cache {here} is not used: {why}; correct this, or set GRASPFX_CACHE to another folder"
-    warnings.warn(text, CacheWarning, stacklevel=2)  # always from this line: Python warns once per line
+    warnings.warn(text, CacheWarning, stacklevel=2)  # from a fixed line of this module: Python shows it once
 
 
 def _trim(here: Path) -> None:

@@ -33,7 +33,7 @@ class Call:
 
 
 def in_turn(calls: Sequence[Call]) -> Callable[[], None]:
-    """Return a Python function that makes these calls in order."""
+    """Return a Python function that makes the calls in order."""
     each = [_bound(call) for call in calls]
 
     def run() -> None:

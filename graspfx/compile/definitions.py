@@ -31,7 +31,7 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 
 def definition(function: FunctionType) -> ast.FunctionDef:
-    """Parse a function.
+    """Return the syntax tree of a function.
 
     Raises:
         InputError: If the function's source is not found, or has changed since the function was created.

@@ -78,7 +78,7 @@ def loaded(objects: Iterable[bytes], libm: Iterable[str]) -> Any:
 
     Args:
         objects: Object files, which may call one another and functions registered by `show`.
-        libm: Functions of the platform's library that the object files call.
+        libm: Names of the functions of the platform's C library that the object files call as `graspfx_NAME`.
     """
     import llvmlite.binding as llvm
 
@@ -149,7 +149,7 @@ def _machine() -> Any:
 
 
 def _define(libm: Iterable[str]) -> None:
-    """Register function addresses with the loader, which would skip all calls if an address were missing."""
+    """Register function addresses with the loader, which does not report missing ones; their calls would crash."""
     import llvmlite.binding as llvm
 
     for name, library in [(n, n) for n in NEEDED] + [(f"graspfx_{n}", n) for n in libm]:

@@ -1,4 +1,4 @@
-"""Exchanges with other software by machine code, which calls the software's functions without the interpreter."""
+"""Exchanges with other packages by machine code, which calls their functions through Python's C interface."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ RECEIPT = ("place", "memory", "count")  # words of a result tuple
 
 
 class MachineExchange:
-    """Machine code exchange(buffer, place) that calls other software; it returns 0, or 1 if a call raised an exception.
+    """Machine code exchange(buffer, place) that calls other packages; it returns 0, or 1 if a call raised an exception.
 
-    The calls are made in order, bit-identical to `calls.in_turn`. The caller must hold the interpreter's lock.
+    The calls are made in order, with the same bits as by `calls.in_turn`. The caller must hold the interpreter's lock.
 
     Args:
         calls: Calls whose memories have fixed addresses.

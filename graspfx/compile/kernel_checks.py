@@ -26,7 +26,8 @@ def check(kernels: Iterable[Callable[..., Any]]) -> dict[str, FunctionType]:
         Original functions, by the file names of their code objects, including those of lowered text.
 
     Raises:
-        KernelError: If a name may be unbound where it is used; the error names its file and line.
+        KernelError: If a name may be unbound where it is used, or only some paths of a kernel return a value; the error
+            names file and line.
     """
     from graspfx.compile.definitions import definition
     from graspfx.compile.unbound import unbound_names

@@ -15,7 +15,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def inline(function: F) -> F:
-    """Mark a function that consists only of assignments and a return for inlining into kernels."""
+    """Mark a function for inlining into kernels; it must consist only of assignments and a return."""
     setattr(function, INLINE, True)
     return function
 

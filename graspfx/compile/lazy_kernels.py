@@ -27,8 +27,8 @@ class KernelOnDemand:
 
     Args:
         kernel: Kernel function.
-        load: Work above which cached machine code is used.
-        make: Work that takes as long as compiling.
+        load: Work from which on cached machine code is used.
+        make: Work whose interpretation takes as long as compiling; from then on the kernel is compiled.
     """
 
     def __init__(self, kernel: Callable[..., object], *, load: float, make: float) -> None:
@@ -54,7 +54,7 @@ class KernelOnDemand:
     def runner(self, work: float) -> Callable[..., object]:
         """Return the function that runs the kernel for further `work`, in any number of calls.
 
-        Its arguments are arrays and numbers; each record and group of numbers is an array and an offset.
+        The function's arguments are arrays and numbers; each record and group of numbers is an array and an offset.
         """
         machine = self.machine(work)
         return self.interpret if machine is None else machine.once

@@ -1,4 +1,4 @@
-"""Single kernels as machine code, with the parameters of the original function."""
+"""Single kernels as machine code, with the parameters of the lowered function."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ NUMBERS = {
 
 
 class Machine:
-    """A compiled `kernel(...)` with the same arguments; buffers are arrays or memoryviews of floats.
+    """A compiled kernel with the arguments of its lowered form; buffers are arrays or memoryviews of floats.
 
     For each record, a kernel has a buffer and an offset as arguments; two buffers may be the same memory. A call
     returns the kernel's result, with numbers as floats.
@@ -59,7 +59,7 @@ class Machine:
         return partial(bound.brief, *numbers) if numbers else bound.brief
 
     def on(self, *buffers: Any) -> Callable[..., float]:
-        """Bind the kernel to buffers; return a function of its numbers, including offsets, that returns its result."""
+        """Bind the kernel to buffers; return a function of its numbers and offsets that returns its first result."""
         bound, results = self._on(buffers)
         run, result = bound.brief, results.data
 

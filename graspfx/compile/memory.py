@@ -22,7 +22,7 @@ class Memory:
 
     Attributes:
         floats: Whole array.
-        used: Number of allocated entries.
+        used: Number of allocated entries, including the unused first one.
     """
 
     def __init__(self, room: int = ROOM) -> None:

@@ -45,18 +45,18 @@ class Native:
     """A program as machine code.
 
     Args:
-        description: Description of its arguments (`description_of`).
+        description: Description of the program's arguments and library functions (`description_of`).
         engine: Engine that has loaded the machine code.
         size: Size of the machine code [bytes].
         place: Location from which the machine code was loaded; empty if it was compiled now.
-        note: Reason why the machine code could not be cached; empty if it was.
+        note: Reason why the machine code could not be cached; empty otherwise.
     """
 
     def __init__(self, description: dict[str, Any], engine: Any, *, size: int, place: str = "", note: str = "") -> None:
         self.size, self.place, self.note = size, place, note
         self.arrays: list[str] = description["arrays"]
         self._engine = engine  # keeps the code alive
-        self.entry = entry = address(self._engine, ENTRY)  # address of the code: its buffers, then its numbers
+        self.entry = entry = address(self._engine, ENTRY)  # arguments of the code: its buffers, then its numbers
         pointers = [ctypes.c_void_p] * len(self.arrays)
         numbers = [ctypes.c_double if type_ == FLOAT else ctypes.c_int64 for type_ in description["numbers"]]
         self._method = address(self._engine, METHOD)
@@ -70,7 +70,7 @@ class Native:
 
     @property
     def callback(self) -> int:
-        """Address of the code for calls with one table of its buffers' addresses, followed by its numbers."""
+        """Address of the function that takes the address of a table: the buffers' addresses, then the numbers."""
         return address(self._engine, CALLBACK)
 
     def bind(self, *buffers: Any) -> Bound:
@@ -134,7 +134,7 @@ def compiled(
 
 
 def from_cache(key: str) -> Native | None:
-    """Load a program from the cache."""
+    """Load a program from the cache; None if the cache has no program for the key."""
     entry = disk.load(key)
     if entry is None:
         return None
@@ -146,7 +146,7 @@ def from_cache(key: str) -> Native | None:
 
 
 def description_of(program: LlvmProgram) -> dict[str, Any]:
-    """Return the description of a program's arguments that is cached with its machine code."""
+    """Return the description of a program's arguments and library functions, cached with its machine code."""
     return {"arrays": list(program.arrays), "numbers": program.numbers, "libm": program.libm}
 
 

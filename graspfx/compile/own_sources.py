@@ -28,18 +28,18 @@ def source_folders() -> tuple[str, ...]:
 
 
 def is_own(file: str) -> bool:
-    """Return whether a source file belongs to the package."""
+    """Return whether a source file belongs to the package, or in a checkout to the drivers next to it."""
     return file.startswith(tuple(folder + os.sep for folder in source_folders()))
 
 
 @cache
 def source_stamps() -> tuple[tuple[str, int, int], ...]:
-    """List the source files of programs with their times and sizes, once per process."""
+    """List the source files of programs with modification times [ns] and sizes [bytes], once per process."""
     return tuple(stamp for folder in source_folders() for stamp in stamps_in(folder, NO_KERNELS))
 
 
 def stamps_in(root: str, without: Sequence[str] = ()) -> Iterator[tuple[str, int, int]]:
-    """List the source files below a folder with their times and sizes, as Python does for its bytecode.
+    """List the source files below a folder with modification times [ns] and sizes [bytes].
 
     Args:
         root: Folder to search.
@@ -58,7 +58,7 @@ def stamps_in(root: str, without: Sequence[str] = ()) -> Iterator[tuple[str, int
 
 
 class Source(NamedTuple):
-    """Facts about a source file: time, size, digest of its content, and modules of the package that it imports."""
+    """Modification time [ns] and size [bytes] of a source file, its digest, and the package's modules it imports."""
 
     time: int
     size: int
@@ -70,8 +70,8 @@ class Source(NamedTuple):
 def closure_digest(*modules: str) -> str:
     """Compute the digest of the sources of these modules: their files, and all files of the package that they import.
 
-    Kernels obtain other kernels, records, values and numbers by import statements, so an edit elsewhere does not change
-    the digest. For a module outside the package, the digest covers all sources of the package.
+    Kernels obtain other kernels, records, values and numbers by import statements only, so other files need not be
+    covered. For a module outside the package, the digest covers all sources of the package.
     """
     files, sources = _files(), _sources()
     roots = [files.get(module) for module in modules]
@@ -109,7 +109,10 @@ def _files() -> dict[str, str]:
 
 
 class Sources:
-    """Facts about source files, cached on disk by their times and sizes."""
+    """Digests and imports of source files, cached on disk by path.
+
+    An entry is valid while the file's modification time and size are unchanged.
+    """
 
     def __init__(self) -> None:
         self._key = f"sources-{hashlib.sha256(repr((sys.version, source_folders())).encode()).hexdigest()}"
@@ -119,7 +122,7 @@ class Sources:
         self._changed = False
 
     def read(self, path: str) -> Source:
-        """Return the facts about a file, which is read only if its time or size has changed."""
+        """Return the facts about a file, which is read only if its modification time or its size has changed."""
         entry = self._entries.get(path)
         if entry is None or entry[:2] != self._stamps[path]:
             entry = self._entries[path] = [*self._stamps[path], *_digest_and_imports(path)]
@@ -192,7 +195,10 @@ def request_key(modules: Iterable[str], *parts: str) -> str:
 
 
 def recall(key: str) -> str | None:
-    """Load the result of a request if third-party files and numbers are unchanged; the key covers this package."""
+    """Load the result of a request; None if it is missing, or third-party files or numbers have changed.
+
+    The key covers the sources of this package.
+    """
     content = disk.load(key)
     if content is None:
         return None
@@ -207,9 +213,9 @@ def remember(key: str, files: Iterable[str], numbers: Mapping[tuple[str, str], s
     """Store the result of a request.
 
     Args:
-        files: Source files of the kernels. All files beside a third-party kernel are compared in `recall`.
-        numbers: Numbers of modules that the result contains, by module and name. Those of this package are constants of
-            its sources.
+        files: Source files of the kernels. `recall` compares all Python files in the folder of a third-party kernel.
+        numbers: Numbers of modules that the result contains, by module and name. Numbers of this package are not
+            stored, because the key covers its sources.
     """
     folders = {Path(file).parent for file in files if not is_own(file)}
     digests = {str(file): _file_digest(str(file)) for folder in folders for file in folder.glob("*.py")}

@@ -153,7 +153,7 @@ class Function(ast.NodeTransformer):
     # Names -----------------------------------------------------------------------------------------------------------
 
     def meaning(self, node: ast.expr) -> Any:
-        """Return the object to which a name in a module refers."""
+        """Return the object to which a name or attribute of a module refers; None for a variable or an expression."""
         if isinstance(node, ast.Name) and node.id not in self._own:
             missing = object()
             item = self._namespace.get(node.id, getattr(builtins, node.id, missing))

@@ -124,7 +124,7 @@ class Record:
             setattr(cls, name, Field(name, extent if isinstance(extent, Extent) else None))
 
     def array(self, field: Any) -> NDArray[np.float64]:
-        """Return a field as an array view: `finger.array(Finger.position)`."""
+        """Return the entries of a field as an array view, (size,): `finger.array(Finger.position)`."""
         layout(type(self))
         start = field.place(self)
         numbers: NDArray[np.float64] = np.asarray(self.buffer)[start : start + evaluate(field.size, self)]
@@ -315,7 +315,7 @@ def start_of(cls: type[Record], name: str) -> int:
 
 
 def entries_of(cls: type[Record], *names: str, at: int = 0) -> list[int]:
-    """List the entries of fields that precede all fields of variable size, for a record at an offset."""
+    """List the indices of the entries of fields that precede all fields of variable size, for a record at `at`."""
     fields = [layout(cls)[name] for name in names]
     return [at + int(field.offset) + k for field in fields for k in range(int(field.size))]
 

@@ -13,7 +13,7 @@ Bound = frozenset[str] | None  # names that certainly have a value; None for unr
 
 @dataclass
 class Loop:
-    """Names that are bound at the exits of a loop."""
+    """Names that are bound at each `break` of a loop."""
 
     breaks: list[Bound] = field(default_factory=list)
 
@@ -21,8 +21,8 @@ class Loop:
 def unbound_names(tree: ast.FunctionDef) -> list[ast.Name]:
     """List the uses of a function's variables that some path reaches before their assignment.
 
-    Every test may have either result, regardless of earlier tests. A loop may have no iterations, unless its range or
-    tuple is a literal.
+    Every test may have either result, regardless of earlier tests. A loop may have no iterations, except `while True`
+    and a loop over a literal range or tuple that is not empty.
     """
     flow = Flow(assigned(tree.body))
     flow.block(tree.body, frozenset(a.arg for a in tree.args.args))
@@ -116,7 +116,7 @@ class Flow:
         return common([first, *loop.breaks])
 
     def _continued(self, body: Sequence[ast.stmt], inside: Bound) -> list[Bound]:
-        """Return the names bound after `continue`: at most those bound at the start of the iteration."""
+        """Return the names certainly bound at a `continue`: those bound at the iteration's start; none without one."""
         return [inside] if any(isinstance(node, ast.Continue) for each in body for node in ast.walk(each)) else []
 
     def assign(self, target: ast.expr, bound: frozenset[str]) -> frozenset[str]:

@@ -35,7 +35,7 @@ def module(key: str, program: Callable[[], LlvmProgram]) -> bytes:
     """Return the WebAssembly module of a program: the installed one, the cached one, or a new one.
 
     Args:
-        key: Name of the program and its sources.
+        key: Key of the program in caches, which covers its sources.
         program: Function that returns the LLVM program if the module must be built.
 
     Raises:
@@ -66,6 +66,7 @@ def build(program: LlvmProgram) -> bytes:
     Raises:
         InputError: If the program calls functions of a platform's library.
         MissingPackageError: If `ziglang` or llvmlite is not installed.
+        OSError: If linking fails.
     """
     from graspfx.compile.native import text_of
 

@@ -116,7 +116,9 @@ def complement(
 
 @kernel
 def settle(square: Table, vector: Floats, displacement: Floats, state: Floats, contacts: Contacts) -> None:
-    """Write the forces to `vector`: f = K e over the engaged contacts, and zero for the other contacts.
+    """Write the forces to `vector`: f = K e over engaged contacts, with normal forces clamped at zero; else zero.
+
+    Unless `contacts.whole`, forces act along normals only.
 
     The square matrix contains the stiffness of the engaged contacts with all other contacts released, so the position
     of a free finger causes no loss of digits.

@@ -44,8 +44,8 @@ def equations_of_modes(problem: FrictionProblem, d: int, count: int, gains: Gain
     kappa < k_i: g = h z + Q'(f0 - y), h = kappa / (k_i - kappa). kappa > k_i: the same equation in the form
     g = h z + Q'(k_i e + y - t), h = k_i / (kappa - k_i). Both are gradients of strictly convex functions.
 
-    With compliances in series, contact i has 1/a_i = r_i k_i instead of k_i: t = f0 + r_i (k_i e - Q z), and for
-    kappa > k_i g = h z + Q'(r_i k_i e + (1 - r_i) Q z + y - t).
+    With compliances in series, contact i has the gain r_i k_i (`compliant_share`) instead of k_i:
+    t = f0 + r_i (k_i e - Q z), and for kappa > k_i g = h z + Q'(r_i k_i e + (1 - r_i) Q z + y - t).
     """
     internal = gains.internal
     soft = gains.external < internal or problem.flexible
@@ -129,7 +129,7 @@ def cut_value(contact: ConeContact, d: int) -> float:
 
 @kernel
 def stiffening(problem: FrictionProblem, beta: float, gains: Gains) -> tuple[float, float]:
-    """Compute h of a mode, and |kappa / k_i - 1|; for a flexible problem, the mode's sign and a bound."""
+    """Compute h of a mode, and |kappa / k_i - 1|; for a flexible problem, the sign, and a bound of K over k_i."""
     if problem.flexible:
         return beta, gains.external / gains.internal
     external, internal = gains.external, gains.internal
@@ -140,7 +140,9 @@ def stiffening(problem: FrictionProblem, beta: float, gains: Gains) -> tuple[flo
 
 @kernel
 def jacobian_of_modes(problem: FrictionProblem, d: int, count: int, gains: Gains, theta: float) -> None:
-    """Compute h + Q'R' Q, or h + Q'(I - R') Q, of the last equations; R' = u v' + bend b b' if a contact slides.
+    """Compute dg/dz of `equations_of_modes`: h + Q'R' Q, or h + Q'(I - R') Q for kappa > k_i.
+
+    R' = u v' + bend b b' if a contact slides.
 
     With compliances in series, r_i R' replaces the R' of contact i.
     """
@@ -175,7 +177,7 @@ def add_cut(
     soft: bool,
     part: float,
 ) -> None:
-    """Add q_k'R' q_j, or q_k'(I - R') q_j, of a contact whose force is at its limit."""
+    """Add q_k'R' q_j, or q_k'(I - R') q_j, of a contact at its limit or on the edge of a half-space."""
     H = problem.jacobian
     limit = contact.limit / math.sqrt(contact.weight)
     for j in range(count):
@@ -290,7 +292,7 @@ def equations_of_square(problem: FrictionProblem, d: int, c: float, square: Tabl
 
 @kernel
 def jacobian_of_square(problem: FrictionProblem, d: int, c: float, square: Table, theta: float) -> None:
-    """Compute K - R' (K - c I) of the last equations."""
+    """Compute dg/dw = K - R' (K - c I) of `equations_of_square`."""
     m = problem.count * d
     H = problem.jacobian
     for i, contact in enumerate(problem.contacts):
@@ -350,7 +352,7 @@ def shifted_entries(square: Table, r: int, d: int, j: int, c: float) -> Vector4:
 def add_cut_rows(
     problem: FrictionProblem, contact: ConeContact, r: int, d: int, c: float, square: Table, theta: float, face: Face
 ) -> None:
-    """Write the rows of K - R' (K - c I) from row r on, for a contact whose force is at its limit."""
+    """Write the rows of K - R' (K - c I) from row r on, for a contact at its limit or on the edge of a half-space."""
     H = problem.jacobian
     for j in range(problem.count * d):
         x = cut_slope(contact, d, theta, contact.limit, face, shifted_entries(square, r, d, j, c))

@@ -125,8 +125,9 @@ def take_square(A: Table, t: Floats, along: Floats, rest: float, size: int) -> N
 def factor_signed(M: Table, size: int, columns: Table, signs: Floats) -> None:
     """Compute l_k and h_k = +-1 of a symmetric M = sum_k h_k l_k l_k' by complete pivoting; M is overwritten.
 
-    The pivot is the largest diagonal entry, unless an off-diagonal entry is much larger. In that case a 2 x 2 pivot is
-    used, in the axes of its two eigenvectors; one sign is positive and the other negative (Bunch and Parlett 1971).
+    The pivot is the largest diagonal entry, unless an off-diagonal entry is more than 1.56 times as large. In that case
+    a 2 x 2 pivot is used, in the axes of its two eigenvectors; one sign is positive and the other negative (Bunch and
+    Parlett 1971).
 
     Args:
         M: Matrix; only its lower triangle is read.

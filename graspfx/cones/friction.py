@@ -6,8 +6,8 @@ over the cones, and the solution is unique. Coulomb's law (theta = 0): f_n = max
 mu f_n. For a large mu the solution may not be unique.
 
 With limits each cone is cut off at |f_i| <= L_i (`cones.cone`), and the associated force still minimises the same
-function. A negative coefficient then selects another cone (NO_CONE, HALF_SPACE) without friction. Only the cone causes
-slip s, not the limit, so a contact that sticks at its limit does not move.
+function. A negative coefficient then selects a cone without a coefficient of friction (NO_CONE, HALF_SPACE). Only the
+cone causes slip s, not the limit, so a contact that sticks at its limit does not slip.
 """
 
 from __future__ import annotations
@@ -191,8 +191,8 @@ def friction_force_flexible(
     Args:
         problem: Problem with its modes v_k and their signs.
         d: Number of coordinates of a contact.
-        internal: Gain k_i.
-        highest: Upper bound of the eigenvalues of K, at least k_i.
+        internal: Gain k_i [N/m].
+        highest: Upper bound of the eigenvalues of K, at least k_i [N/m].
         definite: True if no sign is negative: the associated problem is then convex in these unknowns too.
         coulomb: True to try Coulomb's law first.
         restarts: Number of restarts for Coulomb's law.
@@ -227,7 +227,7 @@ def solve(
     problem: FrictionProblem, d: int, count: int, gains: Gains, square: Table | None, symmetric: bool, coulomb: bool,
     restarts: int,
 ) -> Answer:  # fmt: skip
-    """Solve Coulomb's law, if `coulomb`, from several starts (see `friction_force`); otherwise the associated law."""
+    """Solve Coulomb's law, if `coulomb`, from several starts (see `friction_force`); else, or on failure, the other."""
     unknowns = problem.unknowns
     start_others(problem, count)
     total = 0.0
@@ -298,7 +298,7 @@ def spread(problem: FrictionProblem, count: int, start: int, far: float) -> None
 
 @kernel
 def clear(problem: FrictionProblem, d: int) -> None:
-    """Set force and slip to zero."""
+    """Set forces and slips to zero, and statuses to FREE; NO_FORCE stays."""
     for contact in problem.contacts:
         for a in range(d):
             contact.force[a] = 0.0

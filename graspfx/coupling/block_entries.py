@@ -33,7 +33,7 @@ READ = itemgetter(*(start_of(GraspState, name) for name in NAMES))  # ten times 
 
 
 def structure_entries(grasp: GraspState, live: Collection[str] = ()) -> Index:
-    """List the entries that are constant in a run and select what is computed: counts, switches, offsets.
+    """List the indices of entries that are constant in a run and select what is computed: counts, switches, offsets.
 
     A gain, and a finger's friction, patch, radius or pad, is included only if it is zero. A finger's weight is included
     only if it is one and there is no fade.
@@ -70,18 +70,18 @@ def structure_entries(grasp: GraspState, live: Collection[str] = ()) -> Index:
 
 
 def gain_entries() -> list[int]:
-    """List scalar gains and the switches that depend on them."""
+    """List the indices of scalar gains and of the switches that depend on them."""
     return entries_of(GraspState, *NAMES)
 
 
 def matrix_entries(grasp: GraspState) -> list[int]:
-    """List the entries of matrix gains; the list is empty for scalar gains."""
+    """List the indices of the entries of matrix gains; the list is empty for scalar gains."""
     first = grasp.matrices.offset
     return list(range(first, first + grasp.matrix_entries))
 
 
 def split_entries(grasp: GraspState) -> list[int]:
-    """List the entries that determine P (the data of a `SplitRule`), except contact points and gaps."""
+    """List the indices of the entries that determine P (the data of a `SplitRule`), except contact points and gaps."""
     entries = entries_of(GraspState, "fade", "fade_start", "fade_end", "arm_low", "arm_high", "at_contact")
     entries += entries_of(BodyState, "free_translation", "free_rotation", at=start_of(GraspState, "body"))
     for finger in grasp.fingers:
@@ -90,7 +90,7 @@ def split_entries(grasp: GraspState) -> list[int]:
 
 
 def compliant_entry(problem: FrictionProblem) -> int:
-    """Find the entry that marks whether a problem's contacts have compliances in series."""
+    """Return the index of the entry that marks whether a problem's contacts have compliances in series."""
     return problem.offset + start_of(FrictionProblem, "compliant")
 
 
@@ -100,7 +100,7 @@ def has_problems(grasp: GraspState) -> bool:
 
 
 def recorded_entries(grasp: GraspState) -> dict[str, Index]:
-    """Map the values that a recording needs to entries of the block."""
+    """Map the values that a recording needs to the indices of their entries in the block."""
     d = grasp.dimensions
     turns = {1: [], 2: [2], 3: [0, 1, 2]}[d]
     motion = start_of(GraspState, "body") + start_of(BodyState, "motion")

@@ -41,12 +41,13 @@ class LoopEnergy:
 
 
 def worst_turn(grasped: GraspedObject, fingers: FloatArray) -> LoopEnergy:
-    """Find the closed motion, among a few that every grasp allows, with the largest `share` in magnitude.
+    """Find the closed motion, among a few in the object's free directions, with the largest `share` in magnitude.
 
     The contacts are fixed in the object, and the fingers are fixed in the world. In each motion, the object rotates by
     +-0.5 rad about a free axis. At the same time the object moves sideways and back, along a free direction or the
-    diagonal of two free directions. The amplitude of the translation is half the contacts' displacement in the
-    rotation. The work is the integral of wrench'(v, w). The object's block is restored afterwards.
+    diagonal of two free directions. The amplitude of the translation is half the product of 0.5 rad and the fingers'
+    rms distance from the object's centre. The work is the integral of wrench'(v, w). The object's block is restored
+    afterwards.
 
     Args:
         grasped: Grasped object, whose contacts have been set by `meet` or `attach`.
@@ -68,7 +69,7 @@ def worst_turn(grasped: GraspedObject, fingers: FloatArray) -> LoopEnergy:
 
 
 def _motions(grasped: GraspedObject, fingers: FloatArray) -> Iterator[tuple[int, FloatArray]]:
-    """List the motions: a rotation axis, 0 to 2, and the amplitude (d,) of the sideways motion."""
+    """Yield the motions: a rotation axis, 0 to 2, and the amplitude (d,) of the sideways motion [m]."""
     d, body = grasped.dimensions, BodyState(grasped.body_state)
     free = np.concatenate([body.array(BodyState.free_translation), body.array(BodyState.free_rotation)]) != 0.0
     centre = body.motion.array(Motion.position)[:d]

@@ -12,7 +12,7 @@ from graspfx.spatial import Vector, Vector4, inner, with_torsion
 
 @kernel
 def assemble(grasp: GraspState, elastic: bool) -> None:
-    """Compute K and K e if `elastic`, otherwise D and D e', in contact frames."""
+    """Compute K and K e if `elastic`, otherwise D and D e', in contact frames, into `square` and `vector`."""
     size = grasp.count * grasp.coordinates
     for p in range(size):
         for q in range(size):
@@ -45,7 +45,7 @@ def add_block(
     grasp: GraspState, finger: FingerState, other: FingerState, i: int, j: int, elastic: float, damping: float,
     out: Table,
 ) -> None:  # fmt: skip
-    """Add F_i (elastic K_ij + damping D_ij) F_j' for two fingers; F are the contact frames, without torsion."""
+    """Add F_i (elastic K_ij + damping D_ij) F_j' for two fingers; a contact frame F_i leaves torsion unchanged."""
     d, c = grasp.dimensions, grasp.coordinates
     for a in range(c):
         for b in range(c):

@@ -138,7 +138,7 @@ def place_contact(grasp: GraspState, finger: FingerState, p: Vector) -> None:
 
 @kernel
 def refactor(grasp: GraspState) -> None:
-    """Recompute the rigid modes of the contacts if a contact, a weight or a free direction has changed."""
+    """Recompute the rigid modes if a contact, a weight or (soft) a normal has changed; in every sample if `mixed`."""
     current = grasp.split_known and not grasp.mixed
     for finger in grasp.fingers:
         same = finger.weight == finger.split_weight

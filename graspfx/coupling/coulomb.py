@@ -139,10 +139,10 @@ def move_anchors(grasp: GraspState) -> None:
 
 @kernel
 def damping_in_cones(grasp: GraspState) -> int:
-    """Add passive damping: f = f0 + D (e' + s) in the cones, s in C*, f's = 0, and f = 0 where f0 is zero.
+    """Add passive damping: f = f0 + D (e' + s) in the cones, s in the dual cones, f's = 0; f = 0 where f0 is zero.
 
-    With the implicit integrator, f = K (e + s0 - G'u) + (D / T) (T e' - H'u) + (K + D / T) s is solved together with
-    the object's displacement u as one linear system. s0 is the slip of the elastic force.
+    f0 is the elastic force. With the implicit integrator, f = K (e + s0 - G'u) + (D / T) (T e' - H'u) + (K + D / T) s
+    is solved together with the object's displacement u as one linear system. s0 is the slip of the elastic force.
     """
     if damping_stays(grasp):
         return 0
@@ -181,7 +181,7 @@ def damping_stays(grasp: GraspState) -> bool:
 
 @kernel
 def force_of_recoil(grasp: GraspState, problem: FrictionProblem) -> Answer:
-    """Compute the elastic force on a recoiling object in modal unknowns; if these do not converge, in all unknowns.
+    """Compute the elastic force on a recoiling object in modal unknowns; if the search fails, in all unknowns.
 
     If all forces of the last sample lay inside their cones, the search starts from the present bilateral forces.
     """
@@ -202,7 +202,7 @@ def force_of_recoil(grasp: GraspState, problem: FrictionProblem) -> Answer:
 
 @kernel
 def start_from_forces(grasp: GraspState, problem: FrictionProblem) -> None:
-    """Start the search from the fingers' forces: z_k = h_k v_k'y."""
+    """Start the search from the fingers' forces: z_k = h_k v_k'y (`cones.equations`)."""
     for k in range(problem.modes):
         problem.unknowns[k].value = 0.0
     for i, finger in enumerate(grasp.fingers):
@@ -273,7 +273,7 @@ def force_of_modes(grasp: GraspState, problem: FrictionProblem, gains: Gains, co
 
 @kernel
 def pose_problem(grasp: GraspState, problem: FrictionProblem, touching: bool) -> None:
-    """Write weights, coefficients and limits, and mark fingers that carry force: all, or only those that touch."""
+    """Write weights, coefficients and limits; mark fingers without force: weight 0 or, if `touching`, not touching."""
     for i, finger in enumerate(grasp.fingers):
         contact = problem.contacts[i]
         contact.weight = finger.weight

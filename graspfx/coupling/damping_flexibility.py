@@ -5,12 +5,13 @@ fingers are removed from each branch separately:
 
     K = kip (I - Q E_K Q'),    D / T = kid / T (R - R Q E_D Q'R),    M = K + D / T - J'N^-1 J,
 
-J = G K + H D / T, N = C^-1 + G K G' + H D H' / T. R contains the fraction of its damping that each finger exerts at its
-depth; G and H are the lever arms of springs and dampers. Therefore M = A - V E V' with A = kip + R kid / T. The columns
+J = G K + H D / T, N = C^-1 + G K G' + H D H' / T. Q contains the modes, C is the object's compliance, and `condense`
+computes E_K and E_D. R contains the fraction of its damping that each finger exerts at its depth; G and H are the lever
+arms of springs and dampers. Therefore M = A - V E V' with A = kip + R kid / T. The columns
 V are Q; R Q if damping grows with depth; and the levers that are not sums of modes, R H' of the fingertips. The
-friction problem needs the inverse, M^-1 = A^-1 + A^-1 V Y V'A^-1, Y = E (I - V'A^-1 V E)^-1. The problem has 6 unknowns
-with rates at the contacts and 9 with rates at the fingertips. With depth damping, these numbers are 12 and 15. They
-increase by three if torsion acts along axes other than the normals.
+friction problem needs the inverse, M^-1 = A^-1 + A^-1 V Y V'A^-1, Y = E (I - V'A^-1 V E)^-1. The problem has at most 6
+unknowns with rates at the contacts and 9 with rates at the fingertips; with depth damping, 12 and 15. There are three
+more if torsion acts along axes other than the normals.
 """
 
 from __future__ import annotations
@@ -135,7 +136,7 @@ def write_columns(
 
 @kernel
 def damping_part(grasp: GraspState, finger: FingerState, kid: float) -> float:
-    """Compute r_i = 1 / (1 + kid C_i), the fraction of kid that acts at the finger's depth."""
+    """Compute r_i = 1 / (1 + kid w_i C_i), the fraction of kid that acts at the finger's depth (`depth`)."""
     if not finger.touching:
         return 1.0
     return 1.0 / (1.0 + kid * compliance(grasp, finger, normal_force(finger)))
@@ -259,7 +260,7 @@ def release_modes(
 
 @kernel
 def clear(grasp: GraspState, count: int) -> None:
-    """Clear the sums over the branches."""
+    """Clear the sums over the branches; `system` starts with the object's C^-1."""
     state = grasp.recoil
     for j in range(count):
         state.row[j] = 0.0
@@ -381,7 +382,7 @@ def eliminate_motion(grasp: GraspState, count: int) -> None:
 
 @kernel
 def is_settled(grasp: GraspState, problem: FrictionProblem, d: int) -> bool:
-    """Return whether all base forces lie inside their cones; if so, they are the solution."""
+    """Return whether all base forces lie inside their cones; if so, write them as the solution."""
     settled = True
     for contact in problem.contacts:
         if contact.status >= 0:

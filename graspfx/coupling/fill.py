@@ -65,7 +65,7 @@ class Grip:
         shape: Shape of the object; None only with attached contacts.
         radius: Radius of the ball fingertips, one or (n,) [m].
         limit: Largest force of each finger, one or (n,) [N]; None without limits.
-        live: Names of fields that may change during a run.
+        live: Names of fields of `GraspState` that may change during a run.
     """
 
     count: int
@@ -159,14 +159,14 @@ class Grip:
 
     @cached_property
     def body(self) -> FloatArray:
-        """The object's parameters and initial state."""
+        """The object's parameters and initial state, as a block of a `BodyState`."""
         state = np.zeros(size_of(BodyState))
         self.fill_body(state)
         return state
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:
-        """Mask of the body's six degrees of freedom that are free."""
+        """Mask of the body's six degrees of freedom, True where free: translations, then rotations, (6,)."""
         body = BodyState(self.body)
         free = np.concatenate([body.array(BodyState.free_translation), body.array(BodyState.free_rotation)])
         return np.asarray(free != 0.0)
@@ -178,7 +178,7 @@ class Grip:
 
     @property
     def gains(self) -> list[float | FloatArray]:
-        """The gains kep, ked, kip and kid."""
+        """The gains kep [N/m], ked [N s/m], kip [N/m] and kid [N s/m], numbers or matrices."""
         return [gain for part in (self.law.external, self.law.internal) for gain in (part.stiffness, part.damping)]
 
     @cached_property
@@ -242,7 +242,7 @@ class Grip:
 
     @property
     def pushes_apart(self) -> bool:
-        """True if contacts are unilateral and frictionless, with scalar gains; cones are then rays if gains differ."""
+        """True if contacts are unilateral and slip freely, without friction, and gains are scalar."""
         return not (self.slips or self.rules.attached or self.rules.stick or self.matrices)
 
     @property

@@ -6,7 +6,8 @@ to the contacts that carry force:
 
     W^1/2 M^-1 W^1/2 = [I + V Y V'] / kip,    Y = diag(kip / kappa_k - 1) + kip T C T'    (elastic, V = Q),
 
-kappa_k = kip + (kep - kip) beta_k, T = Q'sqrt(W) G'. So a friction problem has six unknowns (`cones.equations`).
+kappa_k = kip + (kep - kip) beta_k, T = Q'sqrt(W) G'. A friction problem therefore has at most six unknowns
+(`cones.equations`), or nine if torsion acts along axes other than the normals.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ U, W, V, Z = 0, 6, 12, 18
 
 @kernel
 def fill_gains(grasp: GraspState) -> None:
-    """Recompute K and D if a contact, a weight or the rotation on which they depend has changed."""
+    """Recompute K and D if a contact, a weight, a normal or a rotation on which they depend has changed."""
     if is_up_to_date(grasp):
         return
     fill_pair(grasp, grasp.stiffness_rule, grasp.kep, grasp.kip, grasp.stiffness)
@@ -220,7 +220,7 @@ def turn_column(X: Table, R: Matrix, c: Vector, b: int, d: int, out: Table) -> N
 
 @kernel
 def keep_skew(square: Table, largest: float, out: Table) -> float:
-    """Copy a matrix if its skew part, which generates energy, is the largest so far; return the largest size."""
+    """Copy a matrix if its skew part, which generates energy, is the largest so far; return its sum of squares."""
     skew = 0.0
     for p in range(square.columns):
         for q in range(p):
@@ -236,5 +236,5 @@ def keep_skew(square: Table, largest: float, out: Table) -> float:
 
 @inline
 def metric_root(finger: FingerState) -> float:
-    """Compute the square root of a finger's weight."""
+    """Compute the square root of a finger's weight, or of the smallest weight of a metric if that is larger."""
     return math.sqrt(max(finger.weight, WEIGHT_FLOOR))

@@ -26,7 +26,7 @@ class FingerState(FramedContact):
     split_contact: Vector  # c, weight and normal from which the modes were computed
     split_weight: float
     split_normal: Vector
-    share: float  # weight in the metric: the device's mass divided by the mean mass, 1 for equal devices
+    share: float  # weight in the metric, such as the device's mass over the mean mass; 1 for equal weights
     coefficient: float  # mu
     status: int  # 0 free, 1 stick, 2 slide, with a coefficient of friction
     retained: Vector4  # e + s, displacement that remains after slip and release, O [m]
@@ -141,22 +141,22 @@ class GraspState(Record):
     mode_count: int  # modes in use
     split_known: bool
     shortfall: float  # largest amount in the run by which `fade_start` was too small [m]
-    singular: bool  # some direction has no damping while others have
+    singular: bool  # the external or the internal damping is zero in some direction
     friction: bool  # some finger has a coefficient: forces lie in cones, and contact points slip
-    coordinates: int  # contact coordinates per finger, c: d, or 4 in space where some finger is soft
-    width: int  # entries of a finger in a mode: 3, or 4 where some finger is soft
-    unknowns: int  # n c, and the object's free directions under the implicit integrator
+    coordinates: int  # contact coordinates per finger, c: d, or 4 if some finger is soft
+    width: int  # entries of a finger in a mode: 3, or 4 if some finger is soft
+    unknowns: int  # n c, plus the number of the object's free directions with the implicit integrator
     components: int  # n c for matrix gains, else 0
     matrix_entries: int  # entries of all four gains, 0 if they are scalars
     object_freedoms: int  # 6 if the external gains are those of the object, else 0
-    law: int  # friction law of this sample's elastic force: 0 Coulomb's, 1 the associated law
+    law: int  # friction law of this sample's elastic force: 0 Coulomb's, 1 the associated law, 2 unresolved
     residual: float  # residual of that law [N]
     force_bound: float  # largest force that the law may compute for a finger; a larger force is a fault [N]
     excess: float  # force that exceeded the bound [N]
     problem: Ref[FrictionProblem]  # of the elastic force
     damping_problem: Ref[FrictionProblem]  # of the damping force
     rays: bool  # scalar gains without friction: forces along the normals
-    observed: bool  # the elastic force is needed
+    observed: bool  # an observer of energy needs the elastic force
     stiffness_rule: int  # composition of K from matrix gains: equal, literal, symmetric (`gains`)
     damping_rule: int  # composition of D
     axes_of_gains: int  # axes of matrix gains: the object's or none, the world's, the contacts' (`gains`)

@@ -67,8 +67,8 @@ class GraspedObject:
         live: Names of fields of `GraspState` that may change during a run.
 
     Raises:
-        InputError: If unilateral contact has no shape or a stiffness of zero; a radius is not a length; or soft fingers
-            are not in space, have matrix gains, have no friction, or are attached without a shape.
+        InputError: If an argument is invalid; if unilateral contact has no shape or a stiffness of zero; or if soft
+            fingers are not in 3-D, have matrix gains, have no friction, or are attached without a shape.
     """
 
     def __init__(
@@ -124,22 +124,22 @@ class GraspedObject:
 
     @property
     def wrench(self) -> FloatArray:
-        """f_v of eq. (2) about the object's centre, (w,): force, then moment."""
+        """f_v of eq. (2) about the object's centre, (w,): force [N], then moment [N m]."""
         return self.block[self.where["wrench"]]
 
     @property
     def structure(self) -> Index:
-        """Entries of `block` that are constant in a run and select what is computed: counts, switches, offsets."""
+        """Indices of entries of `block` that are constant in a run and select what is computed."""
         return structure_entries(self.state, self.live)
 
     @property
     def gain_entries(self) -> list[int]:
-        """Entries of `block` that are scalar gains, and the switches that depend on them."""
+        """Indices in `block` of scalar gains, and of the switches that depend on them."""
         return gain_entries()
 
     @property
     def watched_entries(self) -> list[int]:
-        """Entries of `block` that no run changes, and that are also read outside of samples.
+        """Indices of entries of `block` that no run changes, and that are also read outside of samples.
 
         These are the gains, from which matrices are composed once, and the data of P, by which a recording splits
         forces.
@@ -162,7 +162,7 @@ class GraspedObject:
         return max(self._fades.needed, _needed(self.state.fade_start, self.state.shortfall))
 
     def fade_asked(self) -> tuple[float, float] | None:
-        """Return the start of the fade and the start that the last sample's forces require [m]; None without a fade."""
+        """Return the fade's start and the start that the last forces require [m]; None if equal gains or no fade."""
         if not self.state.fade or self.state.equal:
             return None
         pushes = sum(normal_force(finger) for finger in self._grasp.fingers)
@@ -229,7 +229,7 @@ class GraspedObject:
         return away
 
     def sample(self) -> int:
-        """Compute forces and wrench from the motion of fingers and object (its free motion, if implicit)."""
+        """Compute forces and wrench from fingers' and object's motion (predicted, if implicit); return 0 or a fault."""
         return sample(self._grasp)
 
     def damper_compliance(self, *, at_rest: bool = True) -> FloatArray:
@@ -261,7 +261,7 @@ class GraspedObject:
     def object_gains(self) -> tuple[FloatArray, ...]:
         """Compute K of translations, K of rotations, internal K, external D and internal D, (m, m) in object axes.
 
-        A soft finger has an additional row after its forces: its torsion divided by its patch length.
+        If some finger is soft, every finger has an additional row after its forces: torsion over patch length.
 
         The matrices use the contacts and weights of the last sample. If K_o couples translations with rotations, all
         of K is returned as translational, because the rotational remainder would not be a stiffness.
@@ -285,7 +285,7 @@ class GraspedObject:
         return contradiction(self._grasp.buffer)
 
     def check_activity(self) -> None:
-        """Warn of matrix gains whose skew part can generate energy: once, and again if the part grows tenfold.
+        """Warn if matrix gains, at their largest skew part, can generate energy: once, and again at a tenfold part.
 
         Samples do not warn; the caller that runs the samples calls this method.
         """

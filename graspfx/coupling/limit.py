@@ -1,9 +1,9 @@
 """The step `limit` of a sample: before the object moves, the law's forces are limited to what devices can display.
 
 A limit only at the device would generate energy, because the object would receive forces that are not displayed. The
-limit is normally part of the projection: the cones are cut off at |f_i| <= L_i and the sample is solved again. The
-elastic force then remains the gradient of a convex function (`graspfx.cones.cone`). Forces that are still too large are
-scaled: first the internal force alone, then the whole force.
+limit is normally part of the projection: the cones are cut off at the fingers' limits, |f_i| <= L_i, and the sample is
+solved again. The elastic force then remains the gradient of a convex function (`graspfx.cones.cone`). Forces that are
+still too large are scaled: first the internal force alone, then the whole force.
 
 Scaled forces stay in their cones, and the direction of the wrench does not change. Let a = P f be the smallest contact
 forces with the same wrench, and b = f - a the remaining internal force. The scaled force is alpha (a + lambda b).
@@ -122,7 +122,7 @@ def width(grasp: GraspState) -> int:
 
 @kernel
 def mark(grasp: GraspState, inside: bool) -> None:
-    """Mark the fingers whose force or, if `inside` the projection, whose elastic force is at the limit."""
+    """Mark fingers whose force is at the limit; with `inside` (`is_inside`), also those whose elastic force is."""
     for finger in grasp.fingers:
         least = NEARLY * LIMIT_MARGIN * finger.limit
         if force_size(finger.local, width(grasp)) >= least:
@@ -136,7 +136,7 @@ def is_inside(grasp: GraspState) -> bool:
     """Return whether the projection can respect the limits.
 
     The projection cannot respect limits with the implicit integrator, with matrix gains without a coefficient of
-    friction, or with sticking compliant fingertips.
+    friction, or with sticking compliant fingertips and unequal gains.
     """
     if grasp.padded and grasp.stick and not grasp.equal:
         return False

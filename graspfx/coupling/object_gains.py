@@ -20,7 +20,8 @@ def add_object_gain(grasp: GraspState, gain: Gain, first: int, scratch: int, out
     """Add X K_c X' = sum_jk A_jk w_j w_k' to a square matrix, exactly symmetric.
 
     w_k = L q_k are the modes' forces, stored in rows of `mode_rows` from `first` on. Rows from `scratch` on are
-    overwritten. A = T^+ K_c T^+', where T are the modes' wrenches, is K_o for unit motions of the modes (`modal_gain`).
+    overwritten. A = T^+ K_c T^+' is the stiffness for unit motions of the modes (`modal_gain`); T are the modes'
+    wrenches, and K_c is K_o after the degrees of freedom that no mode holds are eliminated.
     """
     fill_modal_gain(grasp, gain, first)
     count, rows, A = grasp.mode_count, grasp.mode_rows, grasp.modal_gain
@@ -160,7 +161,8 @@ def eliminate(grasp: GraspState, free: int) -> int:
 def fill_motions(grasp: GraspState, free: int, count: int) -> None:
     """Write the object's motion for unit motions of the modes, then of the unheld degrees of freedom.
 
-    After the elimination, x_B = E y - R z for the pivot columns B; the other columns are z.
+    After the elimination, the object's motion is x_B = E y - R z in the pivot columns B, and z in the other columns. y
+    are the motions of the modes, R are the other columns of T, and E is what became of the unit matrix beside T.
     """
     T, W = grasp.wrenches, grasp.motions
     z = count

@@ -8,9 +8,9 @@ with a nonlinear compliance in addition to K^-1 (Hertz 1882; Johnson, Contact Me
 k_i delta_i^1.5 - f_n,i(e - delta n) = 0. The left side is the gradient of a convex function, because
 0 <= d f_n/d e_n <= the normals' part of K. Each pass evaluates the law's elastic force at the present depths, with the
 solver of the contact rule. The pass then computes the next depths from the model f_n + B (change of e_n - delta) and
-the pads' power law. B is updated by secants (Broyden 1965) and is kept in the block for the next sample. If a step does
-not reduce the residual enough, B is set to the normals' part of K, which bounds every slope. Such a step, called
-proximal, always decreases the convex function.
+the pads' power law. B estimates the slopes d f_n/d e_n; it is updated by secants (Broyden 1965) and is kept in the
+block for the next sample. If a step does not reduce the residual enough, B is set to the normals' part of K, which
+bounds every slope. The next step, called proximal, always decreases the convex function.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from graspfx.spatial import inner, with_torsion
 PASSES = 100  # largest number of passes per sample
 EXACT = 1e-13  # tolerance of f_n - k delta^1.5, relative to the largest force
 ROUNDING = 1e-15  # error of the law's force, relative to stiffness times the largest displacement
-SHRINKS = 0.7  # required reduction of the residual; otherwise the next step is proximal
+SHRINKS = 0.7  # bound of a residual over the last accepted one; for a larger residual the next step is proximal
 INNER = 30  # Newton steps for the model, which need no evaluation of the force
 STILL = 1e-16  # relative step length at convergence
 

@@ -5,8 +5,8 @@ With the implicit integrator, f = K (e - G'u) + D (e' - H'u / T). The forces dis
     [C^-1 + G K G' + H D H' / T] u = G K e + H D e',
 
 where C is the object's compliance. G contains the moment arms of the contacts, and H the moment arms of the points
-where rates are computed. For scalar gains G K G' = kip G W G' + (kep - kip) T' beta T, where T = Q'sqrt(W) G' has one
-row per mode.
+where rates are computed. For scalar gains G K G' = kip G W G' + (kep - kip) T' beta T, with the modes Q, their blends
+beta, and T = Q'sqrt(W) G', which has one row per mode.
 """
 
 from __future__ import annotations

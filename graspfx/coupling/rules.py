@@ -1,4 +1,4 @@
-"""Rules of contact between fingers and an object, and the gaps at which free fingers leave the grasp."""
+"""Rules of contact between fingers and an object, and the gaps over which free fingers fade out of the grasp."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from graspfx.grasp.impedance import Coupling, per_finger
 from graspfx.grasp.object_impedance import ObjectImpedance
 
 FADE = (0.002, 0.01)  # default gaps of the fade, unless the forces require more [m]
-BAND = FADE[1] - FADE[0]  # [m]
+BAND = FADE[1] - FADE[0]  # length of a fade [m]
 
 
 @dataclass(frozen=True)
@@ -23,12 +23,12 @@ class Rules:
 
     Attributes:
         attached: Whether contacts are bilateral, that is, fixed in the object and without cones.
-        stick: Whether a touching finger sticks to its contact point; otherwise it slips, with the coefficient
-            `friction`.
-        friction: Coefficient of friction, one for all fingers or one for each.
+        stick: Whether a touching finger sticks to its contact point; otherwise it slips, freely or, with a coefficient
+            of friction, by Coulomb's law.
+        friction: Coefficient of friction, one for all fingers or one for each; 0 for none.
         patch: Lengths rho of the contact patches [m], one for all fingers or one for each; 0 is a hard finger. Soft
-            fingers exist only in space.
-        share: Weight of each finger in the metric: its device's mass over the mean mass; equal weights by default.
+            fingers exist only in 3-D.
+        share: Weight of each finger in the metric, such as its device's mass over the mean mass; equal by default.
         fade: Gaps (h1, h2) [m] over which a free finger fades out of the grasp; None keeps every finger in the grasp
             ("follow").
         at_contact: Whether the reaction acts at the contact point; otherwise it acts at the fingertip.

@@ -28,7 +28,7 @@ class SplitRule:
 
     Attributes:
         dimensions: Number of dimensions d.
-        translations, rotations: World axes along and about which the object is free, three each.
+        translations, rotations: Whether the object is free along and about each world axis, three each.
         blend: Rms arms over which a rotation enters the external space [m]; None for full weight at any arm.
         fade: Gaps over which a free finger fades out of the grasp [m]; None without a fade.
         shares: Weight of each finger in the metric.
@@ -178,7 +178,7 @@ def _rotations(
     free = [k for k in range(3) if rule.rotations[k]]
     motions = np.zeros((len(free), n, d + rule.soft, r))
     for mode, k in zip(motions, free, strict=True):
-        a, b = (k + 1) % 3, (k + 2) % 3  # of axis k turn a into b
+        a, b = (k + 1) % 3, (k + 2) % 3  # a rotation about axis k turns axis a towards axis b
         for to, of, sign in ((a, b, -1.0), (b, a, 1.0)):
             if to < d:
                 shift = arm[:, of] if of < d else 0.0
@@ -218,7 +218,10 @@ def _orthogonal(modes: FloatArray, enough: FloatArray) -> FloatArray:
 
 
 def _jacobi(rows: FloatArray) -> FloatArray:
-    """Orthogonalise rows (k, m, r) by one-sided Jacobi rotations, which are accurate for short rows too."""
+    """Orthogonalise k rows of m entries for each of r samples, (k, m, r), in place, by one-sided Jacobi rotations.
+
+    The rotations remain accurate for rows of small norm.
+    """
     for _ in range(SWEEPS):
         is_turned = False
         for p in range(len(rows) - 1):

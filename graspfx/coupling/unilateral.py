@@ -25,8 +25,8 @@ LEAST = 1e-8  # fraction of a coordinate's damping to add if some direction has 
 def unilateral(grasp: GraspState, again: bool) -> int:
     """Project the elastic force on the cones, then add damping in them; return 0, UNRESOLVED or AGAIN.
 
-    Elastic: f in C, s in C*, f's = 0, f = K (e + s) (eqs. 24-26 for n fingers). Damping: f = f0 + D (e' + s) in C, with
-    f_i = 0 where f0_i = 0.
+    Elastic: f in C, s in C*, f's = 0, f = K (e + s) (eqs. 24-26 for n fingers), with the cones C of pushing forces and
+    their dual cones C*. Damping: f = f0 + D (e' + s) in C, with the elastic force f0, and f_i = 0 where f0_i = 0.
     """
     fault = 0
     if grasp.alone:
@@ -130,8 +130,8 @@ def project(grasp: GraspState) -> int:
         unresolved = complement(
             grasp.square, grasp.vector, grasp.diagonal, grasp.engaged, contacts, attempt == 0, scale
         )
-        # if sticking fingers are released as a whole, this is no projection on a cone, and pivoting may cycle: then
-        # only release contacts
+        # the release of sticking fingers as a whole is no projection on a cone, so pivoting may cycle; the second
+        # attempt only releases contacts
         if unresolved == 0 or not grasp.stick:
             break
     if grasp.dense and not grasp.stick:

@@ -55,7 +55,7 @@ class AnswerPage(RunLook):
         super().__init__("page of answers", FRAME)
 
     def tell(self, text: str) -> None:
-        """Show a text."""
+        """Show a text in place of the question."""
         self._question = text
         self.server.tell(self._state())
 
@@ -65,12 +65,12 @@ class AnswerPage(RunLook):
             super().attach(run)
 
     def close(self) -> None:
-        """Close all pages."""
+        """Stop drawing, and close the server of the page."""
         super().close()
         self.server.__exit__()
 
     def document(self, path: str, host: str) -> str | None:
-        """Return the page."""
+        """Return the HTML text of the page; None for a path other than "/"."""
         if path != "/":
             return None
         ask = [{"key": key, "text": text} for key, text in self._keys.items()]
@@ -78,7 +78,7 @@ class AnswerPage(RunLook):
         return document(self._story | {"run": live}, "live", f"ws://{host}")
 
     def order(self, order: Order) -> bool:
-        """Accept an answer."""
+        """Press the key of an answer; return whether the order is an answer with a known key."""
         if order.act != "answer" or order.key not in self._keys:
             return False
         self._press(order.key)

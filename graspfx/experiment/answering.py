@@ -46,7 +46,7 @@ class Answerer(Protocol):
         ...
 
     def listen(self, keys: Mapping[str, str]) -> None:
-        """Start accepting answers; earlier answers are discarded."""
+        """Start accepting answers, given by key; earlier answers are discarded."""
         ...
 
     def has_answered(self) -> bool:
@@ -157,7 +157,8 @@ class Function:
 
     Args:
         respond: Function that returns one of the question's answers.
-        ready: Function called before hardware exerts forces; it returns when a person is ready. None without hardware.
+        ready: Function called with a text before hardware exerts forces, and in real time at breaks and before trials
+            that wait for a person; it returns when the person is ready. None if nobody has to be ready.
     """
 
     def __init__(self, respond: Callable[[Presentation], str], ready: Callable[[str], object] | None = None) -> None:
@@ -165,7 +166,7 @@ class Function:
         self._answers: tuple[str, ...] = ()
 
     def ready(self, text: str) -> None:
-        """Wait for the person by calling `ready`."""
+        """Wait for the person by calling the function given as `ready`, if any."""
         if self._ready is not None:
             self._ready(text)
 

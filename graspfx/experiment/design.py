@@ -63,7 +63,7 @@ class Experiment(Study):
 
         Raises:
             InputError: If a label has other characters than letters and digits, or if the order is a Latin square and
-                the participant is not a number.
+                the participant is not a whole number of at least 1.
             MissingPackageError: If a staircase needs questplus, which is not installed.
         """
         for name, label in (("participant", participant), ("session", session)):
@@ -106,7 +106,8 @@ class Experiment(Study):
             participant, session: Labels of letters and digits.
             run: Number of the run in the session, from 1.
             real_time: Whether intervals run in real time.
-            ready: Function called with a text before hardware exerts forces; it returns when the person is ready.
+            ready: Function called with a text before hardware exerts forces, and in real time at breaks and before
+                trials that wait for the person; it returns when the person is ready.
             resume: Whether to continue an interrupted session with its next trial.
             stop: Function polled during the session; True ends the session, which can be resumed.
 

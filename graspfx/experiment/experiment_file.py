@@ -95,7 +95,7 @@ def _placed(data: Mapping[str, Any], faults: list[tuple[Key, str]], text: str) -
 
 
 def experiment_faults(table: ExperimentTable, source: Source) -> list[Finding]:
-    """Find faults between fields that are valid individually, in an experiment or its draft."""
+    """Find faults between fields that are valid individually, also in a draft with other, invalid fields."""
     faults: list[Finding] = []
     for check in (_design, _answers, _comparisons, _spans, _observer, lambda draft: _scene(draft, source)):
         with suppress(NotValid):

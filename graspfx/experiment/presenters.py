@@ -62,7 +62,7 @@ class Presenter(Protocol):
         Args:
             values: Values of the scene, by dotted key.
             folder: Folder of the recording.
-            begin: Function called with the time of the first tick.
+            begin: Function called with the time of the first tick on the clock of `time.monotonic` [s].
             is_answered: Function that tells whether the interval may end early.
             stop: Function that tells whether to abort.
 
@@ -94,7 +94,7 @@ class RealTime:
         self, values: Mapping[str, Any], folder: Path, begin: Callable[[float], object],
         is_answered: Callable[[], bool], stop: Callable[[], bool],
     ) -> Showing:  # fmt: skip
-        """Present an interval in real time; every failure of the hardware is a fault."""
+        """Present an interval in real time; every error except a RecordingError becomes the interval's fault."""
         from graspfx.live.live_run import LiveRun
 
         scene = self._scene.replace(values)

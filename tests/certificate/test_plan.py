@@ -63,7 +63,7 @@ CASES: list[tuple[dict[str, Any], str, bool, str]] = [
     ({"object__free": [True, True, False]}, "split: rotation", False, "locked"),
     ({"object__free": [True, True, False]}, "turn", False, "every rotation is locked"),
     ({}, "turn", True, "angular velocity"),
-    ({}, "fade", True, "between 2 and 10 mm"),
+    ({}, "fade", True, "grows from 2 to 10 mm"),
     ({"coupling__absent": "follow"}, "fade", False, "absent = 'follow'"),
     (EQUAL, "fade", False, "equal gains"),
     ({}, "letting go", True, "slips freely"),

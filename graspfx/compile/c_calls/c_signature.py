@@ -33,8 +33,8 @@ class Argument:
     Attributes:
         kind: Kind of the argument: "in" or "out" for entries of the block, "setting" or "buffer" for a name, or
             "number".
-        type: Type, "double" for an entry of the block; otherwise one of TYPES.
-        first: First entry of the block.
+        type: "double" for an entry of the block; otherwise one of the values of TYPES.
+        first: Index of the first entry in the block.
         count: Number of entries passed by address; 0 for a number passed by value.
         factor: Factor on the entries, applied after the call for `out` and before it for `in`.
         name: Name of a setting or buffer.
@@ -55,7 +55,7 @@ class CCall:
     """One call: result type, function name, and arguments.
 
     Attributes:
-        parts: Number of values of this type in a returned struct; 1 for a plain number.
+        parts: Number of values of the result type in a returned struct; 1 if the function returns no struct.
     """
 
     result: str

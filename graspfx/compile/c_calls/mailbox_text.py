@@ -7,9 +7,10 @@ LOOP, CONTEXT, BUSY, TURNS, COUNT, PATIENCE, OVER, FIRST = range(8)  # words of 
 (ASK, READ, WRITE, STOP, OWN, RAW, FORCES, SAMPLE, ORDERS, ENTRIES, SEQUENCE, NEWS, SEEN, AGE, FAULT) = range(15)
 WORDS = 16  # words per device
 
-# unsigned f(void *mailbox). A loop that runs no tick leaves the turn to the mailbox. Orders have two halves, and `news`
-# tells which one is valid; without news for more than `patience` turns forces are zero. A device keeps its first
-# fault, and is stopped from then on.
+# unsigned f(void *mailbox). Without a loop, or if the loop runs no tick, f exchanges samples and orders with the
+# mailbox's devices. A device's orders (forces from Python) have two halves, and the last bit of `news` selects the
+# valid one; if `news` is unchanged for more than `patience` turns, forces are zero. A device keeps its first fault, and
+# is stopped from then on.
 TEXT = f"""
 define internal ptr @at(ptr %table, i64 %i) alwaysinline {{
   %at = getelementptr i64, ptr %table, i64 %i

@@ -86,7 +86,7 @@ MISSED, STATE = range(2)  # words of every context
 
 
 class Trampolines:
-    """LLVM text of a device's functions, and the meaning of their codes.
+    """LLVM text of a device's functions, and the meaning of their negative return values.
 
     Args:
         roles: Functions of the device.
@@ -96,7 +96,7 @@ class Trampolines:
 
     Attributes:
         plan: Layout of the context.
-        faults: Meaning of a return value -(1 + k): the function and the compared value.
+        faults: Meaning of a return value -(1 + k): name of the C function, and text that precedes the compared value.
     """
 
     def __init__(
@@ -200,7 +200,7 @@ class Trampolines:
     # Fault conditions ----------------------------------------------------------------------------------------------
 
     def _judged(self, role: Role, call: CCall, result: str, verdict: str) -> str:
-        """Write the fault conditions of a call; return the function's code so far."""
+        """Write the fault conditions of a call; return the operand with the function's return value so far."""
         names = {each.name for each in call.arguments if each.kind == "buffer"}
         faults = [each for each in self._fault if (each.buffer in names if each.buffer else result)]
         for each in faults:
@@ -234,7 +234,7 @@ class Trampolines:
         return result, self._op(f"fcmp {'u' if order == 'ne' else 'o'}{order} double {result}, {_double(each.number)}")
 
     def _failed(self, role: Role, call: CCall, says: str, value: str, bad: str, verdict: str) -> str:
-        """Write the handling of a failure: return its code; `stop` continues and returns the last code at the end."""
+        """Write the return of a failure's code; in `stop`, continue instead, and return the last code at the end."""
         self.faults.append((call.name, says))
         code, here, fine, end = -len(self.faults), *(self._name(kind)[1:] for kind in ("bad", "fine", "end"))
         self._put(f"br i1 {bad}, label %{here}, label %{fine if role.name != 'stop' else end}")

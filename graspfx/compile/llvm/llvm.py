@@ -27,7 +27,7 @@ class LlvmProgram(NamedTuple):
         text: Text in LLVM's language.
         arrays: Parameters of the entry that are buffers of floats; they come first.
         numbers: Types of the entry's other parameters, INT or FLOAT.
-        libm: Names of the functions of the platform's library that the program calls, there as `graspfx_NAME`.
+        libm: Names of the functions of the platform's C library that the program calls as `graspfx_NAME`.
     """
 
     text: str

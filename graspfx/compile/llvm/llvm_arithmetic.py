@@ -189,7 +189,7 @@ def binary(code: Code, op: ast.operator, left: Number, right: Number) -> Number:
 
 
 def _power(code: Code, a: Number, b: Number) -> Number:
-    if a.type == INT and b.text.isdigit():  # an integer to a constant integer power stays an integer
+    if a.type == INT and b.text.isdigit():  # an integer to a constant power of 0 or more stays an integer
         result = Number(INT, "1")
         for _ in range(int(b.text)):
             result = code.op(INT, f"mul i64 {result.text}, {a.text}")
@@ -198,10 +198,10 @@ def _power(code: Code, a: Number, b: Number) -> Number:
 
 
 def _whole_division(code: Code, op: ast.operator, a: Number, b: Number) -> Number:
-    """Write floor division; if the divisor is zero, where CPython raises, quotient and remainder are 0."""
+    """Write // or % of integers; if the divisor is zero, where CPython raises, quotient and remainder are 0."""
     divisor = b
     odd = Number(BOOL, "false")
-    if not b.text.isdigit() or b.text == "0":  # the processor traps on a divisor of 0 or -1
+    if not b.text.isdigit() or b.text == "0":  # the processor traps on a divisor of 0, and on -2^63 by -1
         odd = code.op(BOOL, f"icmp eq i64 {b.text}, 0")
         minus = code.op(BOOL, f"icmp eq i64 {b.text}, -1")
         unsafe = code.op(BOOL, f"or i1 {odd.text}, {minus.text}")

@@ -70,7 +70,7 @@ class Expressions:
         self.functions, self.tree = functions, node
         self.code = Code()
         self.assigned = assigned(node.body)
-        self.unset: set[str] = set()  # variables read before an assignment, possibly assigned by a loop
+        self.unset: set[str] = set()  # variables read before their first assignment, which may follow in a loop's body
 
     def cannot(self, node: ast.AST, why: str) -> GraspFXError:
         line = getattr(node, "lineno", self.tree.lineno)
@@ -330,7 +330,7 @@ def flat(values: Iterable[Value]) -> list[Number | Array]:
 
 
 def _harmless(node: ast.expr) -> bool:
-    """Return whether an expression may be evaluated speculatively: it neither reads memory nor calls functions."""
+    """Return whether an expression may be evaluated speculatively: it has no entry of a buffer, call, `/` or `**`."""
     if not isinstance(node, ast.Compare | ast.BoolOp | ast.UnaryOp | ast.Name | ast.Constant):
         return False
     inner = (n for n in ast.walk(node) if isinstance(n, ast.Call | ast.Subscript | ast.IfExp | ast.Div | ast.Pow))

@@ -292,7 +292,7 @@ class Statements(Expressions):
         enter: Callable[[Variables], None],
         advance: Callable[[], None],
     ) -> bool:
-        """Write a loop again and again until the variables' types at its head equal those at the end of its body."""
+        """Write a loop repeatedly until the types at its head equal those at its end; return whether it never ends."""
         code = self.code
         mark, returns = len(code.lines), len(self.returns)
         types = dict(scope)
@@ -344,7 +344,7 @@ def joined(one: Type | Array, other: Type | Array) -> Type | Array:
 
 
 def together(scopes: Iterable[Variables]) -> Variables:
-    """Merge the variables of several branches; a variable that only some branches set must be set again before use."""
+    """Merge the variables of several branches; one that only some branches set has no value after the others."""
     out: Variables = {}
     for scope in scopes:
         for name, type_ in scope.items():

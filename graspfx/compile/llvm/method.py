@@ -73,7 +73,7 @@ def method_text(entry: str, arrays: int, numbers: Sequence[str]) -> str:
         "  %table = call ptr @PyBytes_AsString(ptr %bytes)",
         *loading,
         f"  %result = call i64 @{entry}({', '.join(operands)})",
-        "  %raised = call ptr @PyErr_Occurred()",  # by a function of Python's that the entry has called
+        "  %raised = call ptr @PyErr_Occurred()",  # exception of a Python function that the entry has called
         "  %whole = icmp eq ptr %raised, null",
         "  br i1 %whole, label %tell, label %fail",
         "tell:",
@@ -96,10 +96,12 @@ def method_text(entry: str, arrays: int, numbers: Sequence[str]) -> str:
 
 
 def method(address: int, pointers: Sequence[ctypes.c_void_p], owner: Any) -> Callable[..., int]:
-    """Create the function for the buffers at these addresses; it keeps the pointers and the owner of its code alive.
+    """Create Python's function for given buffers; it keeps the pointers and the owner of its code alive.
 
     Args:
         address: Address of the machine code of `method_text`.
+        pointers: Pointers to the buffers, in the order of the entry's parameters.
+        owner: Engine that owns the machine code.
     """
     definition = _Definition(b"run", address, FASTCALL, None)
     table = struct.pack(f"{len(pointers)}P", *(pointer.value for pointer in pointers))

@@ -1,4 +1,4 @@
-"""Lowering of a kernel's expressions: fields become entries of buffers, and operators of values become calls."""
+"""Lowering of a kernel's expressions: fields become entries of buffers, and operators of values are inlined."""
 
 from __future__ import annotations
 
@@ -277,7 +277,7 @@ class Expressions(Scratch):
         return self.kernel_call(node, called.value, function, arguments, keywords, frame)
 
     def method(self, func: ast.Attribute, node: ast.Call, frame: Frame) -> Lowered | None:
-        """Inline a method of a value, a record or a group; return None if the attribute is a function of a module."""
+        """Lower the call of a method of a value, record or group (`part`); return None for a function of a module."""
         owner = self.value(func.value, frame)
         if isinstance(owner, Group) and func.attr == "part":
             field = self.value(node.args[0], frame)
@@ -319,7 +319,7 @@ class Expressions(Scratch):
         by_name: Mapping[str, Lowered],
         frame: Frame,
     ) -> Lowered:
-        """Call a function that is not inlined."""
+        """Lower the call of a function that is not inlined."""
         name = self.callee(node.func, called, frame)
         kinds = parameter_kinds(function) if isinstance(function, FunctionType) else {}
         order = list(kinds)
@@ -390,6 +390,6 @@ class Expressions(Scratch):
         values = value.parts if isinstance(target, ast.Tuple) and isinstance(value, Pack | Bundle) else (value,)
         for t, v in zip(targets, values, strict=True):
             if not isinstance(t, ast.Name):
-                raise self.cannot(statement, "does not assign to a variable")
+                raise self.cannot(statement, "does not assign to a variable, as an inlined function requires")
             self.variables(v, t.id, t, frame)
             frame.scope[t.id] = self.atoms(v, f"{frame.prefix}{t.id}")

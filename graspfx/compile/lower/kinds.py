@@ -1,4 +1,4 @@
-"""Kinds of a kernel's expressions during lowering; all except numbers consist of several numbers."""
+"""Kinds of a kernel's expressions during lowering: numbers, values and views that consist of numbers, constants."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def variable(kind: Any, name: str) -> Lowered:
 
 
 def labels_of(kind: Any) -> list[str]:
-    """Return the types of a parameter's variables in order: int, float or bool; buffers are skipped."""
+    """Return the types of a parameter's variables in order: "int", "float" or "bool", and "" for a buffer."""
     kind, _ = optional(kind)
     if get_origin(kind) is tuple:
         return [label for part in get_args(kind) for label in labels_of(part)]

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @cache
 def lowered(function: FunctionType) -> FunctionType:
-    """Lower a kernel; kernels that it calls are lowered on their first call. Its module's other names are unchanged.
+    """Lower a kernel; kernels that it calls are lowered on their first call, other names of its module are unchanged.
 
     Raises:
         InputError: If a statement or an expression is not supported in kernels; the error names its file and line.
@@ -99,7 +99,7 @@ def _lower(function: FunctionType) -> tuple[ast.FunctionDef, Body]:
 
 @dataclass(frozen=True)
 class Lowering:
-    """A kernel's lowered text, the functions that it calls (by their names in the text), and its source files."""
+    """A kernel's lowered text and its code, the functions that it calls by names in the text, and its source files."""
 
     text: str
     code: CodeType
@@ -116,7 +116,7 @@ class Store:
     changed: bool = False
 
     def find(self, function: FunctionType) -> Lowering | None:
-        """Look up a kernel of this package."""
+        """Look up a kernel of this package; None if it is not stored, or its sources have changed."""
         digest, *entry = self.entries.get(_name(function), ("",))
         if digest != _sources_of(function):
             return None

@@ -81,7 +81,7 @@ def pieces(value: Lowered) -> list[Lowered]:
 
 
 def rebuild(value: Lowered, numbers: Any) -> Lowered:
-    """Replace the numbers of a value."""
+    """Return a copy of a value whose numbers are the next ones of the iterator `numbers`."""
     if isinstance(value, Bundle):
         return Bundle(value.kind, tuple(rebuild(part, numbers) for part in value.parts))
     if isinstance(value, Pack):

@@ -55,7 +55,7 @@ class Scratch:
         self.callees: dict[str, Callable[..., Any]] = {}
         self.buffers: list[str] = []  # buffers among the kernel's parameters
         self.records: set[str] = set()  # offsets of parameters that are records and not optional
-        self.sizes: dict[tuple[str, str], tuple[str, ast.expr]] = {}  # sizes of their fields, computed at the beginning
+        self.sizes: dict[tuple[str, str], tuple[str, ast.expr]] = {}  # sizes of their fields, each computed once
 
     def entry(self, owner: Place, field: Field) -> Lowered:
         """Read a field of a record."""
@@ -117,7 +117,7 @@ class Scratch:
         return Constant(item)
 
     def callee(self, node: ast.expr, function: Any, frame: Frame) -> ast.expr:
-        """Return the name of a called function: its name in the module, or a new name if it is from another module."""
+        """Return the name of a called function; a new name for a kernel or in an inlined function, unless a builtin."""
         if not frame.prefix and not hasattr(function, LOWERED):
             return node
         own = str(function.__name__)

@@ -206,7 +206,7 @@ class Body(Expressions):
         self.out.append(ast.If(test, body, otherwise))
 
     def joined(self, name: str, a: Lowered, b: Lowered, frame: Frame, node: ast.AST) -> Lowered:
-        """Join a variable after a branch: both branches must have assigned the same names."""
+        """Join a variable after a branch: both branches must have it in the same variables or constants."""
         if isinstance(a, Constant) and isinstance(b, Constant):
             if a.value is not b.value:
                 raise self.cannot(node, f"assigns different functions to {name!r} in its branches")
