@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, Literal, get_args
 
@@ -230,14 +230,14 @@ def _listed(ranges: object) -> Sequence[Any]:
 
 
 def range_of(key: str, value: Any) -> OperatorRange:
-    """Read the range of a key: (low, high) or (low, high, law); an `OperatorRange` is returned unchanged.
+    """Read the range of a key: (low, high) or (low, high, law); the key replaces that of an `OperatorRange`.
 
     Raises:
         InputError: If the value has another form, or the ends are invalid (see `OperatorRange`).
         UnknownNameError: If no law has that name.
     """
     if isinstance(value, OperatorRange):
-        return value
+        return replace(value, key=key)
     if not isinstance(value, Sequence) or isinstance(value, str) or len(value) not in (2, 3):
         raise InputError(f"operators[{key!r}]", value, "(low, high) or (low, high, law)")
     low, high, *law = value

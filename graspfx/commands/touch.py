@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from graspfx.commands.arguments import add_options, add_scene, checked_scene, seconds_of
 from graspfx.commands.destination import add_destination, name_files, require_room, require_room_of
-from graspfx.commands.output import SUCCESS, WRONG, interruptible, tell
+from graspfx.commands.output import FAULTS, SUCCESS, interruptible, tell
 from graspfx.progress import waiting
 from graspfx.recording.files import NAME
 from graspfx.system import terminal
@@ -63,7 +63,7 @@ def execute(options: Namespace) -> int:
         name_files([options.out / NAME, options.out / LOG])
     if fault:
         print(fault, file=sys.stderr)
-    return WRONG if fault else SUCCESS
+    return FAULTS if fault else SUCCESS
 
 
 def _invite(line: socket, gate: Gate) -> None:
