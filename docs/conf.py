@@ -1,4 +1,4 @@
-"""The documentation site: `make site` builds it from these pages and from the code; docs/development/docs.md."""
+"""The documentation site: `make site` builds it from these pages and from the code."""
 
 import os
 import sys

@@ -30,7 +30,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_options(
         parser,
         ("--duration S", "simulated time [s] (default: the scene's)", float),
-        ("--real-time", "run in real time; scenes with hardware always do"),
+        ("--real-time", "run in real time, as scenes with hardware require"),
     )
     add_destination(parser, "DIR", "folder of recording.h5 and figure.png (default: out/SCENE, out/SCENE-2, ...)")
     add_options(parser, ("--no-figure", "draw no figure"))
