@@ -171,14 +171,14 @@ def _plugin(group: Group, name: str | PathLike[str], folder: Path | None) -> Plu
 
 def _file_hint(group: Group, text: str, folder: Path) -> str:
     if len(text) > LONGEST_KEY or not text.isprintable():  # such a text cannot be the name of a file
-        return f"give the path of a file that ends in {SUFFIXES[group][0]}"
+        return f"give the path of a file that ends in {' or '.join(SUFFIXES[group])}"
     for suffix in SUFFIXES[group]:
         if text and (folder / f"{text}{suffix}").is_file():
             return f"there is a file {text}{suffix}: give its name with the ending"
         close = closest(text, [path.stem for path in folder.glob(f"*{suffix}")]) if folder.is_dir() else None
         if close:
             return f"there is a file {close}{suffix}: give its name with the ending"
-    return f"give the path of a file that ends in {SUFFIXES[group][0]}"
+    return f"give the path of a file that ends in {' or '.join(SUFFIXES[group])}"
 
 
 _tables: ContextVar[dict[Group, dict[str, list[Plugin]]] | None] = ContextVar("kept", default=None)

@@ -171,7 +171,7 @@ def at_hardware(
     Raises:
         DeviceError: If a device does not open or is not at rest.
         InputError: If a finger is more than 1 mm inside its object, and `coupling.enter` does not allow it.
-        KeyboardInterrupt: If a signal arrived before or during the run, and its handler let the process continue.
+        KeyboardInterrupt: If a signal interrupted opening or settling, and its handler let the process continue.
     """
     with waiting("preparing ticks"):
         devices = servo.prepare()

@@ -224,7 +224,7 @@ def _said_of_grip(grip: Mapping[str, float], edge: Sequence[str]) -> str:
     ranked = sorted(grip.items(), key=lambda item: -round(item[1], 6))  # ties keep their order
     margins = ", ".join(f"{name} {margin:.2f}" for name, margin in ranked[:MOST_GRIPS])
     more = f", {len(ranked) - MOST_GRIPS} more down to {ranked[-1][1]:.2f}" if len(ranked) > MOST_GRIPS else ""
-    on = f"; on the cone's edge, and sticking: {', '.join(edge)}" if edge else ""
+    on = f"; on the cone's edge, assumed to stick: {', '.join(edge)}" if edge else ""
     return f"friction in use, f_t/(mu f_n): {margins}{more}{on}"
 
 

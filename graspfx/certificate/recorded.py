@@ -54,7 +54,9 @@ def recording_of(scene: Scene, source: Recording | str | PathLike[str]) -> Recor
             f"one of this scene: {wants[0]} dimensions, fingers {', '.join(wants[1])}, objects {', '.join(wants[2])}",
         )
     if not len(recording):
-        raise InputError("recording", "no rows", "a recording that ends at rest", "run the scene for longer")
+        raise InputError(
+            "recording", "no rows", "a recording with at least one row", "run the scene until the grasp is at rest"
+        )
     return recording
 
 

@@ -56,7 +56,7 @@ def execute(options: Namespace) -> int:
     from graspfx.experiment.session_files import SessionFiles
 
     if options.simulate and (options.page or options.lsl or options.stream):
-        raise InputError("--simulate", "with --page, --lsl or --stream", "--simulate without options for a person")
+        raise InputError("--simulate", "with --page, --lsl or --stream", "--simulate without these options")
     experiment = load(options.experiment)
     if options.plan:
         return _print_plan(experiment, options)

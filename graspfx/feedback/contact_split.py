@@ -245,7 +245,7 @@ def remember(state: ContactSplitState) -> bool:
 
 @kernel
 def apply_gains(state: ContactSplitState) -> Vector:
-    """Apply the gains to each finger's external and internal force, compute the grip, and return the moment."""
+    """Multiply external and internal forces by their gains, compute the grip, and return the moment times its gain."""
     moment = Vector(0.0, 0.0, 0.0)
     for j in range(state.contacts):  # f_v = G f (eq. 2), with the contacts' own torques
         point = row_of(state.point, j)

@@ -81,8 +81,8 @@ def guides_of(session: LiveSession, kind: Literal["hands", "fingers"] | None) ->
 class FingerReach:
     """Reach of a finger: positions allowed by its device (`RangedDevice`) and by the box of its workspace.
 
-    When a goal that moves at speed v stops, a finger of mass m on a spring k overshoots it by at most v sqrt(m/k). The
-    reach leaves room for this.
+    When a goal that moves at speed v stops, a finger of mass m on a spring k that also moves at v overshoots it by at
+    most v sqrt(m/k). The reach leaves room for this. A lightly damped finger may be faster than its goal.
 
     Args:
         servo: Servo that moves the finger.

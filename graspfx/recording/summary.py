@@ -26,9 +26,9 @@ def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[s
     Keys:
         ticks, period, duration: N, T [s], N T [s].
         touching: Fraction of ticks in which each finger touches.
-        internal_deformation_mean, internal_deformation_peak: Squeeze of touching fingers,
-            sqrt(mean |e - mean e|^2) with e = p - c, which is (I - P) e with the object's rotation locked, eq. (3);
-            motion of the whole hand relative to the object is not included [m].
+        internal_deformation_mean, internal_deformation_peak: Squeeze of touching fingers: RMS over the fingers of
+            e - mean e [m], with e = p - c, fingertip minus contact. With equal weights and the object's rotation
+            locked, e - mean e is (I - P) e of eq. (3).
         invasion_mean, invasion_peak: Penetration depth of touching fingers along the normal [m]; None for attached
             fingers.
         finger_distance_mean, finger_distance_least: Distance of two fingers [m]; None for other numbers of fingers.

@@ -257,8 +257,8 @@ def save(drawing: Sheet | Figure, path: str | PathLike[str], form: str = "", dpi
     Args:
         drawing: Result of `figure`.
         path: Path of the file.
-        form: Format "png", "svg" or "pdf"; by default the format of the path's suffix, which may be any format of
-            matplotlib.
+        form: Format, such as "png", "svg" or "pdf", or another format of matplotlib; by default that of the path's
+            suffix.
         dpi: Resolution; by default the resolution for the figure's width.
 
     Raises:
@@ -338,7 +338,7 @@ class Stroke:
     Attributes:
         colour: Colour of the line and its markers.
         width: Width of the line [points].
-        dashes: Name of a matplotlib style, or offset and lengths.
+        dashes: Name of a matplotlib line style, or offset and on-off lengths [line widths].
         marker: Name of a matplotlib marker; no markers if empty.
         place: Position of the first marker, as a fraction of the marker distance.
     """

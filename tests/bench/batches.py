@@ -20,7 +20,7 @@ Values = dict[str, FloatArray]
 
 TITLE = "Batches: a run of many variants"
 LIMITS = """
-Times are per variant, of whole calls: from the scene and the values to the last positions of both fingers and of the
+Times are per variant, of whole calls: from the scene and the values to the last positions of all fingers and of the
 object. Programs are in the cache. For keys other than gains, friction, masses, viscosities and numbers of devices and
 hands, a scene is built for every value. The peers are written for this one system only, an hour's work each; they store
 no row and detect no fault, and numba uses all processors, as run_batch does. "One by one" is

@@ -222,7 +222,7 @@ def test_a_contact_on_the_edge_is_said_to_be() -> None:
     assert found.grip == pytest.approx({"finger0": 1.0, "finger1": 1.0}, abs=1e-6)
     assert any("a run's rest may differ by a few per cent" in text for text in found.assumed)
     text = " ".join(repr(certificates).split())
-    assert "f_t/(mu f_n): finger0 1.00, finger1 1.00; on the cone's edge, and sticking: finger0, finger1" in text
+    assert "f_t/(mu f_n): finger0 1.00, finger1 1.00; on the cone's edge, assumed to stick: finger0, finger1" in text
     data = json.loads(json.dumps(certificates.to_dict()))
     assert data["stable"] is True
     assert data["certificates"][0]["edge"] == ["finger0", "finger1"]

@@ -85,7 +85,7 @@ def test_ctrl_c_says_what_is_done_and_how_to_go_on(
         (["stiffness-jnd", "--participant", "a b", "--simulate"], "letters and digits only"),
         (["stiffness-jnd", "--resume", "--simulate"], "there is no session to resume"),
         (["stiffness-jnd", "--run", "0", "--simulate"], "from 1 to 99"),
-        (["stiffness-jnd", "--simulate", "--lsl"], "--simulate without options for a person"),
+        (["stiffness-jnd", "--simulate", "--lsl"], "--simulate without these options"),
     ],
 )
 def test_what_is_refused(

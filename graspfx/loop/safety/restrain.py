@@ -77,8 +77,8 @@ def growth_share(f: Vector, last: Vector, growth: float) -> float:
     """Find the largest s <= 1 for which s f is at most `growth` from the segment between the last force and zero.
 
     A force may decrease without limit; from any point of the segment it may grow or turn by `growth`. The admitted set
-    is convex and contains zero, so the ray along f leaves it once: through the side of the segment or the cap around
-    the last force.
+    is a capsule that contains zero. The ray along f leaves it once: through its side, the cap around the last force or,
+    if f does not point along the last force, the cap around zero.
     """
     a, b, along = dot(f, f), dot(last, last), dot(f, last)
     t = 0.0

@@ -190,7 +190,7 @@ def _friction(value: Any) -> Any:
         return value
     if isinstance(value, int | float) and not isinstance(value, bool) and 0.0 <= as_float(value) < math.inf:
         return float(value)
-    text = "expected 0 or 'stick' or a coefficient of more than 0; given {given}"
+    text = "expected a finite coefficient of friction, 0 or more, or 'stick'; given {given}"
     raise PydanticCustomError("friction", text, {"given": abbreviate(value)})
 
 
