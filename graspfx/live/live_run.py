@@ -400,8 +400,8 @@ class Release:
 
     def begin(self) -> None:
         """Withdraw the fingers, and start supervision; a finger may still be on its way to the object."""
-        self._withdraw()
-        Thread(target=self._watch, name="graspfx-release", daemon=True).start()
+        has_touched = self._withdraw()
+        Thread(target=self._watch, args=(has_touched,), name="graspfx-release", daemon=True).start()
 
     def end(self) -> None:
         """Stop withdrawing."""
@@ -425,7 +425,8 @@ class Release:
                 self._clearance *= GROWTH  # larger, in case the object follows
             return has_touched
 
-    def _watch(self) -> None:
+    def _watch(self, has_touched: bool) -> None:
+        """Supervise fingers that have touched; those that arrive at their goals without touching stay there."""
         run, number = self._run, self._run.run_number
         wait, often = round(LAGS * self._guide.lag / run.period), round(OFTEN / run.period)
         step = run.ticks
@@ -434,8 +435,11 @@ class Release:
                 run.await_row(run.tick, SELDOM)
             else:
                 time.sleep(SELDOM)
-            if run.ticks - step > wait and self._withdraw():
-                step = run.ticks
+            if run.ticks - step > wait:
+                if self._withdraw():
+                    step, has_touched = run.ticks, True
+                elif not has_touched:
+                    return
 
 
 class _Request(NamedTuple):

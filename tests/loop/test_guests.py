@@ -159,14 +159,17 @@ def leave_nothing_behind(kind: Any) -> None:
     parts = [part for call in body.calls for part in (call.function, call.arguments, call.sends) if part != ()]
     for _ in range(1000):
         run()
-    gc.collect()
-    before = *map(sys.getrefcount, parts), sys.getallocatedblocks()
-    for _ in range(100_000):
-        run()
-    gc.collect()
-    after = *map(sys.getrefcount, parts), sys.getallocatedblocks()
-    assert after[:-1] == before[:-1]
-    assert abs(after[-1] - before[-1]) < 200
+    gains = []
+    for _ in range(3):  # threads that other tests left may allocate meanwhile; a leak would show every time
+        gc.collect()
+        before = *map(sys.getrefcount, parts), sys.getallocatedblocks()
+        for _ in range(100_000):
+            run()
+        gc.collect()
+        after = *map(sys.getrefcount, parts), sys.getallocatedblocks()
+        assert after[:-1] == before[:-1]
+        gains.append(abs(after[-1] - before[-1]))
+    assert min(gains) < 200
     assert push.velocity.y == pytest.approx(2.0 * push.velocity.x) != 0.0
     body.close()
 
