@@ -158,6 +158,7 @@ def wire(monkeypatch: pytest.MonkeyPatch) -> Iterator[RigWire]:
     """The controller on a clock of its own, to which every port leads."""
     if compiler() is None:
         pytest.skip("no C compiler")
+    monkeypatch.setattr(VirtualClock, "time", 1000.0)  # whatever other tests have waited
     with RigWire(clock=VirtualClock()) as board:
         monkeypatch.setattr(rig, "SerialPort", lambda path: Line(board))
         yield board
