@@ -328,7 +328,7 @@ class Work:
             seconds=(took, total.seconds),
             base=self.scene,
         )
-        if self.store is not None:
+        if self.store is not None and (self.done or not self.store.is_finished):
             with waiting(f"writing {self.store.final.name}"):
                 self.store.finish(result.labels())
         return result

@@ -117,6 +117,22 @@ class SweepFolder:
             blank.failures = file["failure"].asstr()[()].tolist()
             blank.notes, blank.seconds = tuple(json.loads(file.attrs["notes"])), float(file.attrs["seconds"])
 
+    @property
+    def is_finished(self) -> bool:
+        """Whether the file of all results exists, has valid checksums, and belongs to this sweep."""
+        import h5py
+
+        from graspfx.recording.file import require_contained
+
+        try:
+            with h5py.File(self.final, "r") as file:
+                require_contained(file, self.final)
+                for data in file.values():
+                    data[()]
+                return bool(file.attrs.get("identity") == self.identity)
+        except (OSError, RuntimeError, LookupError, ValueError):
+            return False
+
     def finish(self, labels: Labels) -> None:
         """Write the file of all results.
 

@@ -189,6 +189,19 @@ def test_a_damaged_file_of_results_is_written_again(scene: gx.Scene, tmp_path: P
         assert np.array_equal(file["finger_force_rms"][...], first["finger_force"]["rms"])
 
 
+def test_a_finished_sweep_is_read_and_not_written(
+    scene: gx.Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = gx.sweep(scene, {KEP: [20.0, 30.0]}, out=tmp_path)
+
+    def write(place: Path, content: bytes) -> None:
+        raise AssertionError(f"{place} is written")
+
+    monkeypatch.setattr("graspfx.sweeps.sweep_folder.write_whole", write)
+    again = gx.sweep(scene, {KEP: [20.0, 30.0]}, out=tmp_path)
+    assert again.resumed == 2 and same(first, again)
+
+
 def test_results_of_another_release_of_an_engine_are_another_sweep_s(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

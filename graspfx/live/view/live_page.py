@@ -108,12 +108,19 @@ class LivePage(Resource):
         if run.has_hardware:  # before the server accepts orders
             self._margins = Margins(self._first, self._take)
             self._clamp = HardwareClamp(run.set, self._margins)
-        self.server.__enter__()
+        try:
+            self.server.__enter__()
+        except BaseException:
+            self._end_certificates()
+            raise
 
     def close(self) -> None:
         """Close all pages and end their computations; the run continues."""
         self.server.__exit__()
         self._executor.shutdown(wait=True, cancel_futures=True)
+        self._end_certificates()
+
+    def _end_certificates(self) -> None:
         if self._margins is not None:
             self._margins.close()  # first, because orders to hardware wait for its results
         if self._clamp is not None:
