@@ -12,6 +12,7 @@ BIN := $(VENV)/bin
 INTERPRETER := $(BIN)/python
 PYTEST := env -u PYTHONDONTWRITEBYTECODE $(INTERPRETER) -m pytest
 TOGETHER := $(PYTEST) --numprocesses $(WORKERS) --dist worksteal
+LIMITED := -o faulthandler_timeout=600 -o faulthandler_exit_on_timeout=true # a test that hangs fails, and shows where
 LONG := large or stress or faults or rest
 UNASKED := alone or $(LONG)
 FORM ?= $(word $(shell echo $$(( $$(date -u +%s) / 86400 % 4 + 1 ))),large stress faults rest)
@@ -80,16 +81,16 @@ test: alone together ## the tests and every example in the docs
 
 alone: $(WORK_READY)
 	@$(INTERPRETER) -c 'import importlib.util as u; u.find_spec("pybullet") or print("PyBullet is not installed here: what names it is skipped.")'
-	$(PYTEST) -m "alone and not ($(LONG))" tests
+	$(PYTEST) $(LIMITED) -m "alone and not ($(LONG))" tests
 
 together: $(WORK_READY)
-	$(TOGETHER) -m "not ($(UNASKED))"
+	$(TOGETHER) $(LIMITED) -m "not ($(UNASKED))"
 
 long: $(WORK_READY) ## one of the long forms of the tests, another one each day; or make long FORM=stress
 	$(TOGETHER) -m "$(FORM)"
 
 part: $(WORK_READY) ## of every room a test file or two, by tests/part.txt: what other Pythons are tried with
-	$(TOGETHER) -m "not ($(UNASKED) or slow)" $$(sed 's/#.*//' tests/part.txt)
+	$(TOGETHER) $(LIMITED) -m "not ($(UNASKED) or slow)" $$(sed 's/#.*//' tests/part.txt)
 
 others: $(WORK_READY) ## that part on other Pythons, each in an environment of its own; one that is not here is left out
 	@for version in $(OTHERS); do \
@@ -114,7 +115,7 @@ sizes: $(WORK_READY) ## measure what an installation takes, by extra
 	$(INTERPRETER) -m tests.support.sizes
 
 fast: $(WORK_READY) ## most of the tests in under a minute: of each, as many cases as take 0.05 s
-	$(TOGETHER) -m "not ($(UNASKED) or slow)"
+	$(TOGETHER) $(LIMITED) -m "not ($(UNASKED) or slow)"
 
 durations: $(WORK_READY) ## measure how long each test takes: what `make fast` and `make test` choose by
 	$(TOGETHER) -p tests.support.slow -m "not (alone or large or stress or faults)"

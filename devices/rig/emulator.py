@@ -194,7 +194,11 @@ class RigWire(Wire):
         if self._program is not None:
             assert self._program.stdin is not None
             self._program.stdin.close()
-            self._program.wait()
+            try:
+                self._program.wait(PATIENCE)
+            except subprocess.TimeoutExpired:
+                self._program.kill()
+                self._program.wait()
             self._program = None
         for end in self._ends:
             os.close(end)

@@ -250,7 +250,7 @@ class SerialWire(Wire):
         self._damage, self._plug = Damage(seed), Plug()
         self._lock = threading.Lock()  # lock of the terminal's descriptors
         self._late: list[tuple[float, bytes]] = []
-        self._unread = b""
+        self._unread = self._unsent = b""
         self._master = self._slave = -1
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._serve, name=type(self).__name__, daemon=True)
@@ -309,22 +309,24 @@ class SerialWire(Wire):
         self._master = self._slave = -1
         self._plug.pull()
         self._late.clear()
+        self._unsent = b""
 
     def _serve(self) -> None:
         while not self._closed.is_set():
             self._unread += self._heard()
             with self._lock:
-                for part in self._turn():
-                    with suppress(OSError):
-                        self._send(part)
+                self._unsent += b"".join(self._turn())
+                if self._unsent and self._master >= 0:
+                    self._send()
 
-    def _send(self, part: bytes) -> None:
-        """Write an answer to the line; wait while it is full."""
-        while part and self._master >= 0 and not self._closed.is_set():
-            try:
-                part = part[os.write(self._master, part) :]
-            except BlockingIOError:
-                select.select([], [self._master], [], IDLE)
+    def _send(self) -> None:
+        """Write the answers to the line; what it does not take now stays for the next turn."""
+        try:
+            self._unsent = self._unsent[os.write(self._master, self._unsent) :]
+        except BlockingIOError:
+            return
+        except OSError:  # the line has failed
+            self._unsent = b""
 
     def _turn(self) -> Iterator[bytes]:
         """Let the board read, answer and perform its own actions; return its output."""

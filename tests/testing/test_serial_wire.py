@@ -6,13 +6,16 @@ import os
 import select
 import sys
 import threading
+import time
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 import pytest
 
-from graspfx.testing.wire import SerialWire
+from graspfx.devices.rig.controller import Kind, short_frame
+from graspfx.devices.rig.emulator import PATIENCE, RigWire
+from graspfx.testing.wire import SerialWire, Wire, compiler
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="terminals of POSIX")
 
@@ -34,7 +37,7 @@ class Echo(SerialWire):
         return np.zeros(1)
 
 
-def closes(wire: SerialWire) -> bool:
+def closes(wire: Wire) -> bool:
     """Tell whether a wire is closed within some seconds."""
     closing = threading.Thread(target=wire.close, daemon=True)
     closing.start()
@@ -74,3 +77,34 @@ def test_an_answer_that_fills_the_line_comes_whole() -> None:
 
 def own_is_ready(line: int) -> bool:
     return bool(select.select([line], [], [], 20.0)[0])
+
+
+def test_a_board_whose_line_is_full_can_be_unplugged() -> None:
+    wire = Echo()
+    wire.times = 100_000
+    line = os.open(wire.port, os.O_RDWR | os.O_NOCTTY)
+    try:
+        os.write(line, b"abc")
+        assert own_is_ready(line)
+        failing = threading.Thread(target=wire.fail, args=("unplugged",), daemon=True)
+        failing.start()
+        failing.join(20.0)
+        assert not failing.is_alive() and closes(wire)
+    finally:
+        os.close(line)
+
+
+@pytest.mark.skipif(compiler() is None, reason="no C compiler")
+def test_a_rig_that_nobody_reads_can_be_closed() -> None:
+    wire = RigWire()
+    line = os.open(wire.settings["port"], os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    try:
+        questions = short_frame(Kind.POLL) * 20_000  # some 300 kB of answers, for a line that holds less
+        while questions and select.select([], [line], [], 1.0)[1]:
+            questions = questions[os.write(line, questions) :]
+        assert own_is_ready(line)
+        began = time.monotonic()
+        assert closes(wire)
+        assert time.monotonic() - began < PATIENCE  # ended by itself, and not killed
+    finally:
+        os.close(line)

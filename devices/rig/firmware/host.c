@@ -125,10 +125,11 @@ static int health(void)
 static struct { double due; size_t length; uint8_t bytes[2 * RIG_FRAME]; } queue[32];
 static int queued;
 
+/* The line does not block: bytes that find it full are lost, as those of a board that nobody reads. */
 static void put(const uint8_t *bytes, size_t length)
 {
     if (line >= 0 && length && write(line, bytes, length) < 0)
-        return; /* nobody reads */
+        return;
 }
 
 static void flip(uint8_t *bytes, size_t length)
@@ -193,6 +194,8 @@ static int plug(void)
     struct termios t;
     line = posix_openpt(O_RDWR | O_NOCTTY);
     if (line < 0 || grantpt(line) || unlockpt(line))
+        return -1;
+    if (fcntl(line, F_SETFL, O_NONBLOCK)) /* a driver may flush bytes after `poll` has reported them */
         return -1;
     own = open(ptsname(line), O_RDWR | O_NOCTTY); /* so that the line stays when its user goes */
     if (own < 0 || tcgetattr(own, &t))
