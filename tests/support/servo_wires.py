@@ -61,7 +61,7 @@ def settled(begin: Callable[[], T]) -> T:
         try:
             return begin()
         except DeviceError as error:
-            if "new sample in" not in str(error):
+            if "new sample in" not in str(error) and "did not answer" not in str(error):
                 raise
     return begin()
 
