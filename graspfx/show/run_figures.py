@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.card import setting
 from graspfx.errors import InputError, RecordingError
 from graspfx.recording.record import Recording
 from graspfx.show import style
@@ -254,7 +255,7 @@ def _settings(recording: Recording) -> str:
     header = recording.header
     preset = header.scene_table.get("preset", {}).get(header.preset, {}).get("set", {})
     own = {key: value for key, value in header.overrides.items() if key not in preset or preset[key] != value}
-    others = [f"{key} = {value}" for key, value in own.items() if key not in GAINS]
+    others = [setting(key, value, str) for key, value in own.items() if key not in GAINS]
     return ", ".join([*_gains(header.scene_table), *map(plain, others)])
 
 
