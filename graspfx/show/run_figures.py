@@ -260,7 +260,7 @@ def _settings(recording: Recording) -> str:
 
 
 def _gains(scene: Mapping[str, Any]) -> list[str]:
-    coupling = scene.get("coupling", {})
+    coupling = scene.get("coupling", {}) if scene.get("host") is None else {}
     kep, kip = (coupling.get(share, {}).get("stiffness") for share in ("external", "internal"))
     if not isinstance(kep, int | float) or not isinstance(kip, int | float):
         return []
