@@ -237,10 +237,12 @@ def _add_titles(
             heading = between.join(filter(None, (plain(labels[number]), heading)))
         if titles is None and len(set(names)) > 1:
             heading = f"{names[number]}\n{heading}"
+        ends = [each.tick * recording.period for each in recording.faults]
+        fault = f"fault at {min(ends):.4g} s" if ends else ""
         for view in own:
             thing = f"object {recording.layout.objects[view.number]}" if len(own) > 1 else ""
             note = "" if view.is_whole else LEFT_OUT
-            drawing.title("\n".join(filter(None, (heading, plain(thing), note))), column)
+            drawing.title("\n".join(filter(None, (heading, plain(thing), fault, note))), column)
             column += 1
 
 
