@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 WIDTH = 110  # characters per line
 MOST_LINES = 36
 MOST_LETTERS = 1900
 MOST_NAMES = 6  # names listed in a row
+MOST_SETTING = 60  # letters of a list or table that is shown in full
 
 
 class Card(NamedTuple):
@@ -79,6 +80,14 @@ def listed(names: Iterable[object], most: int = MOST_NAMES) -> str:
     if len(texts) > most:
         texts = [*texts[: most - 1], "...", texts[-1]]
     return ", ".join(texts)
+
+
+def setting(key: str, value: object, form: Callable[[object], str] = repr) -> str:
+    """Return `key = value`; of a long list or table, only the number of its entries."""
+    text = form(value)
+    if isinstance(value, list | tuple | Mapping) and len(text) > MOST_SETTING:
+        text = f"({len(value)} {'entry' if len(value) == 1 else 'entries'})"
+    return f"{key} = {text}"
 
 
 def counted(number: int, noun: str) -> str:

@@ -122,5 +122,6 @@ def _mass_and_friction(scene: Scene, fingers: NDArray[np.intp], features: Featur
     raise InputError(
         f"the device of {', '.join(scene.finger_names[i] for i in fingers)}", None,
         f"a device that reports its {' and '.join(lacking)}",
-        "a stability limit depends on both; pass the driver the settings that determine its features",
+        "a stability limit depends on mass and friction (viscous damping [N s/m]) at a fingertip; set them in the "
+        "driver's features, or pass the settings that determine them",
     )  # fmt: skip

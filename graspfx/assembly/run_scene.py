@@ -177,7 +177,13 @@ class WholeRun(Session):
     def finish(self, ticks: int, stop: Callable[[], bool] | None) -> None:
         """Run to the end, or until `stop` returns true."""
         text = f"running {source_name(self.scene.source)}"
-        with waiting(text, ticks, "ticks", lambda: self._recorder.ticks):
+
+        def done() -> int:
+            if self._recorder.faults:  # in real time the run goes on to its end, with nothing to feel
+                wait.text = f"{text}, zero force after a fault"
+            return self._recorder.ticks
+
+        with waiting(text, ticks, "ticks", done) as wait:
             self._advance(ticks, stop)
         self._close(complete=self._recorder.ticks == ticks)
 

@@ -72,6 +72,11 @@ class Header:
     replays: str = ""
     scheduling: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def has_host(self) -> bool:
+        """Tell whether another program simulated the object, whose motion and contacts are not recorded."""
+        return self.scene_table.get("host") is not None
+
     def rows_before(self, tick: int) -> int:
         """Count the rows before a tick; the number is the index of the first row from that tick on."""
         return -(-tick // self.every)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, Self
 
 import numpy as np
 
-from graspfx.card import Card, Carded, counted, listed
+from graspfx.card import Card, Carded, counted, listed, setting
 from graspfx.errors import InputError, closest
 from graspfx.recording.files import NAME
 from graspfx.recording.history import History
@@ -288,7 +288,7 @@ def _card_rows(recording: Recording) -> Iterator[tuple[str, str]]:
         f"{seconds}, {counted(recording.ticks, 'tick')} of {1e3 * recording.period:g} ms{fewer}{engine}{broken}",
     )
     yield "left out", listed(layout.omitted)
-    yield "set", listed(f"{key} = {value!r}" for key, value in header.overrides.items())
+    yield "set", listed(setting(key, value) for key, value in header.overrides.items())
     devices = "simulated" if layout.simulated else "real"
     space = counted(layout.dimensions, "dimension")
     yield "fingers", f"{len(layout.fingers)} in {space}, {devices}: {listed(layout.fingers)}"
@@ -358,7 +358,8 @@ class Difference(NamedTuple):
     unit: str
 
     def __str__(self) -> str:
-        return f"{self.column}: up to {self.largest:.3g} {self.unit}, from tick {self.tick} on"
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return f"{self.column}: up to {self.largest:.3g}{unit}, from tick {self.tick} on"
 
 
 def compared(one: Recording, other: Recording) -> list[str]:

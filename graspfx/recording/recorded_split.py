@@ -18,6 +18,8 @@ from graspfx.loop.columns import Layout, RunFault
 from graspfx.recording.header import SPLIT, Header, KeyChange
 from graspfx.recording.rows import MemoryRows, RowStore
 
+ROUNDING = 4e-15  # relative to the largest force of a finger: a smaller friction margin is rounding
+
 FloatArray = NDArray[np.float64]
 Split = Mapping[str, Mapping[str, Any]]  # `SplitRule` of each object as a table
 
@@ -123,8 +125,8 @@ class RowSplit:
     def grip(self, fingers: Sequence[int] | None = None) -> tuple[FloatArray, FloatArray]:
         """Compute the fingers' friction margin (r,) [N], and the coefficient |f_t| / f_n that each needs (n, r).
 
-        The margin is the smallest mu_i f_n - |f_t| of the touching fingers, NaN if none touches; fingers without a
-        coefficient are left out.
+        The margin is the smallest mu_i f_n - |f_t| of the touching fingers, zero where it is below rounding, and NaN if
+        none touches; fingers without a coefficient are left out.
         """
         own = slice(None) if fingers is None else list(fingers)
         at = np.searchsorted([row for row, _ in self._friction], self.start + np.arange(self._count), side="right") - 1
@@ -134,7 +136,10 @@ class RowSplit:
         push = (normal * force).sum(axis=1)
         tangent = np.sqrt(((force - push[:, None] * normal) ** 2).sum(axis=1))
         counts = np.not_equal(self.column("touching")[own], 0.0) & ~np.isnan(mu)
-        margin = np.where(counts, mu * push - tangent, np.inf).min(axis=0, initial=np.inf)
+        margin = mu * push - tangent
+        largest = (np.abs(push) + tangent).max(axis=0, initial=0.0)
+        margin[np.abs(margin) <= ROUNDING * largest] = 0.0  # a sliding finger is on its cone
+        margin = np.where(counts, margin, np.inf).min(axis=0, initial=np.inf)
         needed = np.divide(tangent, push, out=np.zeros(push.shape), where=counts & (push > 0.0))
         return np.where(np.isinf(margin), np.nan, margin), needed
 

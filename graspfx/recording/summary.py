@@ -217,6 +217,8 @@ class Tally:
         p = block.column("finger_position")
         for k, name in enumerate(self.layout.objects):
             fingers = [i for i, owner in enumerate(self.layout.finger_objects) if owner == k]
+            if self.recording.header.has_host:
+                continue
             if on is not None and self.has("contact_position") and len(fingers) > 1:
                 touch = on[fingers]
                 e = p[fingers] - block.column("contact_position")[fingers]
@@ -282,7 +284,7 @@ class Tally:
             signals["force_vibration"] = [block.column("finger_force")]
         if self.has(tips):
             signals["finger_vibration"] = [block.column(tips)]
-        if self.has(*places):
+        if self.has(*places) and not self.recording.header.has_host:
             signals["object_vibration"] = [block.column(place) for place in places]
         if signals:
             flat = [each.reshape(-1, each.shape[-1]) for values in signals.values() for each in values]
@@ -298,7 +300,7 @@ class Tally:
         recording, layout = self.recording, self.layout
         outcome, ticks, wall_time = recording.outcome, recording.ticks, recording.wall_time
         timed = wall_time is not None and wall_time > 0.0 and ticks > 0
-        deformed = self.has("finger_position", "contact_position", "touching")
+        deformed = self.has("finger_position", "contact_position", "touching") and not recording.header.has_host
         sunk = self.has("gap", "touching")
         displayed = "displayed_force" if self.has("displayed_force") else "finger_force"
         pair = len(layout.fingers) == 2 and self.apart.count > 0

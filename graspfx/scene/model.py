@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Self
 from pydantic import PrivateAttr
 from pydantic_core import PydanticSerializationError, to_jsonable_python
 
-from graspfx.card import Card, Carded, counted, listed, span
+from graspfx.card import Card, Carded, counted, listed, setting, span
 from graspfx.errors import Fault, InputError, SceneError
 from graspfx.scene.keys import Key, as_faults, parts_of
 from graspfx.scene.overrides import by_key, is_within, overridden, replacing
@@ -282,7 +282,7 @@ def _rows(scene: SceneTable, source: Source) -> Iterator[tuple[str, str]]:
     yield "fingers", "\n".join(_fingers(scene))
     yield "hands", "\n".join(_some(f"{each.name}: {_hand(each)}" for each in scene.hand))
     yield "presets", listed(f"{name}{' (active)' if name == source.preset else ''}" for name in scene.preset)
-    yield "set", listed(f"{key} = {value!r}" for key, value in source.overrides.items())
+    yield "set", listed(setting(key, value) for key, value in source.overrides.items())
     yield "file", str(source.path or "")
 
 

@@ -76,8 +76,8 @@ class View:
 
     @cached_property
     def displacement_modes(self) -> Modes | None:
-        """Squeeze and push as displacements [m]; None if not recorded, or without fingers."""
-        return self._modes("internal_displacement", "external_displacement")
+        """Squeeze and push as displacements [m]; None if not recorded, without fingers, or with a host."""
+        return None if self.recording.header.has_host else self._modes("internal_displacement", "external_displacement")
 
     @cached_property
     def force_modes(self) -> Modes | None:
@@ -209,7 +209,7 @@ def _positions(columns: Sequence[View], a: int, strokes: Mapping[str, Stroke], h
         if a >= view.dimensions:
             return ()
         curves: tuple[Curve, ...] = ()
-        if view.has("position"):
+        if view.has("position") and not view.recording.header.has_host:
             curves = (curve("object", MM * view.motion.position[:, a], OBJECT),)
         if view.has("finger_position"):
             curves += _of_fingers(view, MM * view.finger_position[:, :, a], strokes)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.card import setting
 from graspfx.errors import InputError, RecordingError
 from graspfx.recording.record import Recording
 from graspfx.show import style
@@ -236,10 +237,12 @@ def _add_titles(
             heading = between.join(filter(None, (plain(labels[number]), heading)))
         if titles is None and len(set(names)) > 1:
             heading = f"{names[number]}\n{heading}"
+        ends = [each.tick * recording.period for each in recording.faults]
+        fault = f"fault at {min(ends):.4g} s" if ends else ""
         for view in own:
             thing = f"object {recording.layout.objects[view.number]}" if len(own) > 1 else ""
             note = "" if view.is_whole else LEFT_OUT
-            drawing.title("\n".join(filter(None, (heading, plain(thing), note))), column)
+            drawing.title("\n".join(filter(None, (heading, plain(thing), fault, note))), column)
             column += 1
 
 
@@ -254,12 +257,12 @@ def _settings(recording: Recording) -> str:
     header = recording.header
     preset = header.scene_table.get("preset", {}).get(header.preset, {}).get("set", {})
     own = {key: value for key, value in header.overrides.items() if key not in preset or preset[key] != value}
-    others = [f"{key} = {value}" for key, value in own.items() if key not in GAINS]
+    others = [setting(key, value, str) for key, value in own.items() if key not in GAINS]
     return ", ".join([*_gains(header.scene_table), *map(plain, others)])
 
 
 def _gains(scene: Mapping[str, Any]) -> list[str]:
-    coupling = scene.get("coupling", {})
+    coupling = scene.get("coupling", {}) if scene.get("host") is None else {}
     kep, kip = (coupling.get(share, {}).get("stiffness") for share in ("external", "internal"))
     if not isinstance(kep, int | float) or not isinstance(kip, int | float):
         return []

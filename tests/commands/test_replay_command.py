@@ -10,7 +10,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.__main__ import main
-from graspfx.recording.record import Recording
+from graspfx.recording.record import Difference, Recording
 
 
 @pytest.fixture(name="run")
@@ -43,6 +43,11 @@ def test_one_bit_is_a_difference(run: Path, tmp_path: Path, capsys: pytest.Captu
     assert "1 of them differ from the recording" in said
     assert "finger_force: up to " in said
     assert "from tick 7 on" in said
+
+
+def test_a_difference_names_its_unit_if_it_has_one() -> None:
+    assert str(Difference("gap", 0.003, 5, "m")) == "gap: up to 0.003 m, from tick 5 on"
+    assert str(Difference("touching", 1.0, 5, "1")) == "touching: up to 1, from tick 5 on"
 
 
 def test_overrides_are_said_to_be_an_open_loop(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
 import graspfx as gx
 from graspfx.errors import DeviceError, InputError, SceneError
@@ -289,3 +290,18 @@ def test_the_plan_is_the_hosts():
     off = {row.step: row.runs for row in gx.check(hosted_scene({"tank": 0.0, "predict": "linear"})).plan}
     assert not off["tanks"]
     assert off["predict between samples"]
+
+
+def test_a_recording_shows_no_object_that_its_host_simulates():
+    """Its motion and contacts are the host's: lengths relative to them would be those of a stand-in at the origin."""
+    with hosted(hosted_scene()) as (session, link):
+        exchange(session, link, 1, [1.0, 0.0, 0.0], ticks=40)
+        recording = session.recording
+    summary = recording.summary()
+    for key in ("internal_deformation_mean", "internal_deformation_peak", "tracking_error", "object_vibration"):
+        assert summary[key] is None
+    assert max(summary["peak_force"]) > 0.9
+    figure = recording.plot().figure
+    texts = [text.get_text() for text in figure.findobj(Text)]
+    assert not any(word in text for text in texts for word in ("object", "k_p", "displacement"))
+    assert any("force [N]" in text for text in texts)

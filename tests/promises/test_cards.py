@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.card import MOST_LETTERS, MOST_LINES, WIDTH, Card, listed, span
+from graspfx.card import MOST_LETTERS, MOST_LINES, WIDTH, Card, listed, setting, span
 
 NOUNS = (
     "scene", "long scene", "recording", "long recording", "motion", "batch", "report", "long report", "certificates",
@@ -148,3 +148,26 @@ def test_a_card_ends_where_a_screen_does() -> None:
 def test_lists_and_spans() -> None:
     assert listed(range(3)) == "0, 1, 2" and listed(range(20), 4) == "0, 1, 2, ..., 19"
     assert span([1.0, 1.0], "N") == "1 N" and span([2.0, 1.0], "N") == "1 to 2 N" and span([], "N") == ""
+
+
+def test_a_setting_that_is_a_list_of_tables_is_counted_not_printed() -> None:
+    scene = gx.load("reference-1dof")
+    times = np.linspace(0.0, 1.0, 50).tolist()
+    path = {"kind": "path", "times": times, "positions": [[-0.025]] * 50}
+    finger = {"device": {"name": "simulated", "mass": 0.1}, "hand": {"stiffness": 100.0, "motion": path}}
+    fingers = [{"start": [x], **finger} for x in (-0.025, 0.025)]
+    moved = scene.replace({"finger": fingers, "hand": [], "coupling.internal.stiffness": 60.0})
+    recording = gx.run(moved, duration=0.05)
+    for noun in (moved, recording):
+        assert "finger = (2 entries), hand = [], coupling.internal.stiffness = 60.0" in str(noun)
+    assert "peak force" in str(recording)
+    [title] = {text.get_text() for text in recording.plot().figure.texts if "finger = " in text.get_text()}
+    assert "finger = (2 entries)" in title.replace("\n", " ")
+
+
+def test_short_lists_are_shown_and_long_ones_counted() -> None:
+    assert setting("a.b", [0.1, 0.2]) == "a.b = [0.1, 0.2]"
+    assert setting("friction", "stick") == "friction = 'stick'"
+    assert setting("friction", "stick", str) == "friction = stick"
+    assert setting("motion", {"times": [0.5] * 40}) == "motion = (1 entry)"
+    assert setting("path", "x" * 200) == f"path = {'x' * 200!r}"

@@ -70,3 +70,12 @@ def test_without_a_coefficient_there_is_none(friction: float | str) -> None:
     rec = gx.run(SCENE, {"coupling.friction": friction}, duration=0.1)
     assert np.isnan(rec.grip_margin).all() and rec.summary()["grip_margin"] is None
     assert "grip_margin" not in [column.name for column in rec.layout.derived]
+
+
+def test_a_finger_that_slides_has_no_margin_rather_than_one_of_rounding() -> None:
+    rec = gx.run("carry-bar", {"coupling.friction": 0.3})
+    assert rec.status is not None
+    sliding = (rec.status == 2).any(axis=1) & (np.abs(rec.finger_force).max(axis=(1, 2)) > 1e-9)
+    by_hand = margin_by_hand(rec, 0.3)[sliding]
+    assert (by_hand != 0.0).any() and np.abs(by_hand).max() < 1e-15  # [N]
+    assert (rec.grip_margin[sliding] == 0.0).all()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from matplotlib.image import imread
 import graspfx as gx
 from graspfx.coupling.two_forces import SplitRule
 from graspfx.errors import InputError
+from graspfx.loop.columns import RunFault
 from graspfx.recording.record import Recording
 from graspfx.show.panels import _axes_worth_showing
 from graspfx.show.run_figures import sheet
@@ -310,6 +312,15 @@ def test_recordings_side_by_side_share_their_axes() -> None:
     assert titles(picture) == ["soft", "middle", "stiff"]
     squeeze = [lines(axes)["internal (squeeze)"].get_ydata()[0] for axes in panels[1]]
     assert squeeze == pytest.approx([200.0 / 30.0, 4.0, 200.0 / 70.0])
+
+
+def test_the_title_states_the_first_fault() -> None:
+    rec = waving(N=50)
+    both = RunFault(20, "the device is lost"), RunFault(30, "it cannot be stopped")
+    lost = Recording(rec.rows, rec.layout, rec.header, replace(rec.outcome, faults=both))
+    texts = titles(drawn(rec, lost))
+    said = [text for text in texts if f"fault at {20 * PERIOD:g} s" in text.replace("\n", " ")]
+    assert len(said) == 1 and said[0] == texts[-1]  # over its own column
 
 
 def test_the_titles_name_the_gains() -> None:

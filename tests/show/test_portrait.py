@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import pi
 from pathlib import Path
 from typing import Any
@@ -206,9 +207,33 @@ def test_the_nearer_finger_is_painted_over_the_object(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("n", "radius"), [(1, 0.0), (5, 0.0), (5, 0.008), (20, 0.0)])
 def test_names_do_not_overlap(n: int, radius: float) -> None:
     made, notes = drawn(held(n=n, radius=radius))
+    assert not notes
+    check_names(made, n)
+
+
+def test_names_do_not_overlap_in_a_tall_picture() -> None:
+    """An object that fell far below its fingers: the height of the panel, not its width, sets the scale."""
+    rec = held(n=4, radius=0.007)
+    rows = rec.rows.copy()
+    rows[:, rec.layout.columns["objects/object0/position"].where.start + 2] -= 1.0
+    rows[:, rec.layout.columns["finger_force"].where] = 0.0
+    made, _ = drawn(Recording(rows, rec.layout, rec.header, rec.outcome), time=0.0, view=(120.0, 15.0))
+    check_names(made, 4)
+
+
+def test_a_host_has_the_object_which_is_not_drawn() -> None:
+    rec = held(n=2, radius=0.005)
+    hosted = replace(rec.header, scene_table={"host": {"name": "hand"}, "finger": [{"radius": 0.005}] * 2})
+    assert [thing.name for thing in instant(rec, 0.0).things] == ["object0"]
+    now = instant(Recording(rec.rows, rec.layout, hosted, rec.outcome), 0.0)
+    assert not now.things and len(now.tips) == 2
+
+
+def check_names(made: Any, n: int) -> None:
+    """Check that each of n names is inside the figure and overlaps no other."""
     axes = made.axes[0]
     named = [text for text in axes.texts if text.get_text() and text.get_color() != INK]
-    assert len(named) == n and not notes
+    assert len(named) == n
     made.draw_without_rendering()  # at the resolution that the figure now has
     boxes = [text.get_window_extent(made.canvas.get_renderer()) for text in named]
     for i, box in enumerate(boxes):

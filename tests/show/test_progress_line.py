@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+import graspfx as gx
 from graspfx.progress import Wait, clear, listening, waiting
 from graspfx.show import progress_line
 from graspfx.show.progress_line import ProgressLine, duration_text, quantity_text, text_of
@@ -41,6 +42,22 @@ class Listener:
 
     def clear(self) -> None:
         self.words.append("clear")
+
+
+class Reader(Listener):
+    """A listener that reads a wait when it ends, as the line's thread does before."""
+
+    def end(self, wait: Wait) -> None:
+        self.words.append(text_of(wait, wait.began + 2.0))
+
+
+@pytest.mark.parametrize(("stiffness", "said"), [(70.0, ""), (1e6, ", zero force after a fault")])
+def test_a_run_that_has_a_fault_says_so_before_it_ends(stiffness: float, said: str) -> None:
+    reader = Reader()
+    with listening(reader):
+        rec = gx.run("reference-1dof", {"coupling.internal.stiffness": stiffness}, duration=1.0)
+    assert bool(rec.faults) == bool(said)
+    assert f"running reference-1dof{said}: 100 %, 100 ticks/s, 0 s left" in reader.words
 
 
 def test_a_wait_is_announced_and_ended_whatever_happens() -> None:

@@ -55,7 +55,7 @@ class FingerSafety(Table):
         default=None, description="largest growth of its force [N/s]; the scene's if not given"
     )
     speed: Positive | None = Field(
-        default=None, description="largest speed, beyond which the run ends [m/s]; the scene's if not given"
+        default=None, description="largest speed, beyond which is a fault [m/s]; the scene's if not given"
     )
     workspace: Workspace | None = Field(
         default=None,

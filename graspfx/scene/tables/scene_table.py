@@ -46,7 +46,7 @@ class Host(Table):
     )
     tank_room: NotNegative = Field(default=0.5, description="largest energy of a tank [J]; at least `tank`")
     speed: Positive = Field(
-        default=1.0, description="largest speed of a finger for which the tanks are valid; beyond it the run ends [m/s]"
+        default=1.0, description="largest speed of a finger for which the tanks are valid; beyond it is a fault [m/s]"
     )
     largest: Positive = Field(
         default=1e3, description="largest plausible force of a finger from the host; a larger one is a fault [N]"

@@ -305,7 +305,7 @@ def _tick(recording: Recording, time: float | None) -> int:
 def _objects(recording: Recording, table: Table, k: int, d: int) -> Iterator[Outline]:
     """List the objects in the poses in which the scene describes their shapes."""
     tables = object_tables(table)
-    for name in recording.objects:
+    for name in recording.objects if not recording.header.has_host else ():
         own = tables.get(name, {})
         x, q = recording.described_pose(name)
         turn = None if q is None else q[k]

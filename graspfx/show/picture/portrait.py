@@ -356,7 +356,8 @@ def _label(
     """Write names beyond the outer ends of arrows, if possible without overlap with arrows or each other."""
     from matplotlib.patheffects import withStroke
 
-    unit = float(np.ptp(axes.get_xlim())) / (72.0 * SCREEN)  # data units per point
+    size = max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()) / HIGH)  # width of the panel, which `_frame` limits
+    unit = float(size) / (72.0 * SCREEN)  # data units per point
     height = (text + 8.0) * unit
     occupied: list[FloatArray] = []  # centres and sizes
     along = [each.tail + share * (each.tip - each.tail) for each in placed for share in np.linspace(0.0, 1.0, 12)]
