@@ -1,4 +1,4 @@
-"""One complete sample: contacts, split, eq. (4), cones, limits, reaction."""
+"""One complete sample: contacts, split, forces of eq. (4) in cones and limits, and the object's wrench."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from graspfx.spatial import NOTHING, ZERO, dot
 
 @kernel
 def sample(grasp: GraspState) -> int:
-    """Compute forces and wrench from the motion; return FINE, or a fault, after which every force is zero."""
+    """Compute forces and the wrench from the motion; return FINE, or a fault with all forces zero."""
     fault = couple(grasp)
     if grasp.limited:
         fault = limit(grasp, fault)
@@ -53,7 +53,10 @@ def couple(grasp: GraspState) -> int:
 
 @kernel
 def find_excess(grasp: GraspState) -> int:
-    """Return EXCESSIVE and store the force if the law's force on a finger exceeds the bound; else return FINE."""
+    """Return EXCESSIVE, and store the largest force, if the force of a finger exceeds `force_bound`.
+
+    Else return FINE.
+    """
     largest = grasp.force_bound * grasp.force_bound
     fault = FINE
     for finger in grasp.fingers:
@@ -80,7 +83,10 @@ def resplit(grasp: GraspState) -> None:
 
 @kernel
 def respond(grasp: GraspState, again: bool) -> int:
-    """Compute the forces on the object. The result AGAIN, returned only if `again` is true, requires a new split."""
+    """Compute the forces on the object; return FINE, a fault or AGAIN.
+
+    AGAIN means that the split has changed and the forces must be recomputed. It is returned only if `again` is true.
+    """
     if grasp.attached:
         return attached(grasp)
     if grasp.padded:
@@ -163,7 +169,7 @@ def external_forces(grasp: GraspState, out: Floats) -> int:
 
 @kernel
 def along_mode(grasp: GraspState, mode: Floats) -> float:
-    """Compute z_k = sum_i q_k(i) . f_i / sqrt(w_i) over the fingers with a weight."""
+    """Compute z_k = sum_i q_k(i) . f_i / sqrt(w_i) over the fingers with positive weight."""
     z = 0.0
     for i, finger in enumerate(grasp.fingers):
         if finger.weight > 0.0:
@@ -177,7 +183,7 @@ def along_mode(grasp: GraspState, mode: Floats) -> float:
 
 @kernel
 def attached(grasp: GraspState) -> int:
-    """Compute bilateral forces, for the object's new state if the integrator is implicit; return 0."""
+    """Compute bilateral forces (with the implicit integrator, at the end of the sample); return 0."""
     apart = grasp.observed or grasp.limited
     if apart:
         attach(grasp, False)
@@ -189,7 +195,7 @@ def attached(grasp: GraspState) -> int:
 
 @kernel
 def attach(grasp: GraspState, damped: bool) -> None:
-    """Compute the force of eq. (4), with or without damping."""
+    """Compute the forces of eq. (4), with damping if `damped` is true."""
     if grasp.recoils:
         recoil(grasp, damped, False)
         return

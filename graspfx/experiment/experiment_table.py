@@ -23,9 +23,9 @@ MOST_TRIALS = 10_000
 
 
 def label(value: str) -> str:
-    """Check a label that is part of file names."""
+    """Check that a label can be part of file names, and return it."""
     if re.fullmatch(WORD, value) is None:
-        text = "expected letters and digits only, because it is part of file names; given {given}"
+        text = "expected letters and digits only, because the label is part of file names; given {given}"
         raise PydanticCustomError("label", text, {"given": abbreviate(value)})
     return value
 
@@ -54,7 +54,7 @@ Chance = Annotated[Number, Field(ge=0, lt=0.5)]
 
 
 class Question(Table):
-    """Question at the end of each trial, and the keys that answer it."""
+    """Question of each trial, and the keys of its answers."""
 
     text: str = Field(description="text of the question")
     keys: Annotated[dict[str, str], BeforeValidator(_keys)] = Field(description="answers, by key of the keyboard")
@@ -84,7 +84,7 @@ class Condition(Table):
 
 
 class Factor(Table):
-    """Factor; its levels are crossed with the conditions and with all other factors."""
+    """Factor, whose levels are crossed with the conditions and with the levels of all other factors."""
 
     name: Name
     key: str = Field(default="", description="dotted key of the scene that takes the values in `levels`")
