@@ -45,7 +45,7 @@ class InputError(GraspFXError, ValueError):
 class KernelError(InputError):
     """A kernel has an error that compiled code would not detect.
 
-    The message gives the file and the line. The message names the file and line.
+    The message gives the file and the line.
     """
 
 

@@ -120,9 +120,9 @@ class Flow:
         return common([first, *loop.breaks])
 
     def _continued(self, body: Sequence[ast.stmt], inside: Bound) -> list[Bound]:
-        """List the names bound at the start of an iteration, as one entry, if the body has a `continue`.
+        """Return the names bound at a `continue` of the body, as a list with one entry, or an empty list without one.
 
-        Else nothing.
+        These are the names bound at the start of an iteration.
         """
         return [inside] if any(isinstance(node, ast.Continue) for each in body for node in ast.walk(each)) else []
 
@@ -146,7 +146,7 @@ class Flow:
 
 
 def common(ways: Sequence[Bound]) -> Bound:
-    """Return the names that are bound on each of several paths, without unreachable paths."""
+    """Return the names that are bound on all of several paths; unreachable paths are ignored."""
     sets = [way for way in ways if way is not None]
     return frozenset.intersection(*sets) if sets else None
 

@@ -236,7 +236,8 @@ def eliminate_rows(A: Table, B: Table, size: int, columns: int) -> bool:
 def eliminate(square: Table, vector: Floats, size: int) -> bool:
     """Solve H x = r in place by elimination with row exchanges; return False if a pivot is zero.
 
-`square` contains H and `vector` contains r."""
+    `square` contains H, and `vector` contains r.
+    """
     for p in range(size):
         top = p
         for i in range(p + 1, size):

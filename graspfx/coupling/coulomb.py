@@ -337,7 +337,7 @@ def symmetrise(grasp: GraspState, square: Table) -> bool:
 
 @kernel
 def raise_least(grasp: GraspState, square: Table) -> None:
-    """Add 1e-6 of the largest row sum of a singular D to its diagonal; the law remains passive."""
+    """Add 1e-6 of the largest row sum of a singular D to the diagonal of D; the law remains passive."""
     if not grasp.singular:
         return
     largest = 0.0

@@ -87,7 +87,10 @@ class Grip:
             raise InputError("patch", rules.patch, "scalar gains for soft fingers, except for a gain of the object")
         if self.soft and not (rules.attached or rules.stick or mu[self.patch > 0.0].all()):
             raise InputError(
-                "patch", rules.patch, "a coefficient of friction for each soft finger", "soft fingers without friction exert no torsion"
+                "patch",
+                rules.patch,
+                "a coefficient of friction for each soft finger",
+                "soft fingers without friction exert no torsion",
             )
         self._check_pads()
         if not 0.0 <= rules.damping_depth < np.inf:
@@ -103,7 +106,8 @@ class Grip:
         for quantity, pair in ("stiffness", (kep, kip)), ("damping", (self.gains[1], self.gains[3])):
             if not (self.matrices or rules.attached) and 0.0 < min(pair) < LEAST * max(pair):
                 raise InputError(
-                    quantity, f"external {pair[0]}, internal {pair[1]}", f"zero, or at least {LEAST:g} times the other gain",
+                    quantity, f"external {pair[0]}, internal {pair[1]}",
+                    f"zero, or at least {LEAST:g} times the other gain",
                     "for smaller ratios the forces would be inaccurate",
                 )  # fmt: skip
         if self.soft and self.shape is None:

@@ -156,7 +156,7 @@ class GraspedObject:
     def shortfall(self) -> float:
         """Largest distance by which the fade started too close to the surface in the run so far [m].
 
-        0 if it never did.
+        The distance is 0 if the fade never started too close.
         """
         return max(self._fades.shortfall, self.state.shortfall)
 
@@ -361,7 +361,7 @@ def _excess_text(fingers: Sequence[str], grasped: GraspedObject) -> str:
             shares.append((most * sizes[i], share, quantity, most, per, sizes[i], unit, fingers[i]))
     _, share, quantity, most, per, size, unit, finger = max(shares)
     return (
-        f"the law gives a finger {state.excess:.3g} N, above coupling.force_bound = {state.force_bound:g} N: the largest "
-        f"contribution is coupling.{share}.{quantity} = {most:g} {per} times {size:.3g} {unit} ({finger}); all forces "
-        "are zero"
+        f"the law gives a finger {state.excess:.3g} N, above coupling.force_bound = {state.force_bound:g} N: the "
+        f"largest contribution is coupling.{share}.{quantity} = {most:g} {per} times {size:.3g} {unit} ({finger}); "
+        "all forces are zero"
     )

@@ -140,7 +140,7 @@ def mark(grasp: GraspState, inside: bool) -> None:
 def is_inside(grasp: GraspState) -> bool:
     """Return whether the projection can respect the limits.
 
-    It cannot respect the limits with the implicit integrator, with matrix gains without friction, or with unequal gains
+    The projection cannot respect limits with the implicit integrator, with matrix gains without friction, or with unequal gains
     and compliant fingertips that stick.
     """
     if grasp.padded and grasp.stick and not grasp.equal:

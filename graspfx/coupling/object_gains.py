@@ -60,7 +60,7 @@ def fill_modal_gain(grasp: GraspState, gain: Gain, first: int) -> None:
 
 @kernel
 def fill_wrenches(grasp: GraspState, first: int) -> None:
-    """Compute each mode's wrench about the object's centre, on the free degrees of freedom, and a unit matrix."""
+    """Write each mode's wrench about the object's centre, on the free degrees of freedom, then a unit matrix."""
     T, count, free = grasp.wrenches, grasp.mode_count, grasp.freedom.shifts + grasp.freedom.turns
     for k in range(count):
         for u in range(free):

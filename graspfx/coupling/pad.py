@@ -195,8 +195,8 @@ def fill_slope(grasp: GraspState) -> None:
 def predict(grasp: GraspState, proximal: bool) -> None:
     """Solve k delta^1.5 = f_n + B (change of e_n - delta) for the depths of pressed pads by Newton's method.
 
-    The depth of a finger without force is zero. In a proximal step, the depth of such a finger may instead decrease
-    gradually.
+    The depth of a finger without force is zero. In a proximal step, the depth of such a finger may instead remain
+    positive, but not increase.
     """
     n = grasp.count
     for i, finger in enumerate(grasp.fingers):

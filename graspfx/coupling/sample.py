@@ -55,7 +55,7 @@ def couple(grasp: GraspState) -> int:
 def find_excess(grasp: GraspState) -> int:
     """Return EXCESSIVE, and store the largest force, if the force of a finger exceeds `force_bound`.
 
-    Else return FINE.
+    Otherwise, return FINE.
     """
     largest = grasp.force_bound * grasp.force_bound
     fault = FINE

@@ -173,7 +173,7 @@ def retain(grasp: GraspState) -> None:
 def damp(grasp: GraspState) -> int:
     """Add the passive damping force, projected on the cones; return 0 or UNRESOLVED.
 
-    Where the projection has no effect, the damping force is the rate term of eq. (26). (26).
+    Where the projection has no effect, the damping force is the rate term of eq. (26).
     """
     c, m = grasp.coordinates, grasp.count * grasp.coordinates
     if grasp.recoils and grasp.stick and all_push(grasp) and is_whole(grasp):

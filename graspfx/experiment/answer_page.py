@@ -21,7 +21,7 @@ SHAPES = ("object", "obstacle", "finger")  # tables that determine the picture
 
 
 class AnswerPage(RunLook):
-    """Page with a button for each answer, served on 127.0.0.1; it can draw the running scene. A context manager.
+    """Page with a button for each answer, served on 127.0.0.1; a context manager that can draw the running scene.
 
     The page is reloaded if the objects, obstacles or fingers of a run differ from those on the page.
 

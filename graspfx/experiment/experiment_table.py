@@ -65,7 +65,7 @@ class Question(Table):
 
 
 class Comparison(Table):
-    """Comparison of two intervals in random order: a reference value, and a value larger by an increment."""
+    """Comparison of two intervals in random order: one value is the reference, the other is larger by an increment."""
 
     key: str = Field(description="dotted key of the value that differs between intervals")
     reference: Positive = Field(description="smaller value")
@@ -101,7 +101,7 @@ class Span(Table):
 
 
 class Staircase(Table):
-    """QUEST+ staircase, one per condition: each increment is chosen so that its answer is most informative."""
+    """QUEST+ staircase of each condition; it chooses the increment whose answer is expected to be most informative."""
 
     increments: Span = Field(description="relative increments to choose from")
     threshold: Span = Field(description="possible relative thresholds (80 % correct), equally likely at first")

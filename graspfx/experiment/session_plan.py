@@ -157,7 +157,7 @@ def cells(table: ExperimentTable) -> Sequence[Cell]:
 
 @dataclass(frozen=True)
 class Slot:
-    """Entry of the plan: the cell, its repetition from 1, and the interval with the larger value in a comparison."""
+    """Entry of the plan: a cell, its repetition from 1, and, in a comparison, the interval with the larger value."""
 
     cell: Cell
     repetition: int

@@ -65,7 +65,7 @@ def value_for(value: float | Mapping[str, float], condition: str, otherwise: flo
 
 
 def displayed_stiffness(recording: Recording, share: Share) -> float:
-    """Estimate the stiffness that a recording displays: k = sum f.e / sum e.e over rows with a touching finger [N/m].
+    """Estimate the displayed stiffness k = sum f.e / sum e.e [N/m] over the rows in which a finger touches.
 
     Here f is the internal or external part of the forces of the fingers on the object, and e is the same part of the
     displacements of the fingers from the contacts. For a spring without damping, k is its stiffness to rounding.

@@ -1,4 +1,4 @@
-"""The host's side of the bridge: the state of the operator, and the forces to display."""
+"""Host's side of the bridge: reading of the operator's state, and writing of the forces to display."""
 
 from __future__ import annotations
 
@@ -45,10 +45,10 @@ class Operator(NamedTuple):
         position: Positions of the device's fingers, (n, d) [m].
         velocity: Velocities of the device's fingers, (n, d) [m/s].
         force: Forces on the operator that were displayed in the previous tick, (n, d) [N].
-        age: Age of the host's last sample that the loop has received [s].
-        push_tank, squeeze_tank: Energies of the tanks [J]; if a tank is empty, the forces of its port are zero, unless
-            `host.tank` of the scene is 0, which switches the tanks off.
-        lost, late: Counts of the host's samples that were lost, and of those that arrived after a newer one.
+        age: Age of the last host sample that the loop has received [s].
+        push_tank, squeeze_tank: Energies of the tanks [J]. If a tank is empty, the forces of its port are zero. If
+            `host.tank` of the scene is 0, the tanks are not used.
+        lost, late: Number of the host's samples that were lost, and number of those that arrived after a newer sample.
     """
 
     time: float
@@ -68,15 +68,15 @@ class Operator(NamedTuple):
 
     @property
     def aperture(self) -> float:
-        """Twice the fingers' mean distance from their centre [m]; with two fingers, their distance."""
+        """Twice the mean distance of the fingers from their centre [m]; for two fingers, the distance between them."""
         return float(2.0 * np.sqrt(((self.position - self.centre) ** 2).sum(axis=1)).mean())
 
 
 class HostLink:
-    """Link from a host program to the loop of a scene whose `[host]` has this name; a context manager.
+    """Link from a host program to the loop of the scene with this `host.name`; a context manager.
 
-    At the end of the block, even after an exception, the loop is told that the host has ended, and all forces fade to
-    zero.
+    At the end of the `with` block, also after an exception, the link reports to the loop that the host has ended, and
+    all forces fade to zero.
 
     Args:
         name: Name of the record, `host.name` of the scene.
@@ -118,8 +118,8 @@ class HostLink:
         """Read the state of the operator.
 
         Args:
-            time: Time on the host's clock [s]; the call waits until the loop's clock shows it. Both clocks are aligned
-                at the first read with a time. By default the call returns immediately.
+            time: Time on the host's clock [s]. The call waits until the loop has reached this time; the clocks of host
+                and loop are aligned at the first call with a time. If None, the call does not wait.
 
         Raises:
             DeviceError: If the loop has ended, has a fault, or writes no samples.
@@ -141,7 +141,7 @@ class HostLink:
         raise DeviceError(f"host.name {self.name!r}: the loop writes no samples")
 
     def _wait(self, time: float) -> None:
-        """Wait until the loop has reached the host's time."""
+        """Wait until the loop has reached a time on the host's clock [s]."""
         if self._ahead is None:
             self._ahead = self.read().time - time
         end, last = monotonic() + DEAD, -1.0
@@ -167,8 +167,8 @@ class HostLink:
 
         Raises:
             DeviceError: If the loop has ended, or has a fault.
-            InputError: If the number of dimensions differs, or if `shown` has more fingers than a device of more than
-                two fingers.
+            InputError: If the number of dimensions differs from the device's, or if the device has more than two
+                fingers and `shown` has more fingers than the device.
         """
         external, internal = self._external, self._internal
         n, count = self.fingers, len(shown.external)
@@ -193,7 +193,7 @@ class HostLink:
         self._write(time, 0.0)
 
     def stop(self) -> None:
-        """Tell the loop that the host has ended."""
+        """Report to the loop that the host has ended."""
         if self._words[STATE] == RUNNING:
             self._sample[SAMPLE:] = 0.0
             self._write(self._head[1], float(HOST_ENDED))

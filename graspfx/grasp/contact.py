@@ -139,7 +139,10 @@ def point_contacts(points: FloatArray, normals: FloatArray | None = None) -> Con
 
 
 def _stacked(rows: Sequence[FloatArray]) -> FloatArray:
-    """Stack arrays of row vectors (..., k, d) along k; each is given per set of contacts, or once for all sets."""
+    """Stack arrays of row vectors (..., k, d) along k.
+
+    An array without leading axes applies to all sets of contacts.
+    """
     sets = np.broadcast_shapes(*(each.shape[:-2] for each in rows))
     return np.concatenate([np.broadcast_to(each, (*sets, *each.shape[-2:])) for each in rows], axis=-2)
 
@@ -188,7 +191,10 @@ def _selection(selection: Model, d: int, name: str) -> FloatArray:
 
 
 def _selected(S: FloatArray, d: int, own: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return directions and axes like `_components`, for a selection matrix and the contact's axes as rows."""
+    """Return directions of forces and axes of moments, as `_components` does, for a selection matrix.
+
+    The rows of `own` are the axes of the contact.
+    """
     forces = np.abs(S[:, :d]).max(axis=1) > 0.0
     return S[forces, :d] @ own, S[~forces, d:] @ (own if d == 3 else np.eye(MOMENTS[d]))
 

@@ -17,7 +17,7 @@ FloatArray = NDArray[np.float64]
 Pair = tuple[FloatArray, FloatArray]
 
 HARD = "hard"
-CARRIED = "give it, because the contacts carry moments"
+CARRIED = "it is required, because the contacts carry moments"
 SPLITTER = 134217729.0  # 2^27 + 1 splits a double into two halves whose products are exact
 NEXT, LAST = [1, 2, 0], [2, 0, 1]  # the other two coordinates of a cross product
 
@@ -113,7 +113,10 @@ class GraspMatrix:
 
     @property
     def forces_of_each(self) -> int:
-        """Number of forces of each contact; 0 if the contacts differ, or transmit moments."""
+        """Number of forces of each contact.
+
+        The result is 0 if this number is not the same for all contacts, or if they transmit moments.
+        """
         if self.point_contacts:
             return self.dimensions
         counts = np.bincount(self.finger_of_column, minlength=self.fingers)
@@ -166,7 +169,7 @@ class GraspMatrix:
         return np.concatenate([shifts, turns[..., free[d:], :]], axis=-2), size
 
     def require_one(self, function: str) -> None:
-        """Require one set of contacts.
+        """Raise an error if there are several sets of contacts.
 
         Raises:
             InputError: If there are several sets of contacts.

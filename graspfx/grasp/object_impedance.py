@@ -25,24 +25,24 @@ ROUNDING = 1e-13  # relative bound below which eigenvalues of the unheld stiffne
 class ObjectImpedance(Carded):
     """Spring and damper between fingers and object: a rigid displacement x of the fingers exerts the wrench K_o x.
 
-    As the external part of a `Coupling`, stiffness and damping are distributed over the contacts so that the object's
-    stiffness is the given one for any number of fingers. With N spanning the null space of G', the split's metric M,
-    and X = M G'(G M G')^+,
+    As the external part of a `Coupling`, stiffness and damping are distributed over the contacts so that the object has
+    the given stiffness for any number of fingers. Let N span the null space of G', let M be the metric of the split,
+    and let X = M G'(G M G')^+. Then
 
         K_c = K_o - K_o N (N' K_o N)^+ N' K_o,    K_ep = X K_c X'.
 
-    In K_c, degrees of freedom that the contacts cannot hold are eliminated by static condensation, so that neither the
-    unit of moments nor the reference point matters. Then P K_ep = K_ep = K_ep P' and G K_ep G' = K_c, which equals K_o
-    if G has full rank. K_ep is symmetric and creates no energy. The internal part adds nothing to the object's
-    stiffness.
+    In K_c, degrees of freedom that the contacts cannot hold are eliminated by static condensation, so that the result
+    depends neither on the unit of moments nor on the reference point. Therefore P K_ep = K_ep = K_ep P' and G K_ep
+    G' = K_c, which equals K_o if G has full rank. K_ep is symmetric and creates no energy. The internal part adds
+    nothing to the object's stiffness.
 
     K_o is the stiffness at zero squeeze. Squeezing adds the geometric stiffness of the contact forces, which
     a certificate includes.
 
     Args:
-        stiffness: Stiffness K_o in the axes of the contact points, (w, w), forces before moments [N/m, N, N m/rad]; its
-            diagonal (w,), or on a line a number. w is 1, 3 or 6, or the grasp's number of free degrees of freedom. Rows
-            and columns of locked degrees of freedom are omitted.
+        stiffness: Stiffness K_o in the axes of the contact points, (w, w), forces before moments [N/m, N, N m/rad]; or
+            the diagonal of K_o, (w,), or on a line a number. The size w is 1, 3 or 6, or the number of free degrees of
+            freedom of the grasp. Rows and columns of locked degrees of freedom have no effect.
         damping: Damping D_o [N s/m, N s, N m s/rad], in the same forms; zero if None.
         point: Point to which K_o and D_o refer, (d,) [m]; the origin of the grasp's moments if None.
 
@@ -92,7 +92,10 @@ class ObjectImpedance(Carded):
         return ObjectImpedance(even(T @ self.stiffness @ T.T), even(T @ self.damping @ T.T), point)
 
     def about(self, origin: ArrayLike) -> ObjectImpedance:
-        """Return the impedance S'K S, S'D S about a point (d,) [m]; a motion x there is the motion S x at `point`."""
+        """Return the impedance about another point (d,) [m], S'K S and S'D S.
+
+        A motion x at this point is the motion S x at `point`.
+        """
         if self.point is None:
             return self
         r, d = self.point - np.asarray(origin, dtype=float), len(self.point)
