@@ -1,7 +1,7 @@
 """Process environment: paths, number of processors, and whether the user trusts scene files.
 
-Functions that take a path check its type and replace errors of the operating system by InputError. A scene file may use
-files outside its folder only if the user allows it; the scene file itself cannot allow it.
+Functions that take a path check the type of the path, and replace errors of the operating system by InputError. A scene
+file may use files outside its folder only if the user allows it; the scene file itself cannot allow it.
 """
 
 from __future__ import annotations

@@ -50,11 +50,11 @@ class KernelError(InputError):
 
 
 class NoRestError(InputError):
-    """No rest configuration of the grasp was found, so its stability cannot be judged."""
+    """No rest configuration of the grasp was found, so the stability of the grasp cannot be judged."""
 
 
 class UnknownNameError(GraspFXError, KeyError):
-    """A name is unknown. The message lists the known names and a close match."""
+    """A name is unknown. The message lists the known names and suggests a close match."""
 
     def __init__(self, kind: str, name: str, known: Iterable[str], do: str = "") -> None:
         self.kind, self.name, self.known = kind, name, sorted(known)

@@ -103,7 +103,7 @@ def _solution(A: FloatArray, B: FloatArray) -> FloatArray:
 
 
 def _halvings(A: FloatArray) -> int:
-    """Choose s so that r_13(A / 2^s) equals e^(A / 2^s) to rounding: backward error below 2^-53."""
+    """Choose s so that the backward error of r_13(A / 2^s), as an approximation of e^(A / 2^s), is below 2^-53."""
     A2 = _product(A, A)
     A4 = _product(A2, A2)
     A6 = _product(A4, A2)

@@ -143,7 +143,7 @@ def cut_slope(contact: ConeContact, d: int, theta: float, limit: float, face: Fa
 
 @kernel
 def cone_slope(face: Face, mu: float, theta: float, x: Vector4) -> Vector4:
-    """Compute R'x, where R' is the derivative of the return map without a limit."""
+    """Compute R'x, where R' is the derivative of the return map in `turn_back`, without a limit."""
     tangent = tangent_of(x)
     if face.status == LIFT:
         return with_tangent(0.0, tangent)

@@ -351,7 +351,7 @@ def finish(problem: FrictionProblem, d: int, c: float, weighted: bool, theta: fl
 def newton(
     problem: FrictionProblem, d: int, count: int, gains: Gains, square: Table | None, theta: float, convex: bool
 ) -> Search:
-    """Solve g = 0 by a semismooth Newton method with a line search.
+    """Solve the equations g = 0 of `evaluate` by a semismooth Newton method with a line search.
 
     If `convex` is true, g is the gradient of a convex function, and every step decreases this function or halves the
     smallest |g| so far. If `convex` is false, every step decreases |g|.

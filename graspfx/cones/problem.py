@@ -76,7 +76,7 @@ class FrictionProblem(Record):
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """Eigenvalues of K for scalar gains: along the modes, and orthogonal to the modes."""
+    """Eigenvalues of K for scalar gains: k_e along the modes, and k_i orthogonal to the modes."""
 
     external: float  # k_e [N/m]
     internal: float  # k_i [N/m]
@@ -100,7 +100,7 @@ def problem_size(contacts: int, room: int = MODES, most: int = MODES) -> int:
 
 
 def set_up(block: object, offset: int, contacts: int, room: int = MODES, most: int = MODES) -> FrictionProblem:
-    """Set the sizes of a problem in a block of zeros, and return it."""
+    """Set the sizes of a problem in a block of zeros, and return the problem."""
     problem = FrictionProblem(block, offset)
     problem.count, problem.room = contacts, room
     problem.contact_entries = size_for(ConeContact, most=most)

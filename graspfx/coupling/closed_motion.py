@@ -1,4 +1,4 @@
-"""Energy that a coupling generates while its object makes a closed motion and its fingers are fixed."""
+"""Energy that a coupling generates in a closed motion of the object with fixed fingers."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class LoopEnergy:
 
     @property
     def share(self) -> float:
-        """Ratio of the generated energy to the peak energy; 0 if no energy was stored."""
+        """Ratio of the generated energy to the peak energy; 0 if the peak energy is zero."""
         return self.created / self.peak if self.peak > 0.0 else 0.0
 
 

@@ -51,7 +51,10 @@ def force_with_friction(grasp: GraspState) -> int:
 
 @kernel
 def elastic_in_cones(grasp: GraspState) -> int:
-    """Compute the elastic force in the cones, each finger's status, and e + s; return 0 or UNRESOLVED."""
+    """Compute the elastic force in the cones, each finger's status and its displacement e + s after slip.
+
+    Return 0 or UNRESOLVED.
+    """
     problem = grasp.problem
     grasp.law, grasp.residual = COULOMB, 0.0
     if grasp.recoils or (not grasp.implicit and not grasp.rays):
@@ -318,7 +321,8 @@ def symmetrise(grasp: GraspState, square: Table) -> bool:
 
     The friction problem of a symmetric matrix is convex.
 
-    Matrices of scalar gains are always symmetrised, because their rounding errors are large if one damping is zero.
+    Matrices of scalar gains are always symmetrised, because the rounding errors of these matrices are large if one
+    damping is zero.
     """
     m = grasp.count * grasp.coordinates
     largest = skew = 0.0

@@ -190,7 +190,7 @@ def add_up(
 
 @kernel
 def mirror(square: Table, count: int) -> None:
-    """Copy the lower triangle of a symmetric matrix to the upper one."""
+    """Copy the lower triangle of a symmetric matrix to the upper triangle."""
     for j in range(count):
         for k in range(j):
             square[k, j] = square[j, k]
@@ -298,7 +298,7 @@ def add_branch(
         size: Number of the branch's columns.
         first: Index of the branch's first mode among all columns.
         rest: Offset of the columns after the branch's modes: column j of the branch is column rest + j of all columns.
-        beyond: Whether the levers of rotations are separate columns.
+        beyond: Whether the levers of rotations are separate columns instead of sums of modes.
     """
     state, p, shifts = grasp.recoil, grasp.mode_count, grasp.freedom.shifts
     free = shifts + grasp.freedom.turns
@@ -422,7 +422,7 @@ def write_force(
 
 @kernel
 def invert(grasp: GraspState, count: int) -> None:
-    """Compute Y = E (I - S E)^-1 from E in `whole` and S in `gram`, and store it in `work`."""
+    """Compute Y = E (I - S E)^-1 from E in `whole` and S in `gram`, and write Y to `work`."""
     state = grasp.recoil
     A, Y = state.near, state.work
     for j in range(count):

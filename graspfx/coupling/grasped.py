@@ -114,7 +114,7 @@ class GraspedObject:
             self._walks.array(MeshFinger.reach)[:] = end + self.array(FingerState.radius)
 
     def adopt(self, other: GraspedObject) -> None:
-        """Adopt the law and fade range of another grasped object, whose values this block already contains."""
+        """Use the law of another grasped object, and the fade in this block, which already has that object's values."""
         self.law = other.law
         if self.state.fade:
             self.set_fade(self.state.fade_start, self.state.fade_end)
@@ -162,7 +162,7 @@ class GraspedObject:
 
     @property
     def fade_needed(self) -> float:
-        """Gap at which the fade should have started for the forces so far [m]; 0 if the start was far enough away."""
+        """Gap at which the fade should have started in the run so far [m]; 0 if it started far enough away."""
         return max(self._fades.needed, _needed(self.state.fade_start, self.state.shortfall))
 
     def fade_asked(self) -> tuple[float, float] | None:
@@ -307,7 +307,7 @@ class GraspedObject:
 
         The warning is given once, and again when the skew part is ten times as large.
 
-        Samples do not warn; the caller that runs the samples calls this method.
+        Samples themselves do not warn; the caller that runs the samples calls this method.
         """
         if self.matrices:
             self.law.warn_if_active("stiffness", self.state.skewest_stiffness.array(self.state.components))

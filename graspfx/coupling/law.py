@@ -104,7 +104,10 @@ def normal_force(finger: FingerState) -> float:
 
 @kernel
 def react(grasp: GraspState) -> int:
-    """Compute forces in world axes and their wrench f_v = G f about the object's centre (eq. 2); LOST if not finite."""
+    """Compute the forces in world axes and the wrench f_v = G f about the object's centre (eq. 2).
+
+    Return FINE, or LOST if the wrench is not finite.
+    """
     motion = grasp.motion
     force = moment = ZERO
     for finger in grasp.fingers:

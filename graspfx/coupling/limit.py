@@ -81,7 +81,7 @@ def limit(grasp: GraspState, fault: int) -> int:
 
 @kernel
 def limit_again(grasp: GraspState) -> None:
-    """Limit forces that were increased after `limit`; add the same increase to the law's forces."""
+    """Limit forces that were increased after the call of `limit`, and add the increase to the law's forces."""
     for finger in grasp.fingers:
         finger.law_force -= finger.force
     react(grasp)
@@ -138,9 +138,9 @@ def mark(grasp: GraspState, inside: bool) -> None:
 
 @kernel
 def is_inside(grasp: GraspState) -> bool:
-    """Return whether the projection can respect the limits.
+    """Return whether the limits can be part of the projection.
 
-    The projection cannot respect limits with the implicit integrator, with matrix gains without friction, or with unequal gains
+    This is not possible with the implicit integrator, with matrix gains without friction, or with unequal gains
     and compliant fingertips that stick.
     """
     if grasp.padded and grasp.stick and not grasp.equal:
@@ -421,7 +421,7 @@ def least_squeeze(grasp: GraspState) -> float:
 
 @kernel
 def lightest(grasp: GraspState, low: float) -> float:
-    """Find the lambda in [low, 1] with the smallest overload, which is convex in lambda."""
+    """Find the lambda in [low, 1] for which `overload`, a convex function of lambda, is smallest."""
     high = 1.0
     left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
     at_left, at_right = overload(grasp, left), overload(grasp, right)

@@ -1,6 +1,6 @@
-"""Compliant fingertips: f_n = k depth^1.5 along the contact's normal, in series with the coupling.
+"""Compliant fingertips (pads): normal force f_n = k delta^1.5 at the depth delta, in series with the coupling.
 
-A pad's depth delta reduces the displacement in eq. (4) to e - delta n. The elastic force is then
+The depth of a pad reduces the displacement in eq. (4) from e to e - delta n. The elastic force is then
 
     f = argmin over the cones of 1/2 f'K^-1 f + sum_i (3/5) k_i^(-2/3) f_n,i^(5/3) - e'f,
 

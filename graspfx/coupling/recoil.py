@@ -1,6 +1,6 @@
 """Bilateral forces of eq. (4) at the end of a sample in which they move the object, in O(n) operations.
 
-With the implicit integrator, f = K (e - G'u) + D (e' - H'u / T). The forces displace the object by u:
+With the implicit integrator, the forces are f = K (e - G'u) + D (e' - H'u / T). They displace the object by u:
 
     [C^-1 + G K G' + H D H' / T] u = G K e + H D e',
 

@@ -19,14 +19,14 @@ BAND = FADE[1] - FADE[0]  # length of a fade [m]
 
 @dataclass(frozen=True)
 class Rules:
-    """Contact rules of the coupling, named after a scene's keys.
+    """Contact rules of the coupling, with the names of the scene's keys.
 
     Attributes:
         attached: Whether contacts are bilateral, that is, fixed in the object and without cones.
         stick: Whether a touching finger sticks to its contact point. If False, a touching finger slips, freely or, with
             a coefficient of friction, by Coulomb's law.
         friction: Coefficient of friction, one for all fingers or one for each; 0 for none.
-        patch: Lengths rho of the contact patches [m], one for all fingers or one for each; 0 is a hard finger. Soft
+        patch: Lengths rho of the contact patches [m], one for all fingers or one for each; 0 for a hard finger. Soft
             fingers exist only in 3-D.
         share: Weight of each finger in the metric, such as its device's mass over the mean mass; None for equal
             weights.
@@ -35,12 +35,12 @@ class Rules:
         at_contact: Whether the reaction acts at the contact point; otherwise it acts at the fingertip.
         blend: Rms arms (l1, l2) [m] between which a rotation enters the external space. If None, a rotation with any
             arm is included.
-        axes: Axes of matrix gains: "object", "world", or "contact", whose first axis is the normal.
+        axes: Axes of matrix gains: "object", "world" or "contact"; the first axis of "contact" is the normal.
         damping_depth: Depth over which a touching finger's damping rises to its full value [m]; 0 for full damping at
             any depth.
         force_bound: Largest force that the law may compute for a finger [N]; a larger force is a fault.
-        pad: Stiffness k of compliant fingertips, f_n = k depth^1.5 [N/m^1.5], one for all fingers or one for each; 0 is
-            a rigid fingertip.
+        pad: Stiffness k of compliant fingertips, f_n = k depth^1.5 [N/m^1.5], one for all fingers or one for each; 0
+            for a rigid fingertip.
     """
 
     attached: bool = False

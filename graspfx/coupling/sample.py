@@ -72,7 +72,7 @@ def find_excess(grasp: GraspState) -> int:
 
 @kernel
 def resplit(grasp: GraspState) -> None:
-    """Update the split if the gains require one, and update K and D of matrix gains."""
+    """Update the split if the gains require a split, and update K and D of matrix gains."""
     if grasp.mixed:
         turn_axes(grasp)
     if not grasp.equal or grasp.recoils:
@@ -134,7 +134,10 @@ def let_go(grasp: GraspState) -> None:
 
 @kernel
 def check_fade(grasp: GraspState) -> None:
-    """Update the shortfall of `fade_start`: a free finger closer than 1/2 |1/kep - 1/kip| sum |f| can touch again."""
+    """Update the shortfall of `fade_start`.
+
+    A free finger whose gap is smaller than 1/2 |1/kep - 1/kip| sum |f| can touch again.
+    """
     release = grasp.release
     if not grasp.dense:
         release = compliance_of_numbers(grasp.external_stiffness, grasp.internal_stiffness)

@@ -48,7 +48,7 @@ def unilateral(grasp: GraspState, again: bool) -> int:
 
 @kernel
 def separate(grasp: GraspState) -> None:
-    """Compute f_i = w_i k e_i of every finger inside the object; the force is normal unless the finger sticks."""
+    """Compute f_i = w_i k e_i of every finger inside the object, or only its normal part if fingers do not stick."""
     for finger in grasp.fingers:
         depth = inner(finger.normal, finger.displacement.vector)
         k = finger.weight * grasp.internal_stiffness

@@ -25,14 +25,14 @@ class Stopped(Exception):
 
 
 class Press(NamedTuple):
-    """A pressed key or button, and its time on the clock of `time.monotonic` [s]."""
+    """A pressed key or button, and the time of the press on the clock of `time.monotonic` [s]."""
 
     key: str
     clock: float
 
 
 class Answer(NamedTuple):
-    """A response, and its time on the clock of `time.monotonic` [s]."""
+    """A response, and the time of the response on the clock of `time.monotonic` [s]."""
 
     response: str
     clock: float

@@ -145,7 +145,10 @@ def _answers(table: ExperimentTable) -> Iterator[Finding]:
                 hint = f"; did you mean {close!r}?" if close else f" (known: {', '.join(options) or 'none'})"
                 yield ("condition", i, "answer"), f"not an answer of the question: {condition.answer!r}{hint}"
             if condition.answer and condition.compare is not None:
-                yield ("condition", i, "answer"), "omit it: the correct answer is the interval with the larger value"
+                yield (
+                    ("condition", i, "answer"),
+                    "omit the answer: in a comparison, the interval with the larger value is correct",
+                )
 
 
 def _comparisons(table: ExperimentTable) -> Iterator[Finding]:
@@ -196,7 +199,7 @@ def _observer(table: ExperimentTable) -> Iterator[Finding]:
     for i, condition in enumerate(table.condition):
         compare = condition.compare
         if observer.kind != "guess" and compare is None:
-            yield ("observer", "kind"), f"expected 'guess', because condition {condition.name!r} compares nothing"
+            yield ("observer", "kind"), f"expected 'guess', because condition {condition.name!r} compares no intervals"
         elif observer.kind == "physical" and compare is not None and compare.key not in SHARES:
             text = f"the physical observer perceives stiffness only: expected {' or '.join(SHARES)}"
             yield ("condition", i, "compare", "key"), text

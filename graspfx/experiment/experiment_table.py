@@ -75,7 +75,7 @@ class Comparison(Table):
 
 
 class Condition(Table):
-    """A condition: values of the scene, or a comparison of two values."""
+    """Condition of trials: values of the scene, or a comparison of two values."""
 
     name: Name
     set: ByKey = Field(default_factory=dict, description="values of the scene by dotted key")

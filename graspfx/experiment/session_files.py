@@ -103,7 +103,7 @@ class RowFile(Resource):
         try:
             self._file = os.open(path, flags if resume else flags | os.O_CREAT | os.O_EXCL, 0o666)
         except OSError as error:
-            there = "exists already; --resume continues it, --run N begins another"
+            there = "exists already; --resume continues it, and --run N begins another session"
             text = there if isinstance(error, FileExistsError) else f"cannot be opened; {obstacle(error)}"
             raise RecordingError(f"{path}: {text}") from error
         try:

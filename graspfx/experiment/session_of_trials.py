@@ -1,4 +1,4 @@
-"""Execution of a session: each trial is written to disk before the next begins; events are written as they occur."""
+"""Execution of a session: each trial is written to disk before the next trial, and each event when it occurs."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ class SessionOfTrials:
         answerer: Source of answers.
         tell: Function that shows a text.
         stop: Function that returns whether to end the session.
-        is_paced: Whether gaps, breaks and waits before trials are observed, and response times are measured.
+        is_paced: Whether the session keeps the gaps, breaks and waits before trials, and measures response times.
         reason: Reason why the session ended before its last trial; empty otherwise.
     """
 
@@ -191,7 +191,10 @@ class SessionOfTrials:
             if row.fault and self.presenter.has_hardware:
                 do = "check the device, then continue with --resume"
                 raise InputError(
-                    "trial", f"{trial.number}, which ended in a fault: {row.fault}", "hardware without a fault", do
+                    "trial",
+                    f"{trial.number}, which ended in a fault: {row.fault}",
+                    "a trial without a fault of the hardware",
+                    do,
                 )
 
     def _pause_before(self, trial: Trial) -> None:

@@ -27,11 +27,11 @@ def random_of(seed: int, *words: str) -> np.random.Generator:
 
 
 def williams_square(count: int) -> IntArray:
-    """Return Williams' design (rows, count): a Latin square, or two of them for an odd count.
+    """Return Williams' design (rows, count): one Latin square, or two Latin squares if `count` is odd.
 
     Each condition occurs once in every row, equally often in every position, and equally often after every other
-    condition (E. J. Williams, Aust. J. Sci. Res. A 2, 149 (1949)). The first row is 0, 1, n-1, 2, n-2, ...; the other
-    rows add 1 modulo n to the row before. If n is odd and above 1, the mirror image of the square follows.
+    condition (E. J. Williams, Aust. J. Sci. Res. A 2, 149 (1949)). The first row is 0, 1, n-1, 2, n-2, ..., and each
+    other row adds 1 modulo n to the previous row. If n is odd and above 1, the mirror image of the square follows.
 
     Args:
         count: Number of conditions, n.
@@ -55,7 +55,7 @@ def trial_order(
 
     Args:
         order: "fixed" repeats the conditions in the order of the file; "random" shuffles all trials; "blocks" shuffles
-            the conditions and keeps the repetitions of each one together; "latin-square" also keeps the repetitions
+            the conditions and keeps the repetitions of each together; "latin-square" also keeps the repetitions
             together, with the conditions in the order of the participant's row of Williams' design.
         count: Number of conditions.
         repetitions: Number of repetitions of each condition.
@@ -172,7 +172,7 @@ class SessionPlan:
     Attributes:
         slots: Entries in order.
         stairs: Staircases by condition.
-        easy: Relative increment of practice trials whose condition has a staircase; None for the largest.
+        easy: Relative increment of practice trials whose condition has a staircase; None for the largest increment.
         done: Number of trials that have a row.
     """
 

@@ -1,4 +1,4 @@
-"""Adaptive staircases (QUEST+), and the thresholds that they estimate."""
+"""Adaptive staircases (QUEST+), and estimation of thresholds."""
 
 from __future__ import annotations
 
@@ -81,7 +81,10 @@ def chance(increment: float, threshold: float, slope: float, lapse: float) -> fl
 
 
 def information(increment: float, threshold: float, slope: float, lapse: float) -> float:
-    """Compute the Fisher information of one answer about log t: p'^2 / (p (1 - p)), where p' = dp / d log t."""
+    """Compute the Fisher information p'^2 / (p (1 - p)) of one answer about log t, where p' = dp / d log t.
+
+    Here t is the threshold, and p the probability of a correct answer (`chance`).
+    """
     p = chance(increment, threshold, slope, lapse)
     ratio = (increment / threshold) ** slope
     change = -(1.0 - GUESS - lapse) * np.exp(-ratio) * ratio * slope  # dp / d log t

@@ -93,10 +93,12 @@ def begin(experiment: Study, files: SessionFiles, mode: str) -> tuple[RowFile, f
                  "GeneratedBy": [{"Name": "GraspFX", "Version": __version__}]}  # fmt: skip
         place_file(files.study, json.dumps(study, indent=2) + "\n")
     if files.table.exists():
-        raise RecordingError(f"{files.table}: exists already; --resume continues it, --run N begins another")
+        raise RecordingError(
+            f"{files.table}: exists already; --resume continues it, and --run N begins another session"
+        )
     if files.table_description.exists():
         why = "but its table does not: a start was interrupted or is in progress, and there is no trial yet"
-        do = "--resume continues it, --run N begins another; or remove this file"
+        do = "--resume continues it, and --run N begins another session; or remove this file"
         raise RecordingError(f"{files.table_description}: exists already, {why}; {do}")
     place_file(files.table_description, json.dumps(about, indent=2, allow_nan=False) + "\n")
     return RowFile(files.table, columns_of(experiment)), _started(about)
@@ -230,7 +232,7 @@ def require_same(about: Mapping[str, Any], experiment: Study, files: SessionFile
     if about[DIGEST] != before or differences:
         lines = differences or ["the experiment file has other values, or this is another participant's session"]
         more = f"; and {len(lines) - MOST} more" if len(lines) > MOST else ""
-        text = "is of another experiment, scene or mode"
+        text = "this session has another experiment, scene or mode"
         do = "resume it with the original files and version, or begin another with --run N"
         raise RecordingError(f"{files.table_description}: {text}: {'; '.join(lines[:MOST])}{more}; {do}")
     if not is_whole and own[FILES]:

@@ -51,7 +51,7 @@ MOST_NUMBER = 2.0**53
 
 
 class PortTank(Record):
-    """Energy tank of a port: it supplies the work that the port's forces do on the operator."""
+    """Energy tank of a port, which supplies the work that the port's forces do on the operator."""
 
     level: float  # energy E [J]
     most: float  # capacity [J]
@@ -237,7 +237,10 @@ def pay(host: HostState, tank: PortTank, forces: Floats) -> float:
 
 @kernel
 def bound(host: HostState) -> None:
-    """Limit each finger's force: reduce all internal forces, and all external forces if these alone exceed a limit."""
+    """Limit each finger's force by a common factor on all internal forces.
+
+    If external forces alone exceed a limit, a common factor reduces all external forces too.
+    """
     d = host.dimensions
     outer = squeeze = 1.0
     for i in range(host.fingers):
@@ -303,7 +306,7 @@ def take_sample(host: HostState) -> None:
 
 @kernel
 def check_sample(host: HostState, slot: Floats) -> None:
-    """Set the host's code if a value of the sample is not finite, or a finger's force is implausibly large."""
+    """Set `host.code` if a value of the sample is not finite, or if a finger's force is implausibly large."""
     d, m = host.dimensions, host.size
     for i in range(host.fingers):
         square, sums = 0.0, 0.0
@@ -335,7 +338,10 @@ def keep_sample(host: HostState, slot: Floats, number: float) -> None:
 
 @kernel
 def predict(state: GraspState, host: HostState) -> None:
-    """Compute the present forces of both ports: held, extrapolated, or predicted from the environment's stiffness."""
+    """Compute the forces of both ports in this tick.
+
+    They are held, extrapolated, or predicted with the environment's stiffness.
+    """
     ahead = 0.0
     if host.method == LINEAR:
         ahead = min(host.age * host.period, host.interval)

@@ -27,7 +27,7 @@ class Shown(NamedTuple):
         grip: Mean over the touching fingers of the internal force along the normal into the object [N]. A positive grip
             closes the hand. A grasp that presses on an object therefore has a negative grip, which opens the operator's
             fingers.
-        fingers: Force on each finger, for a device with one channel per finger (n, d) [N]: `external` + `internal`.
+        fingers: Force on each finger, (n, d) [N], for a device with one channel per finger: `external` + `internal`.
         external, internal: The two parts of `fingers`, (n, d) [N].
         touching: Mask of the fingers that touch, (n,).
         message: Message that forces fade to zero if there is no contact; otherwise empty.
@@ -150,8 +150,8 @@ def is_sound(state: ContactSplitState) -> bool:
 def merge(state: ContactSplitState) -> None:
     """Compute each finger's total contact force, at the mean contact point weighted by the size of the forces.
 
-    The contact point of a finger without force is the mean of its points; a finger without contacts keeps its last
-    contact point.
+    The contact point of a finger without force is the mean of the finger's points; a finger without contacts keeps its
+    last contact point.
     """
     d = state.dimensions
     for i in range(state.fingers):
@@ -252,7 +252,7 @@ def remember(state: ContactSplitState) -> bool:
 
 @kernel
 def apply_gains(state: ContactSplitState) -> Vector:
-    """Multiply external and internal forces by their gains, compute the grip, and return the moment times its gain."""
+    """Apply the gains to external and internal forces, and compute the grip; return the moment times its gain."""
     moment = Vector(0.0, 0.0, 0.0)
     for j in range(state.contacts):  # f_v = G f (eq. 2), with the contacts' own torques
         point = row_of(state.point, j)
@@ -282,7 +282,9 @@ def scaled(gain: Table, v: Vector) -> Vector:
 
 @kernel
 def fade(state: ContactSplitState, moment: Vector, changed: bool) -> None:
-    """Add the remainder of the last change: the forces before the change minus the forces of the new contacts.
+    """Add the remainder of the last change of contacts to the forces on the operator.
+
+    The remainder is the difference between the forces before the change and the forces of the new contacts.
 
     The remainder decreases to zero linearly in time. Each new change starts from the present forces, so the remainder
     decreases even if contacts change in every sample.

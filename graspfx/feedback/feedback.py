@@ -43,7 +43,7 @@ class Feedback(Carded):
     `forces` act from the object on the fingers; results are forces on the operator. With the opposite sign, the
     feedback would be positive: a hand that closes on an object would be closed further.
 
-    When a finger makes or breaks contact, the split changes at once, but the displayed forces stay continuous: the
+    When a finger makes or breaks contact, the split changes at once, but the displayed forces are continuous. The
     difference from the previous forces decreases linearly to zero within `fade`.
 
     Args:
@@ -101,7 +101,7 @@ class Feedback(Carded):
         Args:
             points: Contact points (m, d) [m]; (0, d) without contacts.
             forces: Forces of the object on the fingers at these points, (m, d) [N].
-            time: Time of the sample on the host's clock [s], which must increase.
+            time: Time of the sample on the host's clock [s]; it must increase from call to call.
             normals: Normals into the object (m, d), of any length. If None, the vectors from each finger's point to the
                 mean of the other fingers' points are used.
             torques: Torques of the object on the fingers, (m, 3), or (m,) in the plane [N m]; `moment` includes them.
@@ -168,7 +168,7 @@ class Feedback(Carded):
         return Shown(out[:d], moment, grip, felt, external, internal, touching, "" if m else NO_CONTACT)
 
     def _refuse(self, f: FloatArray, p: FloatArray) -> None:
-        """Raise an InputError for the value that cannot be used."""
+        """Raise an InputError that names the invalid value."""
         finite("points", p, do="the simulator has diverged, or a contact has no values")
         finite("forces", f, do="the simulator has diverged; the forces of the device become zero")
         if abs(f).max(initial=0.0) > self.largest:
@@ -220,7 +220,7 @@ class Feedback(Carded):
         self._bind(state, block)
 
     def _views(self) -> dict[str, FloatArray]:
-        """Return views of each finger's forces, and of whether it touches, by name."""
+        """Return views, by name, of the fingers' forces and of the marks of touching fingers."""
         assert self._state is not None
         names = ("touched", "external", "internal", "external_offset", "internal_offset")
         views = {name: self._state.array(getattr(ContactSplitState, name)) for name in names}

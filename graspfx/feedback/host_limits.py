@@ -68,10 +68,11 @@ def gain_limits(
 
         m x'' + (b + b_h) x' + k_h x = f,    f held over T,    f_j = -g k y_j
 
-    The host samples the operator at ticks R i; tick j uses the sample of tick s = R floor((j - D)/R). Then y_j is x_s
-    ("hold"), x_s + (x_s - x_(s-R)) a/R at a ticks after the sample's arrival ("linear"), or (1 - r) x_s + r x_j, with
-    a model of r times the environment's stiffness ("model"). Over R ticks the loop is a linear map of x, x' and the
-    samples on the delay line; the gain is increased until an eigenvalue leaves the unit circle.
+    Here x is the position of the finger, f_j the force in tick j, and k the environment's stiffness. The host samples
+    the operator at ticks R i, and tick j uses the sample of tick s = R floor((j - D)/R). Then y_j is x_s ("hold"), x_s
+    + (x_s - x_(s-R)) a/R at a ticks after the sample's arrival ("linear"), or (1 - r) x_s + r x_j, with a model of r
+    times the environment's stiffness ("model"). Over R ticks the loop is a linear map of x, x' and the samples on the
+    delay line; the gain is increased until an eigenvalue leaves the unit circle.
 
     Every constant delay of a range is considered, but not delays that change between samples. The smallest unstable
     gain is located on a grid of 60 gains per decade, and then refined by bisection.
@@ -142,7 +143,7 @@ def _lifted(E: FloatArray, R: int, D: int, linear: bool, r: float, stiffness: fl
 
 
 def _radius(matrix: FloatArray) -> tuple[float, float]:
-    """Compute the largest |z| of a map's eigenvalues, and the angle of that eigenvalue [rad]."""
+    """Compute the largest |z| of the eigenvalues z of a map, and the angle of this eigenvalue [rad]."""
     values = np.linalg.eigvals(matrix)
     z = values[np.argmax(np.abs(values))]
     return float(abs(z)), float(abs(np.angle(z)))

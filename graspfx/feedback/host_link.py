@@ -87,7 +87,7 @@ class HostLink:
         dimensions: Number of dimensions d.
 
     Raises:
-        DeviceError: If no loop with this name runs, or its record has another version.
+        DeviceError: If no loop with this name runs, or if the record of the loop has another version.
     """
 
     def __init__(self, name: str, *, timeout: float = 10.0) -> None:
@@ -157,12 +157,12 @@ class HostLink:
     def show(self, shown: Shown, time: float) -> None:
         """Display forces to the operator.
 
-        A device with one finger displays the push. A device with two fingers displays each finger's force if `shown`
-        has forces of two fingers, otherwise the push and the grip. A device with more fingers displays each finger's
-        force; fingers without a counterpart in `shown` get zero force.
+        A device with one finger displays the push. If `shown` has forces of two fingers, a device with two fingers
+        displays these forces; otherwise it displays the push and the grip. A device with more fingers displays each
+        finger's force; fingers without a counterpart in `shown` get zero force.
 
         Args:
-            shown: Result of `Feedback.update`, computed for the operator's state of the last `read`.
+            shown: Result of `Feedback.update` for the operator's state that the last `read` returned.
             time: Time on the host's clock [s].
 
         Raises:
@@ -173,7 +173,7 @@ class HostLink:
         external, internal = self._external, self._internal
         n, count = self.fingers, len(shown.external)
         if shown.push.shape != (self.dimensions,):
-            raise InputError("shown", shown.push.shape, f"a push of {self.dimensions} coordinates, as the device has")
+            raise InputError("shown", shown.push.shape, f"a push of {self.dimensions} coordinates, like the device's")
         if n == 1:
             external[0], internal[0] = shown.push, 0.0
         elif count == n:
@@ -188,7 +188,7 @@ class HostLink:
             external[:], internal[:] = 0.0, 0.0
             external[:count], internal[:count] = shown.external, shown.internal
         else:
-            raise InputError("shown.fingers", count, f"forces on at most {n} fingers, as many as the device has")
+            raise InputError("shown.fingers", count, f"forces on at most {n} fingers, the number of the device")
         self._require_running()
         self._write(time, 0.0)
 

@@ -235,7 +235,7 @@ class Moments:
 class Pivots:
     """Factors L D L' of the moments: inverse entries of D for y and z, its entry for u (or 0), and entries of L.
 
-    The remaining entries are zero unless contacts lie on a line within the tolerance, but not exactly. In this case the
+    The remaining entries are zero unless contacts lie on a line up to the tolerance, but not exactly. In this case the
     axis along the line is (1, `axis_y`, `axis_z`) about u, y and z; `loose` is the inverse of the moment about this
     axis; and `slant` is the unit vector of the motion about this axis in terms of the orthonormal motions about y, z
     and u.

@@ -45,7 +45,7 @@ class Grasp(Carded, GraspMatrix):
         contacts: Checked contacts, with their components.
         finger_of_column: Index of the contact of each column, (m,).
         torsion_columns: Mask of the components that are moments [N m], (m,).
-        moment_rows: Mask of the rows that are moments of the wrench, (w,).
+        moment_rows: Mask of the rows of G that are moments, (w,).
 
     Raises:
         InputError: If an argument is invalid for `grasp.contact.contacts`, or the shape of the origin or mask is wrong.

@@ -66,9 +66,10 @@ class Impedance(Carded):
 class Coupling(Carded):
     """f = P (K_ep e + K_ed e') + (I - P) (K_ip e + K_id e') (Kawai and Yoshikawa, eq. 4), force on the object.
 
-    P is the split's projector on forces. If the split has a metric M = L L with a symmetric L, a scalar gain k enters
-    as k M, and gains K per finger and (d, d) matrices enter as L K L. Contacts with a small weight therefore have a
-    small force. Full matrices enter as given.
+    Here e contains the displacements of the fingers from the contacts, e' the rates of the displacements, and P is the
+    split's projector on forces. If the split has a metric M = L L with a symmetric L, a scalar gain k enters as k M,
+    and gains K per finger and (d, d) matrices enter as L K L. Contacts with a small weight therefore have a small
+    force. Full matrices enter as given.
 
     The form "literal" is eq. (4). The stiffness of this form is asymmetric if the gains do not commute with P. An
     asymmetric stiffness creates energy on some closed motions. A warning states the energy, and is repeated whenever

@@ -125,7 +125,7 @@ class GraspMatrix:
 
     @cached_property
     def moment_rows(self) -> NDArray[np.bool_]:
-        """Mask of the rows that are moments of the wrench, (w,)."""
+        """Mask of the rows of G that are moments, (w,)."""
         d = self.dimensions
         moments: NDArray[np.bool_] = np.arange(d + MOMENTS[d]) >= d
         return moments[self.free]
@@ -139,12 +139,12 @@ class GraspMatrix:
         return transposed(rows)[..., self.free, :]
 
     def unit_free(self) -> tuple[FloatArray, FloatArray]:
-        """Return a matrix (..., w, m) with the row space of G after torsion columns are scaled by R [m], and R (...).
+        """Return a matrix (..., w, m) with the row space of G after scaling of torsion columns by R, and R (...) [m].
 
-        The rows are the object's free motions at the contacts: translations, and rotations about the contacts' centroid
-        divided by R, the rms distance of the contacts from their centroid. R is 1 if that distance is zero, or if no
-        rotation is free. If a translation is locked, a rotation's row includes the motion of the centroid in the locked
-        direction, so that a knob rotates about its own axis.
+        The rows are the object's free motions at the contacts: translations, and rotations about the contacts'
+        centroid, divided by R. R is the rms distance of the contacts from their centroid, or 1 if this distance is zero
+        or no rotation is free. If a translation is locked, a rotation's row includes the motion of the centroid in the
+        locked direction, so that a knob rotates about its own axis.
         """
         d, free = self.dimensions, self.free
         a = self.contacts.force_axes

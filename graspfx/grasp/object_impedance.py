@@ -1,4 +1,4 @@
-"""Stiffness and damping of an object relative to the fingers, and their distribution over contacts."""
+"""Stiffness and damping of an object relative to the fingers, and distribution of both over the contacts."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class ObjectImpedance(Carded):
         stiffness: Stiffness K_o in the axes of the contact points, (w, w), forces before moments [N/m, N, N m/rad]; or
             the diagonal of K_o, (w,), or on a line a number. The size w is 1, 3 or 6, or the number of free degrees of
             freedom of the grasp. Rows and columns of locked degrees of freedom have no effect.
-        damping: Damping D_o [N s/m, N s, N m s/rad], in the same forms; zero if None.
+        damping: Damping D_o [N s/m, N s, N m s/rad], in one of the same forms; zero if None.
         point: Point to which K_o and D_o refer, (d,) [m]; the origin of the grasp's moments if None.
 
     Raises:
@@ -58,7 +58,7 @@ class ObjectImpedance(Carded):
         K = _square("stiffness", stiffness)
         D = np.zeros_like(K) if damping is None else _square("damping", damping)
         if D.shape != K.shape:
-            raise InputError("damping", D.shape, f"a matrix {K.shape}, as the stiffness")
+            raise InputError("damping", D.shape, f"a matrix of shape {K.shape}, like the stiffness")
         where = None if point is None else finite("point", point)
         if where is not None and where.shape != (FREEDOMS.get(len(K)),):
             d = FREEDOMS.get(len(K))
@@ -79,7 +79,7 @@ class ObjectImpedance(Carded):
         return f"{gain_text(self.stiffness, 'N/m, N m/rad')}, {gain_text(self.damping, 'N s/m, N m s/rad')}"
 
     def turned(self, R: FloatArray) -> ObjectImpedance:
-        """Return the impedance in other axes; R (d, d) rotates from the present axes."""
+        """Return the impedance in other axes; R (d, d) rotates from the present axes to the other axes."""
         w = len(self.stiffness)
         d = FREEDOMS.get(w)
         if d is None or R.shape != (d, d):
@@ -111,7 +111,7 @@ def object_gain(impedance: ObjectImpedance, pair: str, split: Split) -> FloatArr
     """Compute K_ep, or D_ep if `pair` is "damping", of a split's contacts, (..., m, m), symmetric to the last bit.
 
     Raises:
-        InputError: If the degrees of freedom of impedance and grasp differ.
+        InputError: If the impedance and the grasp have different degrees of freedom.
     """
     m, sets = split.components, split.sets
     grasp = split.grasp

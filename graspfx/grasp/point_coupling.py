@@ -47,9 +47,9 @@ class PointCoupling(Carded):
         fingers: Number n of fingers.
         dimensions: Dimension d: 1, 2 or 3.
         tolerance: Largest rms distance of collinear contacts from their line, as a fraction of their rms distance from
-            the centroid (`Split`: 1e-6). Contacts that lie on a line up to the rounding of their coordinates also count
-            as collinear. Compiling takes a second, once per machine. Both engines compute the same forces to the last
-            bit.
+            the centroid (the default of `Split` is 1e-6). Contacts that lie on a line up to the rounding of their
+            coordinates also count as collinear. Compiling takes a second, once per machine. Both engines compute the
+            same forces to the last bit.
 
     Attributes:
         compute: Callable without arguments that fills `force`; bind it to a local name in a loop.

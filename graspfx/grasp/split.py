@@ -40,7 +40,7 @@ class Split(Carded):
     forces, and its transpose Q = G'(G M G')^+ G M on displacements. M Q and M (I - Q) are symmetric and positive
     semidefinite, G M (I - Q) = 0, and P = P' = Q for M = I.
 
-    P depends on G only through its row space. It does not depend on the origin or unit of moments, nor on the object's
+    P depends on G only through its row space. P depends neither on the origin or unit of moments nor on the object's
     frame. A `Grasp` is therefore factored with moments about the contacts' centroid, in units of the contacts' rms
     radius R, so that the rank depends on lengths alone. Rotations are in radians, and translations and torsion of a
     contact in units of R. A unit motion of the object is external if the rms displacement of the contacts exceeds
@@ -145,7 +145,7 @@ class Split(Carded):
 
     @cached_property
     def modes(self) -> FloatArray:
-        """Orthonormal motions (..., m, rank) in the metric's own coordinates, L x with M = L L."""
+        """Orthonormal motions (..., m, rank) in the coordinates L x of the metric M = L L."""
         if self._root is None and (self.grasp is None or self.of_points or not self.grasp.torsion_columns.any()):
             return self._motions
         Q = np.linalg.qr(transposed(self.stretch(transposed(self._motions))))[0]
@@ -245,7 +245,7 @@ class Split(Carded):
         if self.sets:
             ranks = np.unique(rank)
             if len(ranks) > 1:
-                expected = "sets of contacts of one rank"
+                expected = "sets of contacts with equal ranks"
                 raise InputError("rank", ranks.tolist(), expected, "split the sets of each rank separately")
             rank = int(ranks[0])
         return np.linalg.qr(self._motions[..., :rank], mode="complete")[0][..., rank:]
@@ -452,7 +452,7 @@ def divide(
         External and internal forces, with the shape of `force`.
 
     Raises:
-        InputError: If an argument is invalid for `Split`, or is not used by the kind.
+        InputError: If an argument is invalid for `Split`, or if an argument is given that the kind does not use.
         UnknownNameError: If the kind is unknown.
     """
     if kind not in get_args(AnyKind):

@@ -46,7 +46,8 @@ def least_friction(grasp: GraspMatrix, wrench: ArrayLike | None = None, *, norma
         infinite if no coefficient suffices.
 
     Raises:
-        InputError: If contacts are not hard or have no normals, or the wrench has the wrong size or no bound.
+        InputError: If contacts are not hard or have no normals, if the wrench has the wrong size, or if a wrench is
+            given without a bound.
     """
     grasp.require_one("least_friction")
     if any(model != "hard" for model in grasp.contacts.models):

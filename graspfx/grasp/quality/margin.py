@@ -63,7 +63,8 @@ def wrench_margin(
     convex. The bounds remain further apart if W is smooth and weak along a family of directions, because the polytope
     then needs many points.
 
-    A grasp without force closure has margin 0. Unlike closure, epsilon depends on the length and the reference point.
+    A grasp without force closure has margin 0. Unlike force closure, epsilon depends on the length that divides moments
+    and on the reference point.
 
     Args:
         grasp, friction, torsion, limit, length, about: As for `grasp.quality.closure.force_closure`.
