@@ -1,13 +1,13 @@
 """Elementary functions for kernels: sin, cos, exp, atan2, asin, acos and the cube root, bit-identical on all machines.
 
-A platform's math library selects its code by processor, so results on another machine may differ in the last digits. A
-browser has yet another library. The functions here use only operations that IEEE 754 rounds correctly (+ - * / and
-sqrt) and exact scaling; compiled kernels do not contract these operations. Python, native code and WebAssembly
-therefore return the same bits. Kernels of the package call these functions. Third-party kernels may call `math`, whose
-results depend on the platform.
+The math library of a platform selects code by processor, and a browser has another library, so results on another
+machine may differ in the last digits. The functions of this module use only operations that IEEE 754 rounds correctly
+(+ - * / and sqrt) and exact scaling, and compiled kernels do not contract these operations. Python, native code and
+WebAssembly therefore return the same bits. Kernels of the package call these functions. Third-party kernels may call
+`math`, whose results depend on the platform.
 
-Polynomials are nearly minimax on their intervals (Chebyshev expansions, computed with 60 digits and rounded). The
-comments state their largest error before rounding.
+Polynomials are nearly minimax on their intervals (Chebyshev expansions, computed with 60 digits and rounded). Comments
+state the largest error of each polynomial before rounding.
 """
 
 from __future__ import annotations
@@ -33,19 +33,19 @@ PI_LOW = 1.2246467991473532e-16  # pi - fl(pi)
 
 
 def sin(x: float) -> float:
-    """Return sin x, within one unit in the last place; NaN beyond `LARGEST_ANGLE`."""
+    """Return sin x, within one unit in the last place; NaN if |x| exceeds `LARGEST_ANGLE`."""
     sine, _ = sin_cos(x)
     return sine
 
 
 def cos(x: float) -> float:
-    """Return cos x, within one unit in the last place; NaN beyond `LARGEST_ANGLE`."""
+    """Return cos x, within one unit in the last place; NaN if |x| exceeds `LARGEST_ANGLE`."""
     _, cosine = sin_cos(x)
     return cosine
 
 
 def sin_cos(x: float) -> tuple[float, float]:
-    """Return sin x and cos x, each within one unit in the last place; NaN beyond `LARGEST_ANGLE`."""
+    """Return sin x and cos x, each within one unit in the last place; NaN if |x| exceeds `LARGEST_ANGLE`."""
     if not abs(x) <= LARGEST_ANGLE:
         return math.nan, math.nan
     if x == 0.0:
@@ -62,7 +62,7 @@ def sin_cos(x: float) -> tuple[float, float]:
 
 
 def exp(x: float) -> float:
-    """Return exp x, within one unit in the last place; infinity if it overflows."""
+    """Return exp x, within one unit in the last place; infinity on overflow."""
     if x > OVERFLOW:
         return math.inf
     if x < UNDERFLOW:
@@ -80,7 +80,7 @@ def exp(x: float) -> float:
 
 
 def atan2(y: float, x: float) -> float:
-    """Return the angle of the point (x, y), within two units in the last place, with the signs of C's `atan2`."""
+    """Return the angle of the point (x, y), within two units in the last place, with the sign rules of C's `atan2`."""
     if x != x or y != y:
         return math.nan
     if x == 0.0 and y == 0.0:

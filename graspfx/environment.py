@@ -1,7 +1,7 @@
 """Process environment: paths, number of processors, and whether the user trusts scene files.
 
-Functions that take a path check its type and replace errors of the operating system by InputError. Scene files may use
-files outside their folder only if the user allows it; a scene file cannot allow this itself.
+Functions that take a path check the type of the path, and replace errors of the operating system by InputError. A scene
+file may use files outside its folder only if the user allows it; the scene file itself cannot allow it.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ _granted: ContextVar[bool] = ContextVar("granted", default=False)
 
 
 def to_path(name: str, value: object, expected: str = "the path of a file", folder: Path | None = None) -> Path:
-    """Return a path with `~` expanded; a relative path is taken from `folder` (default: the current folder).
+    """Return a path with `~` expanded; a relative path is appended to `folder` (default: the current folder).
 
     Args:
-        name: Argument's name, for errors.
-        value: Text or path.
-        expected: Description of a valid value, for errors.
-        folder: Folder of relative paths.
+        name: Name of the argument in error messages.
+        value: Path as text or as a path object.
+        expected: Description of a valid value in error messages.
+        folder: Folder to which a relative path refers; None for the current folder.
 
     Raises:
-        InputError: If the value is not a path, contains NUL, or names the home of an unknown user.
+        InputError: If the value is not a path, contains NUL, or refers to the home folder of an unknown user.
     """
     path = fspath(value) if isinstance(value, str | PathLike) else None
     if not isinstance(path, str):
@@ -47,7 +47,7 @@ def to_path(name: str, value: object, expected: str = "the path of a file", fold
 
 
 def resolved(name: str, path: Path) -> Path:
-    """Resolve all links of a path; the path need not exist.
+    """Resolve all symbolic links in a path; the path need not exist.
 
     Raises:
         InputError: If the links form a loop, or the operating system refuses the name.
@@ -59,13 +59,13 @@ def resolved(name: str, path: Path) -> Path:
 
 
 def require_file(name: str, value: str, path: Path, expected: str = "the path of a file", do: str = "") -> None:
-    """Require a regular file: reading a pipe, a socket or a device could block forever.
+    """Raise an error unless a path is a regular file; reading a pipe, a socket or a device could block forever.
 
     Args:
-        name: Argument's name, for errors.
-        value: Path as the user wrote it, for errors.
+        name: Name of the argument in error messages.
+        value: Path as the user wrote it, for error messages.
         path: Path to check.
-        expected, do: Description of a valid value, and what to do, for errors.
+        expected, do: Description of a valid value, and advice if the file does not exist, for error messages.
 
     Raises:
         InputError: If the file does not exist or is not regular, or the operating system refuses the name.
@@ -80,13 +80,16 @@ def require_file(name: str, value: str, path: Path, expected: str = "the path of
 
 
 def is_granted() -> bool:
-    """Return whether scene files are trusted: within `granted`, or if GRASPFX_TRUST is set to anything except 0."""
+    """Return whether scene files are trusted.
+
+    They are trusted in a block of `granted`, and if the environment variable GRASPFX_TRUST has a value other than 0.
+    """
     return _granted.get() or os.environ.get(VARIABLE, "0") not in ("", "0")
 
 
 @contextmanager
 def granted(yes: bool = True) -> Iterator[None]:
-    """Trust scene files within the block if `yes`; otherwise change nothing."""
+    """Trust scene files within a `with` block if `yes` is true; otherwise change nothing."""
     token = _granted.set(yes or _granted.get())
     try:
         yield

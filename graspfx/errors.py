@@ -23,17 +23,17 @@ LONGEST_KEY = 200  # characters of a key shown in a message
 
 
 class GraspFXError(Exception):
-    """Base class of all errors that GraspFX raises on purpose."""
+    """Base class of all exceptions that GraspFX defines."""
 
 
 class InputError(GraspFXError, ValueError):
     """An argument is invalid. The message says what was given, what was expected and what to do.
 
     Args:
-        name: Argument's name, as the caller wrote it.
-        given: Value given; the message abbreviates it.
+        name: Name of the argument, as the caller wrote it.
+        given: Value that was given; the message abbreviates it.
         expected: Description of a valid value.
-        do: Next step, if it does not follow from `expected`.
+        do: Advice, if it does not follow from `expected`.
     """
 
     def __init__(self, name: str, given: object, expected: str, do: str = "") -> None:
@@ -43,15 +43,18 @@ class InputError(GraspFXError, ValueError):
 
 
 class KernelError(InputError):
-    """A kernel has a fault that machine code would not detect. The message names the file and line."""
+    """A kernel has an error that compiled code would not detect.
+
+    The message gives the file and the line.
+    """
 
 
 class NoRestError(InputError):
-    """No rest configuration of the grasp was found, so its stability cannot be judged."""
+    """No rest configuration of the grasp was found, so the stability of the grasp cannot be judged."""
 
 
 class UnknownNameError(GraspFXError, KeyError):
-    """A name is unknown. The message lists the known names and a close match."""
+    """A name is unknown. The message lists the known names and suggests a close match."""
 
     def __init__(self, kind: str, name: str, known: Iterable[str], do: str = "") -> None:
         self.kind, self.name, self.known = kind, name, sorted(known)
@@ -95,7 +98,7 @@ class RecordingError(GraspFXError):
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault of a scene: its key, what is wrong, and the line in the file (None outside a file)."""
+    """Fault in a scene: key, description, and line in the file (None for a scene without a file)."""
 
     key: str
     message: str
@@ -110,7 +113,10 @@ class Fault:
 
 
 class SceneError(GraspFXError, ValueError):
-    """A scene has faults. The error lists all faults with their lines; the message shows the first 50 and the total."""
+    """A scene has faults.
+
+    The error contains all faults with their lines; the message shows the first 50 faults and the number of all faults.
+    """
 
     def __init__(self, source: str, faults: Sequence[Fault]) -> None:
         self.source, self.faults = source, tuple(faults)
@@ -125,7 +131,9 @@ def __dir__() -> list[str]:
 
 
 def closest(name: str, names: Iterable[str], likeness: float = 0.6) -> str | None:
-    """Return the close match of a misspelt name, or None; a `likeness` of 1 accepts only the name itself.
+    """Return the name that is closest to a misspelt name, or None if no name is close.
+
+    If `likeness` is 1, only the name itself matches.
 
     Two names match if one contains the other, if one contains all dot-separated parts of the other in any order, or if
     their edit distance is at most one plus one per three letters. Words that merely share letters do not match.
@@ -139,7 +147,7 @@ def closest(name: str, names: Iterable[str], likeness: float = 0.6) -> str | Non
 
 
 def holds(name: str, other: str) -> bool:
-    """Return whether a name contains another one: as a substring, or all of its dot-separated parts."""
+    """Return whether `name` contains `other` as a substring, or contains all dot-separated parts of `other`."""
     return other in name or {*other.split(".")} <= {*name.split(".")}
 
 
@@ -154,7 +162,7 @@ def slips(name: str, other: str) -> int:
 
 
 def message(error: BaseException, limit: int = 500) -> str:
-    """Return an exception's message on one line, in printable characters; user code may raise anything."""
+    """Return the message of an exception on one line, in printable characters, shortened to `limit` characters."""
     try:
         text = " ".join(str(error).split())
     except Exception:  # noqa: BLE001 - `str` of an exception may itself fail

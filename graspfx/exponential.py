@@ -1,4 +1,4 @@
-"""Matrix exponential e^A - I of a small matrix, in NumPy only: importing scipy.linalg takes as long as a short run.
+"""Matrix exponential e^A - I of a small matrix, without scipy.linalg, whose import takes as long as a short run.
 
 The products and the solution that give the result avoid BLAS and LAPACK, whose code depends on the processor. Simulated
 devices are discretised with this function, and a run must be bit-identical on other machines.
@@ -37,7 +37,10 @@ ROUNDING = 2.0**-53
 
 
 def expm1(A: FloatArray) -> FloatArray:
-    """Compute e^A - I by scaling and squaring: F = r_13(A / 2^s) - I, diagonal Pade approximant, then F <- 2 F + F^2.
+    """Compute e^A - I by scaling and squaring.
+
+    F = r_13(A / 2^s) - I is computed with the diagonal Pade approximant r_13 of degree 13, and F <- 2 F + F^2 is
+    repeated s times.
 
     Because F excludes the identity, a small F keeps its relative accuracy in every squaring. s is chosen from norms of
     powers of A, so that a large nilpotent part (such as inputs held for a sample) costs no accuracy (N. J.
@@ -100,7 +103,7 @@ def _solution(A: FloatArray, B: FloatArray) -> FloatArray:
 
 
 def _halvings(A: FloatArray) -> int:
-    """Choose s so that r_13(A / 2^s) equals e^(A / 2^s) to rounding: backward error below 2^-53."""
+    """Choose s so that the backward error of r_13(A / 2^s), as an approximation of e^(A / 2^s), is below 2^-53."""
     A2 = _product(A, A)
     A4 = _product(A2, A2)
     A6 = _product(A4, A2)
@@ -116,6 +119,6 @@ def _halvings(A: FloatArray) -> int:
 
 
 def _norm(A: FloatArray) -> float:
-    """Compute the 1-norm; infinite after an overflow."""
+    """Compute the 1-norm; infinity if an overflow makes the norm NaN."""
     norm = float(np.abs(A).sum(axis=0).max())
     return inf if norm != norm else norm

@@ -1,4 +1,4 @@
-"""A kernel as a symbol for calls from other machine code."""
+"""Registration of a compiled kernel as a symbol that other machine code can call."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from graspfx.compile.kernel import source_function
 
 @cache
 def symbol_of(kernel: Callable[..., Any], types: tuple[str, ...]) -> str:
-    """Load a kernel's machine code for these types of arguments, and return the name of its symbol.
+    """Load the machine code of a kernel for the given argument types; return the name of the symbol.
 
     Args:
         kernel: Kernel function.
-        types: LLVM types of its arguments: `ptr` for a buffer, `i64`, `double`.
+        types: LLVM types of the kernel's arguments: `ptr` for a buffer, `i64`, `double`.
 
     Raises:
         MissingPackageError: If LLVM is not installed.

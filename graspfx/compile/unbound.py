@@ -1,4 +1,4 @@
-"""Detection of names that a kernel may use before assignment; machine code would then read undefined values."""
+"""Detection of names that a kernel may read before assignment, where machine code reads undefined values."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ class Loop:
 
 
 def unbound_names(tree: ast.FunctionDef) -> list[ast.Name]:
-    """List the uses of a function's variables that some path reaches before their assignment.
+    """List the reads of a function's local variables that some path reaches before an assignment.
 
-    Every test may have either result, regardless of earlier tests. A loop may have no iterations, except `while True`
-    and a loop over a literal range or tuple that is not empty.
+    The analysis assumes that every condition can be true or false, regardless of earlier conditions. It also assumes
+    that a loop can have no iterations, unless the loop is `while True` or runs over a literal, non-empty range or
+    tuple.
     """
     flow = Flow(assigned(tree.body))
     flow.block(tree.body, frozenset(a.arg for a in tree.args.args))
@@ -30,9 +31,9 @@ def unbound_names(tree: ast.FunctionDef) -> list[ast.Name]:
 
 
 def lost_end(tree: ast.FunctionDef) -> int:
-    """Return the line at which a function with a result can end without a result; 0 if it cannot.
+    """Return the line at which a function that returns a value can end without a value, or 0 if there is no such line.
 
-    Every test may have either result, so `if` and `elif` without `else` may fall through.
+    The analysis assumes that every condition can be true or false, so `if` and `elif` without `else` may fall through.
     """
     returns = [node for node in ast.walk(tree) if isinstance(node, ast.Return)]
     if all(node.value is None for node in returns):
@@ -45,7 +46,7 @@ def lost_end(tree: ast.FunctionDef) -> int:
 
 
 class Flow:
-    """Paths through a function.
+    """Analysis of the paths through a function; `uses` lists the reads of names that may be unassigned.
 
     Args:
         variables: Names that the function assigns to.
@@ -57,7 +58,7 @@ class Flow:
         self.uses: list[ast.Name] = []
 
     def block(self, statements: Sequence[ast.stmt], bound: Bound) -> Bound:
-        """Analyse statements; return the names that are bound after them."""
+        """Analyse statements; return the names that are certainly bound after the last statement."""
         for statement in statements:
             if bound is None:
                 break
@@ -105,7 +106,10 @@ class Flow:
     def turns(
         self, body: Sequence[ast.stmt], before: Bound, inside: Bound, *, once: bool = False, endless: bool = False
     ) -> Bound:
-        """Analyse a loop's body once; no iteration starts with fewer bound names than the first iteration."""
+        """Analyse the body of a loop; return the names that are certainly bound after the loop.
+
+        The body is analysed once, because no later iteration starts with fewer bound names than the first iteration.
+        """
         loop = Loop()
         self._loops.append(loop)
         behind = self.block(body, inside)
@@ -116,7 +120,10 @@ class Flow:
         return common([first, *loop.breaks])
 
     def _continued(self, body: Sequence[ast.stmt], inside: Bound) -> list[Bound]:
-        """Return the names certainly bound at a `continue`: those bound at the iteration's start; none without one."""
+        """Return the names bound at a `continue` of the body, as a list with one entry, or an empty list without one.
+
+        These are the names bound at the start of an iteration.
+        """
         return [inside] if any(isinstance(node, ast.Continue) for each in body for node in ast.walk(each)) else []
 
     def assign(self, target: ast.expr, bound: frozenset[str]) -> frozenset[str]:
@@ -139,7 +146,7 @@ class Flow:
 
 
 def common(ways: Sequence[Bound]) -> Bound:
-    """Return the names that are bound where several paths join."""
+    """Return the names that are bound on all of several paths; unreachable paths are ignored."""
     sets = [way for way in ways if way is not None]
     return frozenset.intersection(*sets) if sets else None
 
@@ -153,7 +160,7 @@ def _is_true(test: ast.expr) -> bool:
 
 
 def _has_turns(turns: ast.expr) -> bool:
-    """Return whether a loop's literal range or tuple has at least one iteration."""
+    """Return whether the iterable of a loop is a literal range or tuple with at least one element."""
     if isinstance(turns, ast.Tuple):
         return bool(turns.elts)
     if not (isinstance(turns, ast.Call) and isinstance(turns.func, ast.Name) and turns.func.id == "range"):

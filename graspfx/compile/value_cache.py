@@ -1,4 +1,4 @@
-"""Disk cache of values that take longer to compute than to read; the key covers all inputs of a value."""
+"""Disk cache of values that take longer to compute than to read; each key includes all inputs of the value."""
 
 from __future__ import annotations
 
@@ -18,13 +18,15 @@ T = TypeVar("T")
 
 
 def through_cache(settings: object, content: bytes, make: Callable[[], T]) -> T:
-    """Return a value from the cache, or else from `make`, and cache it unless it is too large.
+    """Return a value from the cache; if the cache does not contain the value, compute it with `make` and store it.
+
+    A value of more than `LARGEST` bytes is not stored.
 
     Args:
-        settings: Everything on which the value depends, except the content, Python and this version of GraspFX, as an
-            object with a complete text form.
+        settings: All settings on which the value depends, as an object whose `repr` is complete. The content, Python's
+            version and the sources of GraspFX are always part of the key.
         content: Content of a file, or bytes of arrays.
-        make: Function that makes the value, or raises; an error is not cached.
+        make: Function that computes the value. If it raises an exception, nothing is stored.
     """
     parts = FORMAT, sys.version, sys.byteorder, source_stamps(), settings
     key = sha256(repr(parts).encode() + b"\0" + sha256(content).digest()).hexdigest()

@@ -1,8 +1,8 @@
-"""Programs as WebAssembly modules, from the same text as native code.
+"""WebAssembly modules of programs, compiled from the same LLVM text as native code.
 
-Kernels call `graspfx.elementary` and no library, so a module computes the same bits as native code. A wheel contains
-the module of `graspfx.loop.step.steps`, linked by `ziglang`, which users of a wheel do not need. In a checkout the
-module is built at first use and cached.
+Kernels call `graspfx.elementary` instead of a platform's library, so a WebAssembly module computes the same bits as
+native code. A wheel of GraspFX contains the module of `graspfx.loop.step.steps`, so users of a wheel do not need the
+linker of `ziglang`. In a checkout, the module is built at first use and cached.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ LINK = ("--no-entry", "--gc-sections", "--strip-all", "--export=graspfx_entry", 
 
 
 def module(key: str, program: Callable[[], LlvmProgram]) -> bytes:
-    """Return the WebAssembly module of a program: the installed one, the cached one, or a new one.
+    """Return the WebAssembly module of a program: from the installed library, from the cache, or newly built.
 
     Args:
-        key: Key of the program in caches, which covers its sources.
-        program: Function that returns the LLVM program if the module must be built.
+        key: Key of the program in the library and the cache; the key includes the program's sources.
+        program: Function that returns the LLVM program; it is called only if the module must be built.
 
     Raises:
         MissingPackageError: If the module must be built, and `ziglang` or llvmlite is not installed.
@@ -53,15 +53,15 @@ def module(key: str, program: Callable[[], LlvmProgram]) -> bytes:
 
 
 def module_key(key: str) -> str:
-    """Return the name of the WebAssembly module of a program in the library."""
+    """Return the name under which the library contains the WebAssembly module of a program."""
     return f"{key} for browsers"
 
 
 def build(program: LlvmProgram) -> bytes:
-    """Compile and link a program.
+    """Compile and link a program; return the WebAssembly module.
 
-    The module exports `graspfx_entry(arena, rows, world, k, count, r)`, its memory and `__heap_base`, the beginning of
-    free memory.
+    The module exports `graspfx_entry(arena, rows, world, k, count, r)`, its memory, and `__heap_base`, the address at
+    which free memory begins.
 
     Raises:
         InputError: If the program calls functions of a platform's library.
@@ -86,7 +86,7 @@ def build(program: LlvmProgram) -> bytes:
 
 @cache
 def _zig() -> Path:
-    """Return the folder of `ziglang`."""
+    """Return the folder of the package `ziglang`."""
     found = find_spec("ziglang")
     if found is None or found.origin is None:
         raise MissingPackageError(

@@ -1,1 +1,1 @@
-"""Unilateral contact forces: complementarity at normals, friction cones and their frames."""
+"""Unilateral contact forces: complementarity along normals, friction cones, and contact frames."""

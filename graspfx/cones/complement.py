@@ -1,4 +1,4 @@
-"""Complementarity of forces and displacements at normals, by principal pivoting."""
+"""Complementarity of contact forces and displacements along the normals, solved by principal pivoting."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ SINGULAR = 1e-10  # relative to the coordinate's stiffness before releases: a sm
 
 @dataclass(frozen=True, slots=True)
 class Contacts:
-    """Size of a square matrix: the number of contacts, and the number of coordinates per contact, the normal first."""
+    """Numbers of contacts and of coordinates per contact in a square matrix.
+
+    The normal is the first coordinate of a contact.
+    """
 
     count: int  # number n of contacts
     coordinates: int  # number d of coordinates per contact
@@ -22,7 +25,7 @@ class Contacts:
 
 @kernel
 def pivot(square: Table, vector: Floats, j: int) -> None:
-    """Pivot on j of y = q + M x: exchange x_j and y_j (q in `vector`, M in `square`)."""
+    """Exchange x_j and y_j in y = q + M x by a principal pivot; `vector` contains q, and `square` contains M."""
     size = square.columns
     inverse = 1.0 / square[j, j]
     q = vector[j] * inverse
@@ -45,10 +48,12 @@ def pivot(square: Table, vector: Floats, j: int) -> None:
 
 @kernel
 def release(square: Table, vector: Floats, m: int, marks: Floats, diagonal: Floats) -> None:
-    """Pivot all marked coordinates (mark 1.0) among the first m, so that they carry no force, and clear their marks.
+    """Pivot the marked coordinates among the first m, so that these coordinates carry no force, and clear their marks.
 
-    The coordinate that retains the largest fraction of its stiffness is pivoted first. A singular stiffness then leads
-    to pivots of rounding size. These are skipped, because coordinates without stiffness carry no force anyway.
+    A coordinate is marked if its entry of `marks` is not zero. The coordinate with the largest ratio of the current to
+    the initial diagonal entry (`diagonal`) is pivoted first. If the stiffness is singular, the last pivots are
+    therefore zero up to rounding errors. These pivots are skipped, because coordinates without stiffness carry no
+    force.
     """
     while True:
         best = SINGULAR
@@ -73,14 +78,17 @@ def release(square: Table, vector: Floats, m: int, marks: Floats, diagonal: Floa
 def complement(
     square: Table, vector: Floats, diagonal: Floats, state: Floats, contacts: Contacts, back: bool, scale: float
 ) -> int:
-    """Find f_n >= 0, s_n >= 0, f_n s_n = 0 at every normal by principal pivoting; return 0, or 1 if unresolved.
+    """Find normal forces f_n and displacements s_n with f_n >= 0, s_n >= 0, f_n s_n = 0; return 0, or 1 on failure.
 
-    Coordinates are ordered contact by contact, the normal first (index i d). `state` of a contact is 1 if it is
-    engaged, 0 if released, and -1 if it must not change. If `contacts.whole`, a contact's tangents are released
-    together with its normal. Without `back`, released contacts stay released. `vector` contains the force of an engaged
-    normal, and the displacement s of a released normal. `scale` is the magnitude of the forces. Each pivot removes the
-    worst violation or, after 3 n pivots, the first violation. The latter rule terminates for every matrix with positive
-    principal minors (Murty 1974).
+    The method is principal pivoting.
+
+    Coordinates are ordered contact by contact; the normal of contact i has the index i d. The entry of `state` is 1 for
+    an engaged contact, 0 for a released contact, and -1 for a contact that must not change. If `contacts.whole` is
+    true, a contact's tangents are released together with its normal. If `back` is false, released contacts stay
+    released. The entry of `vector` is the force of an engaged normal or the displacement of a released normal. `scale`
+    is the magnitude of the forces, relative to which violations are rounding errors. Each of the first 3 n pivots (n
+    contacts) removes the worst violation, and each later pivot the first violation. Choosing the first violation
+    terminates for every matrix with positive principal minors (Murty 1974).
     """
     n, d = contacts.count, contacts.coordinates
     limit = 20 * n + 40
@@ -116,12 +124,14 @@ def complement(
 
 @kernel
 def settle(square: Table, vector: Floats, displacement: Floats, state: Floats, contacts: Contacts) -> None:
-    """Write the forces to `vector`: f = K e over engaged contacts, with normal forces clamped at zero; else zero.
+    """Write the contact forces to `vector`: K e for engaged contacts, zero for all other contacts.
 
-    Unless `contacts.whole`, forces act along normals only.
+    K is `square` and e is `displacement`. Negative normal forces are set to zero.
 
-    The square matrix contains the stiffness of the engaged contacts with all other contacts released, so the position
-    of a free finger causes no loss of digits.
+    If `contacts.whole` is false, forces act only along normals.
+
+    K is the stiffness of the engaged contacts after the release of all other contacts, so the displacements of free
+    fingers do not enter the sums and cause no loss of digits.
     """
     n, d = contacts.count, contacts.coordinates
     for i in range(n):

@@ -1,9 +1,9 @@
-"""Friction cone: its frame, the return map of a trial force, and the limit of a contact's force.
+"""Friction cone of a contact: contact frame, return map of a trial force, and limit on the magnitude of the force.
 
-A limit is the intersection of the cone and a ball, so the force remains a convex function's gradient. The ball is
-centred at the apex of the cone. Therefore the nearest force in the intersection is the nearest force in the cone,
-shortened to the limit. If friction bounds force and torsion together, the limit includes a soft finger's torsion, in
-units of the patch length. Without friction the limit applies only to the force.
+A limit replaces the cone by its intersection with a ball centred at the apex, so the force remains the gradient of a
+convex function. The nearest force in the intersection is the nearest force in the cone, shortened to the limit. For a
+soft finger with friction, the limit bounds the norm of the force and the torsion together, where the torsion is divided
+by the patch length. If the coefficient is negative (no friction cone), the limit bounds only the force.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ LIFT = 3  # status of a half-space contact whose normal force is zero
 
 @dataclass(frozen=True, slots=True)
 class Face:
-    """Face of the friction cone onto which the return map has projected a force, with data for the derivative."""
+    """Face of the friction cone onto which the return map has projected a force, and data for the map's derivative."""
 
     status: int
     direction: Vector  # direction of the tangential force, if the contact slides
@@ -31,7 +31,10 @@ class Face:
 
 @kernel
 def contact_frame(normal: Vector, d: int) -> Matrix:
-    """Return orthonormal rows: the unit normal, then d - 1 tangents; in 1-D then y and z, in 2-D then z."""
+    """Return orthonormal rows: the unit normal, then tangents.
+
+    If d < 3, the rows after the first d are coordinate axes.
+    """
     x, y, z = normal.x, normal.y, normal.z
     if d == 1:
         return Matrix(x, y, z, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
@@ -46,10 +49,11 @@ def contact_frame(normal: Vector, d: int) -> Matrix:
 
 @kernel
 def turn_back(contact: ConeContact, d: int, theta: float, limited: bool) -> Face:
-    """Compute y_i = R(t_i) before the limit; return the face of the cone with the data for the derivative.
+    """Write R(t), before the limit, to the force of a contact with the trial force t; return the face of the cone.
 
-    theta = 1 returns the nearest force in the cone; theta = 0 keeps the normal force and scales the tangential force.
-    If forces are `limited`, a negative coefficient means no cone (NO_CONE) or a half-space (HALF_SPACE).
+    For theta = 1, R(t) is the nearest force in the cone. For theta = 0, R(t) has the normal force of t, if positive,
+    and the tangential force is scaled into the cone. If `limited` is true, a negative coefficient selects the whole
+    space (NO_CONE) or a half-space (HALF_SPACE) instead of a cone.
     """
     mu = contact.coefficient
     trial = leading(contact.trial, d)
@@ -89,7 +93,7 @@ def turn_back(contact: ConeContact, d: int, theta: float, limited: bool) -> Face
 
 @kernel
 def force_size(force: Vector4, width: int) -> float:
-    """Compute |f| over the first `width` entries."""
+    """Compute the norm of the first `width` entries of a force."""
     square = force.x * force.x
     if width > 1:
         square += force.y * force.y
@@ -102,13 +106,16 @@ def force_size(force: Vector4, width: int) -> float:
 
 @kernel
 def limit_width(coefficient: float, d: int) -> int:
-    """Return the number of coordinates that the limit bounds: d in a friction cone, those of the force if mu < 0."""
+    """Return the number of coordinates that a limit bounds: d, or without torsion at most 3 if `coefficient` < 0."""
     return d if coefficient >= 0.0 else min(d, 3)
 
 
 @kernel
 def shorten(force: Vector4, width: int, limit: float) -> tuple[Vector4, float]:
-    """Shorten a force over its first `width` entries to the limit; return the force and the factor, at most 1."""
+    """Scale the first `width` entries of a force so that their norm is at most `limit`.
+
+    Return the force and the factor.
+    """
     size = force_size(force, width)
     if not size > limit:
         return force, 1.0
@@ -123,20 +130,20 @@ def shorten(force: Vector4, width: int, limit: float) -> tuple[Vector4, float]:
 
 @kernel
 def is_plain(contact: ConeContact, d: int, limit: float, status: int) -> bool:
-    """Return whether y_i from `turn_back` is within its limit and not on the edge of a half-space."""
+    """Return whether the force from `turn_back` is within the limit and not at the boundary of a half-space."""
     return status != LIFT and not force_size(contact.force, limit_width(contact.coefficient, d)) > limit
 
 
 @kernel
 def cut_slope(contact: ConeContact, d: int, theta: float, limit: float, face: Face, x: Vector4) -> Vector4:
-    """Compute R'x, where R' is the derivative of the return map with the limit, for any status of a contact."""
+    """Compute R'x, where R' is the derivative of the return map followed by the limit, for any status of a contact."""
     slope = cone_slope(face, contact.coefficient, theta, x)
     return ball_slope(contact.force, limit_width(contact.coefficient, d), limit, slope)
 
 
 @kernel
 def cone_slope(face: Face, mu: float, theta: float, x: Vector4) -> Vector4:
-    """Compute R'x, where R' is the derivative of the return map without a limit."""
+    """Compute R'x, where R' is the derivative of the return map in `turn_back`, without a limit."""
     tangent = tangent_of(x)
     if face.status == LIFT:
         return with_tangent(0.0, tangent)
@@ -151,7 +158,10 @@ def cone_slope(face: Face, mu: float, theta: float, x: Vector4) -> Vector4:
 
 @kernel
 def ball_slope(force: Vector4, width: int, limit: float, x: Vector4) -> Vector4:
-    """Compute the derivative of `shorten` at y, times x: limit/|y| (x - y y'x/|y|^2), or x if y is within the limit."""
+    """Compute the derivative of `shorten` at the force y, times x.
+
+    The result is limit/|y| (x - y y'x/|y|^2), or x if |y| <= limit.
+    """
     size = force_size(force, width)
     if not size > limit:
         return x

@@ -1,15 +1,18 @@
-"""Equations of a friction problem and their derivatives: in modes for scalar gains, in coordinates for a matrix K.
+"""Equations of a friction problem and their derivatives, per mode for scalar gains and per coordinate otherwise.
 
-With scalar gains there is one unknown per mode, for any number of contacts. The stiffness is
-K = sqrt(W) [k_i I + (k_e - k_i) sum_k beta_k q_k q_k'] sqrt(W) (eq. 4), with kappa_k = k_i + (k_e - k_i) beta_k along
-q_k. Let f = sqrt(W) y, y = R(t) and t = k_i sqrt(W) e + f0 / sqrt(W) - sum_k z_k q_k. The unknowns are z, with
-kappa_k z_k = (k_i - kappa_k) q_k'(y - f0 / sqrt(W)).
+The displacements e, base forces f0 and forces f of all contacts are stacked. W contains the contacts' weights, and R is
+the return map of the law (`cones.friction`).
 
-The stiffness may also be given by its inverse, K^-1 = [I + sum_k h_k v_k v_k'] / k_i, scaled by the same square roots
-of W, with signs h_k and vectors v_k of any length. The equations are then the same with v_k in place of q_k:
-z_k = h_k v_k'(y - f0 / sqrt(W)).
+With scalar gains there is one unknown z_k per mode q_k, for any number of contacts. The stiffness is K = sqrt(W) [k_i I
++ (k_e - k_i) sum_k beta_k q_k q_k'] sqrt(W) (eq. 4). Its gain along q_k is kappa_k = k_i + (k_e - k_i) beta_k. With the
+scaled trial force t = k_i sqrt(W) e + f0 / sqrt(W) - sum_k z_k q_k, the force is f = sqrt(W) y, y = R(t). The unknowns
+satisfy kappa_k z_k = (k_i - kappa_k) q_k'(y - f0 / sqrt(W)).
 
-Any other K > 0 is a square matrix in contact frames, with one unknown per coordinate.
+A flexible problem gives the inverse stiffness between the same factors, sqrt(W) K^-1 sqrt(W) = [I + sum_k h_k v_k v_k']
+/ k_i, with signs h_k and vectors v_k of any length. Its equations have v_k in place of q_k, and z_k = h_k v_k'(y - f0 /
+sqrt(W)).
+
+Any other K > 0 is given as a square matrix in contact frames, with one unknown per coordinate.
 """
 
 from __future__ import annotations
@@ -29,7 +32,7 @@ SMALL = 1e-13  # relative to a square's largest row: regularises Newton's matrix
 
 @dataclass(frozen=True, slots=True)
 class Merit:
-    """Distance from a solution: the convex function, the magnitudes of the forces and of g, and the residual."""
+    """Distance from a solution: value of the convex function, magnitude of the forces, largest |g_k|, and residual."""
 
     value: float
     size: float
@@ -39,13 +42,14 @@ class Merit:
 
 @kernel
 def equations_of_modes(problem: FrictionProblem, d: int, count: int, gains: Gains, theta: float) -> Merit:
-    """Compute the trial forces, forces and g for the unknowns z of `count` modes.
+    """Compute the trial forces t, the forces y = R(t) and the equations' values g for the unknowns z of `count` modes.
 
-    kappa < k_i: g = h z + Q'(f0 - y), h = kappa / (k_i - kappa). kappa > k_i: the same equation in the form
-    g = h z + Q'(k_i e + y - t), h = k_i / (kappa - k_i). Both are gradients of strictly convex functions.
+    In the symbols of the module, with e and f0 scaled as in t: if kappa < k_i, g = h z + Q'(f0 - y) with h = kappa /
+    (k_i - kappa). If kappa > k_i, the same equation has the form g = h z + Q'(k_i e + y - t) with h = k_i / (kappa -
+    k_i). Both forms are gradients of strictly convex functions.
 
-    With compliances in series, contact i has the gain r_i k_i (`compliant_share`) instead of k_i:
-    t = f0 + r_i (k_i e - Q z), and for kappa > k_i g = h z + Q'(r_i k_i e + (1 - r_i) Q z + y - t).
+    With a compliance in series, contact i has the gain r_i k_i (`compliant_share`) instead of k_i. Then t = f0 + r_i
+    (k_i e - Q z), and for kappa > k_i, g = h z + Q'(r_i k_i e + (1 - r_i) Q z + y - t).
     """
     internal = gains.internal
     soft = gains.external < internal or problem.flexible
@@ -99,7 +103,10 @@ def equations_of_modes(problem: FrictionProblem, d: int, count: int, gains: Gain
 def set_trial(
     problem: FrictionProblem, contact: ConeContact, d: int, count: int, internal: float, root: float, part: float
 ) -> None:
-    """Compute t = k_i sqrt(w) e + f0 / sqrt(w) - sum_k z_k q_k of a contact; r_i scales all terms but f0."""
+    """Compute a contact's trial force t = k_i sqrt(w) e + f0 / sqrt(w) - sum_k z_k q_k.
+
+    The factor `part` (r_i, see `compliant_share`) multiplies all terms except f0 / sqrt(w).
+    """
     unknowns = problem.unknowns
     for a in range(d):
         trial = 0.0
@@ -114,13 +121,19 @@ def set_trial(
 
 @kernel
 def compliant_share(problem: FrictionProblem, contact: ConeContact, internal: float) -> float:
-    """Compute r_i = 1 / (1 + k_i C_i), the factor on a contact's gain due to a series compliance; 1 without one."""
+    """Compute r_i = 1 / (1 + k_i C_i), by which a series compliance C_i reduces the gain of contact i.
+
+    Without compliances the result is 1.
+    """
     return 1.0 / (1.0 + internal * contact.compliance) if problem.compliant else 1.0
 
 
 @kernel
 def cut_value(contact: ConeContact, d: int) -> float:
-    """Compute y'(t - y), which a limit adds to 1/2 |y|^2 so that the gradient of the sum is y."""
+    """Compute y'(t - y) of a contact at its limit.
+
+    With this term added to |y|^2 / 2, the gradient with respect to t is y.
+    """
     total = 0.0
     for a in range(d):
         total += contact.force[a] * (contact.trial[a] - contact.force[a])
@@ -129,7 +142,7 @@ def cut_value(contact: ConeContact, d: int) -> float:
 
 @kernel
 def stiffening(problem: FrictionProblem, beta: float, gains: Gains) -> tuple[float, float]:
-    """Compute h of a mode, and |kappa / k_i - 1|; for a flexible problem, the sign, and a bound of K over k_i."""
+    """Compute h of a mode and |kappa / k_i - 1|; for a flexible problem, the mode's sign and a bound on K / k_i."""
     if problem.flexible:
         return beta, gains.external / gains.internal
     external, internal = gains.external, gains.internal
@@ -140,11 +153,11 @@ def stiffening(problem: FrictionProblem, beta: float, gains: Gains) -> tuple[flo
 
 @kernel
 def jacobian_of_modes(problem: FrictionProblem, d: int, count: int, gains: Gains, theta: float) -> None:
-    """Compute dg/dz of `equations_of_modes`: h + Q'R' Q, or h + Q'(I - R') Q for kappa > k_i.
+    """Compute dg/dz of `equations_of_modes`: h + Q'R'Q if kappa < k_i, or h + Q'(I - R')Q if kappa > k_i.
 
-    R' = u v' + bend b b' if a contact slides.
+    The derivative of the return map is R' = u v' + bend b b' for a contact that slides.
 
-    With compliances in series, r_i R' replaces the R' of contact i.
+    If compliances stand in series, r_i R' replaces R' of contact i.
     """
     soft = gains.external < gains.internal or problem.flexible
     H = problem.jacobian
@@ -177,7 +190,10 @@ def add_cut(
     soft: bool,
     part: float,
 ) -> None:
-    """Add q_k'R' q_j, or q_k'(I - R') q_j, of a contact at its limit or on the edge of a half-space."""
+    """Add the term q_k'R'q_j of a contact at its limit or at the boundary of a half-space.
+
+    If `soft` is false, the term is q_k'(I - R')q_j.
+    """
     H = problem.jacobian
     limit = contact.limit / math.sqrt(contact.weight)
     for j in range(count):
@@ -193,7 +209,7 @@ def add_cut(
 
 @kernel
 def add_whole(problem: FrictionProblem, contact: ConeContact, d: int, count: int, sticks: bool, part: float) -> None:
-    """Add q_k'q_j of a contact; if it sticks and has a series compliance, add only the fraction `part`."""
+    """Add q_k'q_j of a contact; if the contact sticks and has a series compliance, multiply by `part`."""
     H = problem.jacobian
     modes = contact.modes
     for k in range(count):
@@ -219,7 +235,7 @@ def add_edge(
     soft: bool,
     part: float,
 ) -> None:
-    """Add or subtract q_k'(u v' + bend b b') q_j of a contact that slides."""
+    """Add (if `soft`) or subtract q_k'(u v' + bend b b')q_j of a contact that slides."""
     H = problem.jacobian
     unknowns = problem.unknowns
     modes = contact.modes
@@ -258,7 +274,10 @@ def add_edge(
 
 @kernel
 def equations_of_square(problem: FrictionProblem, d: int, c: float, square: Table, theta: float) -> Merit:
-    """Compute w = e + s, t = f0 + K w - c (w - e), g = f0 + K w - R(t); (c I - K) g is the gradient."""
+    """Compute the equations' values g = f0 + K w - R(t) for w = e + s, where t = f0 + K w - c (w - e).
+
+    The gradient of the convex function is (c I - K) g.
+    """
     value = forces = worst = 0.0
     unknowns = problem.unknowns
     m = problem.count * d
@@ -292,7 +311,7 @@ def equations_of_square(problem: FrictionProblem, d: int, c: float, square: Tabl
 
 @kernel
 def jacobian_of_square(problem: FrictionProblem, d: int, c: float, square: Table, theta: float) -> None:
-    """Compute dg/dw = K - R' (K - c I) of `equations_of_square`."""
+    """Compute dg/dw = K - R'(K - c I) of `equations_of_square`."""
     m = problem.count * d
     H = problem.jacobian
     for i, contact in enumerate(problem.contacts):
@@ -313,7 +332,7 @@ def jacobian_of_square(problem: FrictionProblem, d: int, c: float, square: Table
 def subtract_edge(
     problem: FrictionProblem, contact: ConeContact, r: int, d: int, c: float, square: Table, theta: float, face: Face
 ) -> None:
-    """Subtract R' (K - c I) of a sliding contact from its rows, which begin with row r."""
+    """Subtract R'(K - c I) of a sliding contact from the contact's rows of the Jacobian, which begin with row r."""
     H = problem.jacobian
     mu = contact.coefficient
     share = 1.0 / (1.0 + theta * mu * mu)
@@ -337,7 +356,7 @@ def subtract_edge(
 
 @kernel
 def shifted_entries(square: Table, r: int, d: int, j: int, c: float) -> Vector4:
-    """Read d entries of column j of K - c I from row r on, followed by zeros."""
+    """Return d entries of column j of K - c I, from row r on, followed by zeros."""
     x1 = x2 = x3 = 0.0
     if d > 1:
         x1 = square[r + 1, j] - (c if j == r + 1 else 0.0)
@@ -352,7 +371,7 @@ def shifted_entries(square: Table, r: int, d: int, j: int, c: float) -> Vector4:
 def add_cut_rows(
     problem: FrictionProblem, contact: ConeContact, r: int, d: int, c: float, square: Table, theta: float, face: Face
 ) -> None:
-    """Write the rows of K - R' (K - c I) from row r on, for a contact at its limit or on the edge of a half-space."""
+    """Write the rows of K - R'(K - c I), from row r on, of a contact at its limit or at the edge of a half-space."""
     H = problem.jacobian
     for j in range(problem.count * d):
         x = cut_slope(contact, d, theta, contact.limit, face, shifted_entries(square, r, d, j, c))

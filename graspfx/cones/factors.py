@@ -1,4 +1,4 @@
-"""Symmetric matrices as signed sums of squares, M = sum_k h_k l_k l_k', and the solution of linear systems."""
+"""Factors of symmetric matrices, among them signed sums of squares sum_k h_k l_k l_k', and linear systems."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PAIR = (1.0 + math.sqrt(17.0)) / 8.0  # smallest ratio of a diagonal pivot to an
 
 @kernel
 def factor_definite(M: Table, size: int) -> None:
-    """Replace M >= 0 by its lower triangular factor L, M = L L'; for a pivot of rounding size, the column is zero."""
+    """Replace M >= 0 by its lower triangular factor L, M = L L'; the column of a pivot of rounding size is zero."""
     for j in range(size):
         own = M[j, j]
         left = own
@@ -39,7 +39,7 @@ def factor_definite(M: Table, size: int) -> None:
 
 @kernel
 def solve_factored(L: Table, x: Floats, size: int) -> None:
-    """Solve L L'x = b in place, with L from `factor_definite` and no zero pivot."""
+    """Solve L L'x = b in place, where L is from `factor_definite` and has no zero pivot."""
     lower(L, x, size)
     for i in range(size - 1, -1, -1):
         total = x[i]
@@ -50,7 +50,7 @@ def solve_factored(L: Table, x: Floats, size: int) -> None:
 
 @kernel
 def lower(L: Table, x: Floats, size: int) -> None:
-    """Solve L x = b in place."""
+    """Solve L x = b in place, where L is lower triangular."""
     for i in range(size):
         total = x[i]
         for k in range(i):
@@ -60,10 +60,10 @@ def lower(L: Table, x: Floats, size: int) -> None:
 
 @kernel
 def invert_part(M: Table, kept: Floats, size: int, least: float) -> None:
-    """Replace M >= 0 by the inverse of its largest non-singular principal part, with zeros elsewhere.
+    """Replace M >= 0 by the inverse of its largest non-singular principal submatrix, with zeros elsewhere.
 
-    The largest pivot is eliminated first. If no pivot exceeds `least`, the remainder is treated as rounding error.
-    `kept` is work space.
+    The largest pivot is eliminated first. When no pivot exceeds `least`, the remaining rows are treated as zero. `kept`
+    is work space.
     """
     for i in range(size):
         kept[i] = 0.0
@@ -95,9 +95,9 @@ def invert_part(M: Table, kept: Floats, size: int, least: float) -> None:
 
 @kernel
 def take_square(A: Table, t: Floats, along: Floats, rest: float, size: int) -> None:
-    """Update A so that A'A loses A'A t t'A'A / (rest + t'A'A t) (Potter's square-root update); overwrite t.
+    """Subtract A'A t t'A'A / (rest + t'A'A t) from A'A by an update of A (Potter's square-root update); overwrite t.
 
-    If `rest` is zero, A t becomes zero up to rounding errors, which later calls treat as zero.
+    If `rest` is zero, A t becomes zero up to rounding errors, and a later call with the same t leaves A unchanged.
     """
     own = square = 0.0
     for i in range(size):
@@ -123,17 +123,17 @@ def take_square(A: Table, t: Floats, along: Floats, rest: float, size: int) -> N
 
 @kernel
 def factor_signed(M: Table, size: int, columns: Table, signs: Floats) -> None:
-    """Compute l_k and h_k = +-1 of a symmetric M = sum_k h_k l_k l_k' by complete pivoting; M is overwritten.
+    """Compute the vectors l_k and signs h_k of a symmetric M = sum_k h_k l_k l_k' by complete pivoting; overwrite M.
 
     The pivot is the largest diagonal entry, unless an off-diagonal entry is more than 1.56 times as large. In that case
-    a 2 x 2 pivot is used, in the axes of its two eigenvectors; one sign is positive and the other negative (Bunch and
-    Parlett 1971).
+    a 2 x 2 pivot is used, in the axes of its two eigenvectors; one of its signs is positive and the other negative
+    (Bunch and Parlett 1971).
 
     Args:
         M: Matrix; only its lower triangle is read.
         size: Number of rows.
-        columns: Vectors l_k as columns.
-        signs: Signs h_k.
+        columns: Output: vectors l_k as columns.
+        signs: Output: signs h_k, 1 or -1.
     """
     k = 0
     while k < size:
@@ -158,7 +158,7 @@ def factor_signed(M: Table, size: int, columns: Table, signs: Floats) -> None:
 
 @kernel
 def take_pivot(M: Table, size: int, r: int, columns: Table, signs: Floats, k: int) -> None:
-    """Subtract h l l' for pivot r from M, and write h and l as the k-th term; write zeros if the pivot is zero."""
+    """Subtract h l l' of the diagonal pivot r from M; write h and l as term k. If the pivot is zero, l is zero."""
     pivot = M[r, r]
     signs[k] = -1.0 if pivot < 0.0 else 1.0
     inverse = signs[k] / math.sqrt(abs(pivot)) if pivot != 0.0 else 0.0
@@ -169,7 +169,7 @@ def take_pivot(M: Table, size: int, r: int, columns: Table, signs: Floats, k: in
 
 @kernel
 def take_pair(M: Table, size: int, p: int, q: int, columns: Table, signs: Floats, k: int) -> None:
-    """Subtract the two terms of a 2 x 2 pivot, p > q, from M, and write them as terms k and k + 1."""
+    """Subtract the two terms of the 2 x 2 pivot of rows p > q from M; write these terms as terms k and k + 1."""
     a, b, c = M[q, q], M[p, q], M[p, p]
     half = 0.5 * (a - c)
     sine, cosine = elementary.sin_cos(0.5 * elementary.atan2(b, half))
@@ -190,7 +190,7 @@ def take_pair(M: Table, size: int, p: int, q: int, columns: Table, signs: Floats
 
 @kernel
 def take_off(M: Table, size: int, r: int, columns: Table, sign: float, k: int) -> None:
-    """Subtract h l_k l_k' from the lower triangle of M; afterwards row and column r are zero."""
+    """Subtract h l_k l_k' from the lower triangle of M, where h is `sign`, and set row and column r to zero."""
     for i in range(size):
         left = sign * columns[i, k]
         for j in range(i + 1):
@@ -201,7 +201,7 @@ def take_off(M: Table, size: int, r: int, columns: Table, sign: float, k: int) -
 
 @kernel
 def eliminate_rows(A: Table, B: Table, size: int, columns: int) -> bool:
-    """Solve A X = B in place, with row exchanges; return False if a pivot is zero."""
+    """Solve A X = B in place by elimination with row exchanges; return False if a pivot is zero."""
     for p in range(size):
         top = p
         for i in range(p + 1, size):
@@ -234,7 +234,10 @@ def eliminate_rows(A: Table, B: Table, size: int, columns: int) -> bool:
 
 @kernel
 def eliminate(square: Table, vector: Floats, size: int) -> bool:
-    """Solve H x = r of `size` rows in place, with row exchanges; return False if a pivot is zero."""
+    """Solve H x = r in place by elimination with row exchanges; return False if a pivot is zero.
+
+    `square` contains H, and `vector` contains r.
+    """
     for p in range(size):
         top = p
         for i in range(p + 1, size):

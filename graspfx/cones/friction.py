@@ -1,13 +1,14 @@
-"""Forces in products of friction cones, by a semismooth Newton method.
+"""Contact forces in friction cones, computed by a semismooth Newton method.
 
-Both laws of a friction problem (`cones.problem`) are a return map with a dilatancy theta: f = R(t), t = f - c s for
-any c > 0. Associated law (theta = 1): R projects on the cone. With f0 = 0, f minimises 1/2 (f - K e)' K^-1 (f - K e)
-over the cones, and the solution is unique. Coulomb's law (theta = 0): f_n = max(t_n, 0), and f_t is shortened to
-mu f_n. For a large mu the solution may not be unique.
+Both laws of a friction problem (`cones.problem`) have the form f = R(t), t = f - c s for any c > 0, where f is the
+force of a contact, s its slip, and R a return map with the dilatancy theta. Associated law (theta = 1): R(t) is the
+nearest force in the cone. If f0 = 0, the forces minimise 1/2 (f - K e)' K^-1 (f - K e) over the cones, and the solution
+is unique. Coulomb's law (theta = 0): f_n = max(t_n, 0), and f_t is t_t, shortened to mu f_n if it is longer. If mu is
+large, the solution may not be unique.
 
-With limits each cone is cut off at |f_i| <= L_i (`cones.cone`), and the associated force still minimises the same
-function. A negative coefficient then selects a cone without a coefficient of friction (NO_CONE, HALF_SPACE). Only the
-cone causes slip s, not the limit, so a contact that sticks at its limit does not slip.
+With limits L_i, each cone is intersected with the ball |f_i| <= L_i (`cones.cone`), and the forces of the associated
+law still minimise the same function. A negative coefficient then selects the whole space (NO_CONE) or a half-space
+(HALF_SPACE) instead of a cone. Only the cone causes slip, not the limit: s = 0 for a contact that sticks at its limit.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ RESTARTS = 16  # for offline use: at kip/kep = 1000 and mu = 1.5, 1 problem in 4
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """Result of a search: whether it succeeded, residual [N], and number of evaluations."""
+    """Result of a search: success, residual [N], and number of evaluations of the equations."""
 
     success: bool
     residual: float
@@ -54,12 +55,12 @@ class Search:
 
 @kernel
 def turn_modes(frames: Many[Matrix], motions: Table, problem: FrictionProblem, d: int, count: int) -> None:
-    """Write `count` rigid modes into the problem, in the contacts' frames with d coordinates each.
+    """Write `count` rigid modes into the problem, in contact frames with d coordinates per contact.
 
     Args:
         frames: Contact frames, normal and tangents as rows.
-        motions: One row per mode: the blend beta_k, then for each contact three entries in the axes in which the
-            frames are given, or four if d is 4. The fourth entry is the torsion about the normal.
+        motions: One row per mode: the blend beta_k, then three entries per contact (four if d is 4), in the axes in
+            which the frames are given. The fourth entry is the torsion about the normal.
     """
     width = 4 if d > 3 else 3
     problem.modes = count
@@ -81,16 +82,18 @@ def turn_modes(frames: Many[Matrix], motions: Table, problem: FrictionProblem, d
 
 @kernel
 def friction_force(problem: FrictionProblem, d: int, gains: Gains, coulomb: bool, restarts: int) -> Answer:
-    """Compute the forces for scalar gains: K of eq. (4) in the problem's modes (`cones.equations`).
+    """Compute the forces for scalar gains, where K is given by eq. (4) in the problem's modes (`cones.equations`).
 
-    There are at most six unknowns. The force of a contact of weight 0 is zero. A gain below 1e-6 of the other gain is
-    raised to that value, except that a zero gain in the associated law is treated as the limit of small gains
-    (`approach`). The search for Coulomb's law starts from the given unknowns, then from the associated solution, then
-    `restarts` times from points around the associated solution and around zero, alternately. If the problem is
-    compliant, (K^-1 + C)^-1 replaces K, with C_i / w_i on each coordinate of contact i.
+    There are at most six unknowns. The force of a contact of weight 0 is zero. A gain below 1e-6 times the other gain
+    is raised to that value. In the associated law, however, a gain of zero is treated as the limit of small gains
+    (`approach`). The search for Coulomb's law starts from the given unknowns. If it fails, it is repeated from the
+    associated solution, and then `restarts` times from points around the associated solution and around zero,
+    alternately. If the problem is compliant, (K^-1 + C)^-1 replaces K, where C has the entry C_i / w_i for each
+    coordinate of contact i.
 
     Returns:
-        Law of the solution, residual |f - f0 - K (e + s)| [N] (f and s satisfy the law exactly), and evaluations.
+        Law that the solution satisfies, residual |f - f0 - K (e + s)| [N], and number of evaluations. The forces f and
+        slips s satisfy the law exactly.
     """
     high = max(gains.external, gains.internal)
     if high <= 0.0:
@@ -108,14 +111,16 @@ def friction_force(problem: FrictionProblem, d: int, gains: Gains, coulomb: bool
 
 @kernel
 def approach(problem: FrictionProblem, d: int, count: int, gains: Gains) -> Answer:
-    """Solve the associated law for a zero gain, by repeated searches with the gain raised by E.
+    """Solve the associated law for a gain of zero by repeated searches with a raised gain.
 
-    Each search subtracts the force that E exerted in the previous search: f = f0 + (K + E)(e + s) - E (e + s'), with s'
-    of the previous search. This is the proximal point method (Rockafellar 1976). The method converges to f = f0 + K (e
-    + s), the limit of small gains. Each search reduces the error along a direction to the fraction eps / (eps +
-    lambda), where lambda is the contacts' resistance in that direction and eps the size of E.
+    Let E be the stiffness that the raised gain adds. Each search subtracts the force that E exerted in the previous
+    search: f = f0 + (K + E)(e + s) - E (e + s'), where s' is the slip of the previous search. This is the proximal
+    point method (Rockafellar 1976). The searches converge to f = f0 + K (e + s), the limit of small gains. Each search
+    multiplies the error in a direction by eps / (eps + lambda), where eps is the size of E, and lambda the resistance
+    of the contacts in that direction.
 
-    k_e = 0: E (e + s) = sqrt(W) Q h z, which enters g as h z'. k_i = 0: E (e + s) = sqrt(W) (y - f0 + (1 + h) Q z).
+    If k_e = 0, E (e + s) = sqrt(W) Q h z, which enters g as h z', with z' from the previous search. If k_i = 0, E (e +
+    s) = sqrt(W) (y - f0 + (1 + h) Q z).
     """
     for contact in problem.contacts:
         contact.lent = NOTHING
@@ -143,7 +148,7 @@ def approach(problem: FrictionProblem, d: int, count: int, gains: Gains) -> Answ
 
 @kernel
 def pull_back(problem: FrictionProblem, d: int, count: int, gains: Gains) -> tuple[float, float]:
-    """Subtract the solution times the increase of k_e from the next g; return the term's change, and the size of y."""
+    """Update each mode's correction of g for the raised k_e; return the largest change and the largest |y|."""
     change = size = 0.0
     for k in range(count):
         unknown = problem.unknowns[k]
@@ -160,7 +165,7 @@ def pull_back(problem: FrictionProblem, d: int, count: int, gains: Gains) -> tup
 
 @kernel
 def lend(problem: FrictionProblem, d: int, count: int, gains: Gains) -> tuple[float, float]:
-    """Subtract the solution times the increase of k_i from the next f0; return the term's change, and the size of y."""
+    """Update each contact's correction of f0 for the raised k_i; return the largest change and the largest |y|."""
     h = gains.internal / (gains.external - gains.internal)
     change = size = 0.0
     for contact in problem.contacts:
@@ -186,15 +191,15 @@ def lend(problem: FrictionProblem, d: int, count: int, gains: Gains) -> tuple[fl
 def friction_force_flexible(
     problem: FrictionProblem, d: int, internal: float, highest: float, definite: bool, coulomb: bool, restarts: int
 ) -> Answer:
-    """Compute the forces of a flexible problem: K^-1 = [I + sum_k h_k v_k v_k'] / k_i (`cones.equations`).
+    """Compute the forces of a flexible problem, which defines K^-1 by modes v_k with signs h_k (`cones.equations`).
 
     Args:
-        problem: Problem with its modes v_k and their signs.
+        problem: Problem that contains the modes v_k and the signs h_k.
         d: Number of coordinates of a contact.
         internal: Gain k_i [N/m].
         highest: Upper bound of the eigenvalues of K, at least k_i [N/m].
-        definite: True if no sign is negative: the associated problem is then convex in these unknowns too.
-        coulomb: True to try Coulomb's law first.
+        definite: Whether no sign is negative, so that the associated problem is convex in the unknowns.
+        coulomb: Whether to try Coulomb's law before the associated law.
         restarts: Number of restarts for Coulomb's law.
     """
     return solve(problem, d, problem.modes, Gains(highest, internal), None, definite, coulomb, restarts)
@@ -204,10 +209,12 @@ def friction_force_flexible(
 def friction_force_square(
     problem: FrictionProblem, d: int, square: Table, symmetric: bool, coulomb: bool, restarts: int
 ) -> Answer:
-    """Compute the forces for any K > 0 in contact frames; the n d unknowns are e + s.
+    """Compute the forces for any K > 0, given as the matrix `square` in contact frames.
 
-    The associated solution is also unique for an asymmetric K, but without a convex function the search may not find
-    it.
+    For n contacts with d coordinates each, the n d unknowns are the entries of e + s.
+
+    The associated solution is unique also for an asymmetric K, but the search may not find it, because it has no convex
+    function to decrease.
     """
     m = problem.count * d
     c = 0.0  # above every eigenvalue of K, so that the associated problem is convex
@@ -227,7 +234,10 @@ def solve(
     problem: FrictionProblem, d: int, count: int, gains: Gains, square: Table | None, symmetric: bool, coulomb: bool,
     restarts: int,
 ) -> Answer:  # fmt: skip
-    """Solve Coulomb's law, if `coulomb`, from several starts (see `friction_force`); else, or on failure, the other."""
+    """Solve Coulomb's law if `coulomb` is true; otherwise, or on failure, solve the associated law.
+
+    The starts of the search are described in `friction_force`.
+    """
     unknowns = problem.unknowns
     start_others(problem, count)
     total = 0.0
@@ -275,7 +285,7 @@ def solve(
 
 @kernel
 def start_others(problem: FrictionProblem, count: int) -> None:
-    """Set the initial values of unknowns that the last search lacked, near zero: entries of that search's final g."""
+    """Set the unknowns that the last search did not have to entries of that search's final g, which are near zero."""
     unknowns = problem.unknowns
     last = problem.started
     if last > 0:
@@ -287,7 +297,7 @@ def start_others(problem: FrictionProblem, count: int) -> None:
 
 @kernel
 def spread(problem: FrictionProblem, count: int, start: int, far: float) -> None:
-    """Set the `start`-th initial values: spread +-far around the associated solution (odd) or around zero (even)."""
+    """Spread initial values over +-`far` around the associated solution if `start` is odd, and around zero if even."""
     for k in range(count):
         unknown = problem.unknowns[k]
         turn = ((start - 1) * count + k + 1) * GOLDEN
@@ -298,7 +308,7 @@ def spread(problem: FrictionProblem, count: int, start: int, far: float) -> None
 
 @kernel
 def clear(problem: FrictionProblem, d: int) -> None:
-    """Set forces and slips to zero, and statuses to FREE; NO_FORCE stays."""
+    """Set forces and slips to zero, and all statuses except NO_FORCE to FREE."""
     for contact in problem.contacts:
         for a in range(d):
             contact.force[a] = 0.0
@@ -308,7 +318,7 @@ def clear(problem: FrictionProblem, d: int) -> None:
 
 @kernel
 def add_nothing(problem: FrictionProblem, d: int) -> None:
-    """Handle zero stiffness: f = f0, without slip."""
+    """Write the solution for zero stiffness: f = f0 at contacts that push, zero force at all others, and no slip."""
     clear(problem, d)
     for contact in problem.contacts:
         pushes = contact.base_force.x > 0.0 or (problem.limited and contact.coefficient < 0.0)
@@ -320,7 +330,10 @@ def add_nothing(problem: FrictionProblem, d: int) -> None:
 
 @kernel
 def finish(problem: FrictionProblem, d: int, c: float, weighted: bool, theta: float) -> None:
-    """Compute f = sqrt(W) y and s = (y - t) / (c sqrt(W)), with y before the limit, and r_i c for c if compliant."""
+    """Compute f = sqrt(W) y, and s = (y - t) / (c sqrt(W)) with y before the limit.
+
+    If `weighted` is false, W = I. In a compliant problem, r_i c replaces c.
+    """
     for contact in problem.contacts:
         root = math.sqrt(contact.weight) if weighted else 1.0
         if problem.limited:
@@ -338,10 +351,10 @@ def finish(problem: FrictionProblem, d: int, c: float, weighted: bool, theta: fl
 def newton(
     problem: FrictionProblem, d: int, count: int, gains: Gains, square: Table | None, theta: float, convex: bool
 ) -> Search:
-    """Solve g = 0 by a semismooth Newton method with a line search.
+    """Solve the equations g = 0 of `evaluate` by a semismooth Newton method with a line search.
 
-    With `convex`, g is the gradient of a convex function, and every step decreases that function or halves the smallest
-    |g| so far. Otherwise every step decreases |g|.
+    If `convex` is true, g is the gradient of a convex function, and every step decreases this function or halves the
+    smallest |g| so far. If `convex` is false, every step decreases |g|.
     """
     unknowns = problem.unknowns
     step = problem.step
@@ -392,7 +405,7 @@ def newton(
 
 @kernel
 def evaluate(problem: FrictionProblem, d: int, count: int, gains: Gains, square: Table | None, theta: float) -> Merit:
-    """Evaluate the equations of the modes, or of the square matrix."""
+    """Evaluate the equations of the modes if `square` is None, else the equations of the square matrix."""
     if square is None:
         return equations_of_modes(problem, d, count, gains, theta)
     return equations_of_square(problem, d, gains.internal, square, theta)

@@ -1,8 +1,9 @@
-"""Block of a friction problem: contacts, unknowns, and workspace of the search.
+"""Data of a friction problem: contacts, unknowns, and workspace of the search.
 
-The law is f = f0 + K (e + s), where f_i lies in the cone |f_t| <= mu f_n of contact i and s is the displacement lost to
-slip and release. A contact has d coordinates: its normal, up to two tangents, and for a soft finger, as the fourth, the
-torsion in units of the patch length. The cone of a soft finger is the elliptic limit surface (Howe and Cutkosky 1996).
+The law is f = f0 + K (e + s). The force f_i of contact i lies in the cone |f_t| <= mu f_n, and s is the displacement
+lost to slip and release. A contact has d coordinates: the normal and up to two tangents. For a soft finger, the fourth
+coordinate is the torsion divided by the patch length. The cone of a soft finger is the elliptic limit surface (Howe and
+Cutkosky 1996).
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ class ModePart(Record):
 
 
 class ConeContact(Record):
-    """Contact of a friction problem. Vectors are in the contact's frame, the normal first."""
+    """Contact of a friction problem. Vectors are in the contact's frame; the first entry is along the normal."""
 
     weight: float  # w; not read by the square equations
     coefficient: float  # mu; a negative value selects another cone, if forces have limits (`cone`)
@@ -43,7 +44,7 @@ class ConeContact(Record):
 
 
 class Unknown(Record):
-    """Unknown of a friction problem: z_k of a mode, or for a square matrix an entry of w = e + s."""
+    """Unknown of a friction problem: z_k of a mode, or an entry of w = e + s for a square matrix."""
 
     value: float  # in and out; the best start is the last sample's solution
     share: float  # beta_k of a mode; the mode's sign if the problem is `flexible`
@@ -57,7 +58,7 @@ class Unknown(Record):
 
 
 class FrictionProblem(Record):
-    """Friction problem: input, solution, and scratch of the search."""
+    """Friction problem: input, solution, and workspace of the search."""
 
     count: int  # number of contacts
     room: int  # number of unknowns for which there is space: MODES, or all coordinates of a square
@@ -75,7 +76,7 @@ class FrictionProblem(Record):
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """Eigenvalues of K for scalar gains: along the modes, and orthogonal to the modes."""
+    """Eigenvalues of K for scalar gains: k_e along the modes, and k_i orthogonal to the modes."""
 
     external: float  # k_e [N/m]
     internal: float  # k_i [N/m]
@@ -83,7 +84,7 @@ class Gains:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Law of a solution, its residual |f - f0 - K (e + s)| [N], and the number of evaluations."""
+    """Law that a solution satisfies, its residual |f - f0 - K (e + s)| [N], and the number of evaluations."""
 
     law: int
     residual: float
@@ -91,12 +92,15 @@ class Answer:
 
 
 def problem_size(contacts: int, room: int = MODES, most: int = MODES) -> int:
-    """Return the number of entries of a problem with the given numbers of contacts, unknowns and modes."""
+    """Return the number of entries of a problem.
+
+    Arguments are the numbers of contacts and unknowns, and the largest number of modes.
+    """
     return size_for(FrictionProblem, count=contacts, room=room, contact_entries=size_for(ConeContact, most=most))
 
 
 def set_up(block: object, offset: int, contacts: int, room: int = MODES, most: int = MODES) -> FrictionProblem:
-    """Set the sizes of a problem in a block of zeros, and return it."""
+    """Set the sizes of a problem in a block of zeros, and return the problem."""
     problem = FrictionProblem(block, offset)
     problem.count, problem.room = contacts, room
     problem.contact_entries = size_for(ConeContact, most=most)
@@ -106,7 +110,7 @@ def set_up(block: object, offset: int, contacts: int, room: int = MODES, most: i
 
 
 def choices(offset: int) -> list[int]:
-    """List the entries of the problem at `offset` that are constant in a run: sizes and switches, without the count."""
+    """List the entries of the problem at `offset` that are constant in a run: sizes and switches, but not the count."""
     names = ("room", "limited", "compliant", "flexible", "contact_entries")
     return [offset + start_of(FrictionProblem, name) for name in names]
 
@@ -119,17 +123,17 @@ def leading(v: Vector4, d: int) -> Vector4:
 
 @inline
 def tangent_of(v: Vector4) -> Vector:
-    """Return the tangential part."""
+    """Return the entries after the first, which is along the normal."""
     return Vector(v.y, v.z, v.t)
 
 
 @inline
 def with_tangent(normal: float, tangent: Vector) -> Vector4:
-    """Join a normal entry and a tangential part."""
+    """Join a normal entry and three tangential entries."""
     return Vector4(normal, tangent.x, tangent.y, tangent.z)
 
 
 @inline
 def dot4(a: Vector4, b: Vector4) -> float:
-    """Compute the dot product a . b of four entries."""
+    """Compute the dot product of two vectors of four entries."""
     return a.x * b.x + a.y * b.y + a.z * b.z + a.t * b.t

@@ -1,1 +1,1 @@
-"""One sample of eq. (4): forces and the object's wrench from the fingers' motion, without a clock or files."""
+"""One sample of eq. (4): contact forces and the object's wrench computed from the fingers' motion."""

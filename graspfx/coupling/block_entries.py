@@ -1,4 +1,4 @@
-"""Entries of a grasp's block by field name: constants of a run, gains and their switches, values for the recording."""
+"""Entries of a grasp's block by field name: constants of a run, gains and their switches, and recorded values."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ READ = itemgetter(*(start_of(GraspState, name) for name in NAMES))  # ten times 
 
 
 def structure_entries(grasp: GraspState, live: Collection[str] = ()) -> Index:
-    """List the indices of entries that are constant in a run and select what is computed: counts, switches, offsets.
+    """List the indices of entries that select what is computed and are constant in a run: counts, switches, offsets.
 
-    A gain, and a finger's friction, patch, radius or pad, is included only if it is zero. A finger's weight is included
-    only if it is one and there is no fade.
+    The entry of a gain, or of a finger's coefficient of friction, patch, radius or pad, is listed only if its value is
+    zero. The entry of a finger's weight is listed only if its value is one and weights do not fade.
 
     Args:
         grasp: Block of the grasp.
@@ -81,7 +81,7 @@ def matrix_entries(grasp: GraspState) -> list[int]:
 
 
 def split_entries(grasp: GraspState) -> list[int]:
-    """List the indices of the entries that determine P (the data of a `SplitRule`), except contact points and gaps."""
+    """List the indices of the entries that determine the projector P (`SplitRule`), except contact points and gaps."""
     entries = entries_of(GraspState, "fade", "fade_start", "fade_end", "arm_low", "arm_high", "at_contact")
     entries += entries_of(BodyState, "free_translation", "free_rotation", at=start_of(GraspState, "body"))
     for finger in grasp.fingers:
@@ -90,17 +90,17 @@ def split_entries(grasp: GraspState) -> list[int]:
 
 
 def compliant_entry(problem: FrictionProblem) -> int:
-    """Return the index of the entry that marks whether a problem's contacts have compliances in series."""
+    """Return the index of the switch for compliances in series with a problem's contacts."""
     return problem.offset + start_of(FrictionProblem, "compliant")
 
 
 def has_problems(grasp: GraspState) -> bool:
-    """Return whether the block has friction problems; if not, both problems refer to the same entry."""
+    """Return whether the block has friction problems; without them, both offsets are the same entry."""
     return grasp.problem.offset != grasp.damping_problem.offset
 
 
 def recorded_entries(grasp: GraspState) -> dict[str, Index]:
-    """Map the values that a recording needs to the indices of their entries in the block."""
+    """Map the name of each recorded value to the indices of the value's entries in the block."""
     d = grasp.dimensions
     turns = {1: [], 2: [2], 3: [0, 1, 2]}[d]
     motion = start_of(GraspState, "body") + start_of(BodyState, "motion")
@@ -142,9 +142,11 @@ def recorded_entries(grasp: GraspState) -> dict[str, Index]:
 
 
 def contradiction(block: Any) -> str:
-    """Return the name of a switch that contradicts the gains in a block; empty if there is none, or for matrix gains.
+    """Return the name of a switch that contradicts the scalar gains in a block, or "" if no switch does.
 
-    A gain that is written directly into a block does not update the switches, so forces would be wrong.
+    The result is also "" for matrix gains.
+
+    Writing a gain directly into a block does not update the switches, and the forces would be wrong.
 
     Args:
         block: Block of a `GraspState`, or a memoryview of it.

@@ -1,4 +1,4 @@
-"""Energy that a coupling generates while its object makes a closed motion and its fingers are fixed."""
+"""Energy that a coupling generates in a closed motion of the object with fixed fingers."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ CREATES = 1e-6  # smallest share of generated energy that exceeds rounding
 
 @dataclass(frozen=True)
 class LoopEnergy:
-    """Energies of one closed motion.
+    """Energies of a closed motion of the object.
 
     Attributes:
-        created: Energy delivered to the object minus the work of the fingers [J].
-        peak: Largest energy stored in the springs, 1/2 f'e [J].
+        created: Energy delivered to the object minus the work done by the fingers [J].
+        peak: Largest energy 1/2 f'e stored in the springs [J].
     """
 
     created: float
@@ -36,21 +36,21 @@ class LoopEnergy:
 
     @property
     def share(self) -> float:
-        """Ratio of the generated energy to the peak energy; 0 if no energy was stored."""
+        """Ratio of the generated energy to the peak energy; 0 if the peak energy is zero."""
         return self.created / self.peak if self.peak > 0.0 else 0.0
 
 
 def worst_turn(grasped: GraspedObject, fingers: FloatArray) -> LoopEnergy:
-    """Find the closed motion, among a few in the object's free directions, with the largest `share` in magnitude.
+    """Find the closed motion with the largest `share` in magnitude, among a few motions in the free directions.
 
     The contacts are fixed in the object, and the fingers are fixed in the world. In each motion, the object rotates by
     +-0.5 rad about a free axis. At the same time the object moves sideways and back, along a free direction or the
-    diagonal of two free directions. The amplitude of the translation is half the product of 0.5 rad and the fingers'
-    rms distance from the object's centre. The work is the integral of wrench'(v, w). The object's block is restored
-    afterwards.
+    diagonal of two free directions. The amplitude of the translation is half of 0.5 rad times the rms distance of the
+    fingers from the object's centre. The generated energy is the integral of wrench'(v, w) over the motion, with the
+    object's velocity v and angular velocity w. The block of `grasped` is restored afterwards.
 
     Args:
-        grasped: Grasped object, whose contacts have been set by `meet` or `attach`.
+        grasped: Grasped object whose contacts have been set by `meet` or `attach`.
         fingers: Finger positions (n, d) [m].
     """
     block, worst = grasped.block.copy(), LoopEnergy(0.0, 0.0)
@@ -69,7 +69,7 @@ def worst_turn(grasped: GraspedObject, fingers: FloatArray) -> LoopEnergy:
 
 
 def _motions(grasped: GraspedObject, fingers: FloatArray) -> Iterator[tuple[int, FloatArray]]:
-    """Yield the motions: a rotation axis, 0 to 2, and the amplitude (d,) of the sideways motion [m]."""
+    """Yield each motion as its axis of rotation (0 to 2) and the amplitude (d,) of its translation [m]."""
     d, body = grasped.dimensions, BodyState(grasped.body_state)
     free = np.concatenate([body.array(BodyState.free_translation), body.array(BodyState.free_rotation)]) != 0.0
     centre = body.motion.array(Motion.position)[:d]

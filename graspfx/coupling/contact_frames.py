@@ -1,4 +1,4 @@
-"""The law as a matrix in contact frames, for principal pivoting. The normal is a contact's first coordinate."""
+"""Gains as matrices in contact frames, for principal pivoting; the first coordinate of a contact is its normal."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from graspfx.spatial import Vector, Vector4, inner, with_torsion
 
 @kernel
 def assemble(grasp: GraspState, elastic: bool) -> None:
-    """Compute K and K e if `elastic`, otherwise D and D e', in contact frames, into `square` and `vector`."""
+    """Compute K and K e if `elastic` is true, otherwise D and D e', in contact frames.
+
+    The matrix is written to `square` and the vector to `vector`.
+    """
     size = grasp.count * grasp.coordinates
     for p in range(size):
         for q in range(size):
@@ -30,7 +33,10 @@ def assemble(grasp: GraspState, elastic: bool) -> None:
 
 @kernel
 def add_gains(grasp: GraspState, out: Table, external: float, internal: float, elastic: float, damping: float) -> None:
-    """Add a gain matrix in contact frames, that of scalar gains or `elastic` K + `damping` D, to a square matrix."""
+    """Add a gain matrix in contact frames to the matrix `out`.
+
+    The matrix is that of the scalar gains `external` and `internal` or, with matrix gains, `elastic` K + `damping` D.
+    """
     if grasp.dense:
         for i, finger in enumerate(grasp.fingers):
             for j, other in enumerate(grasp.fingers):
@@ -45,7 +51,10 @@ def add_block(
     grasp: GraspState, finger: FingerState, other: FingerState, i: int, j: int, elastic: float, damping: float,
     out: Table,
 ) -> None:  # fmt: skip
-    """Add F_i (elastic K_ij + damping D_ij) F_j' for two fingers; a contact frame F_i leaves torsion unchanged."""
+    """Add F_i (elastic K_ij + damping D_ij) F_j' of fingers i and j.
+
+    The contact frames F_i do not change torsion.
+    """
     d, c = grasp.dimensions, grasp.coordinates
     for a in range(c):
         for b in range(c):
@@ -61,7 +70,7 @@ def add_block(
 
 @kernel
 def in_frame(grasp: GraspState, finger: FingerState, v: Vector4) -> Vector4:
-    """Convert a vector from object axes to a finger's contact frame: normal, tangents, torsion."""
+    """Convert a vector from object axes to the contact frame of a finger: normal, tangents, torsion."""
     y = z = 0.0
     if grasp.dimensions > 1:
         y = inner(finger.frame.second, v.vector)
@@ -72,14 +81,14 @@ def in_frame(grasp: GraspState, finger: FingerState, v: Vector4) -> Vector4:
 
 @kernel
 def out_of_frame(grasp: GraspState, finger: FingerState, v: Vector4) -> Vector4:
-    """Convert contact coordinates of a finger to a vector in object axes, and torsion."""
+    """Convert a vector from the contact frame of a finger to object axes; torsion is unchanged."""
     F = finger.frame.transpose
     return with_torsion(Vector(inner(F.first, v.vector), inner(F.second, v.vector), inner(F.third, v.vector)), v.t)
 
 
 @kernel
 def write_coordinates(grasp: GraspState, out: Floats, i: int, v: Vector4) -> None:
-    """Write the contact coordinates of finger i."""
+    """Write a vector in the contact frame of finger i to this finger's entries of `out`."""
     p = i * grasp.coordinates
     out[p] = v.x
     if grasp.dimensions > 1:
@@ -92,7 +101,7 @@ def write_coordinates(grasp: GraspState, out: Floats, i: int, v: Vector4) -> Non
 
 @kernel
 def coordinates_of(grasp: GraspState, numbers: Floats, i: int) -> Vector4:
-    """Read the contact coordinates of finger i; missing coordinates are zero."""
+    """Read a vector in the contact frame of finger i from `numbers`; entries of missing coordinates are zero."""
     p = i * grasp.coordinates
     y = z = t = 0.0
     if grasp.dimensions > 1:

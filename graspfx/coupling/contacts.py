@@ -1,4 +1,7 @@
-"""Fingers' displacements e = p - c, their rates, torsion, contact points and weights, in the object's frame."""
+"""Displacements e = p - c of the fingers p from contact points c, their rates, torsions and weights.
+
+All are computed in the object's frame.
+"""
 
 from __future__ import annotations
 
@@ -25,11 +28,11 @@ QUARTER = 2.0  # 4 cos^2 of half the angle, for a quarter turn
 
 @kernel
 def approach(grasp: GraspState) -> int:
-    """Compute contact point, displacement, rate and weight of every finger; return 0, NOT_FINITE or LOST.
+    """Compute the contact point, displacement, rate and weight of every finger; return 0, NOT_FINITE or LOST.
 
-    A ball fingertip is represented by its centre p, which touches the shape's surface offset outwards by the radius.
-    The contact point c is the position of the centre on that offset surface at first touch. A reaction at the fingertip
-    acts at the centre p, and a reaction at the contact acts at c. The energy balance of a ball is therefore that of a
+    A ball fingertip is represented by its centre p, which touches the shape's surface offset outwards by the ball's
+    radius. The contact point c is the position of p on the offset surface at first touch. A reaction at the fingertip
+    acts at p, and a reaction at the contact acts at c. The energy balance of a ball is therefore the same as that of a
     point.
     """
     motion = grasp.motion
@@ -58,8 +61,10 @@ def approach(grasp: GraspState) -> int:
 def displace(grasp: GraspState, finger: FingerState, p: Vector) -> None:
     """Compute e = p - c, c in world axes, and e' = p' - v - w x r of a finger at p in the object's frame.
 
-    The vector r points from the object's centre x to the point where the reaction acts: the fingertip or c. With this
-    choice damping generates no energy.
+    The object has the velocity v and the angular velocity w.
+
+    The vector r points from the object's centre to the point at which the reaction acts: the fingertip or c. With this
+    choice of r, damping generates no energy.
     """
     motion = grasp.motion
     c = finger.contact
@@ -77,13 +82,13 @@ def displace(grasp: GraspState, finger: FingerState, p: Vector) -> None:
 
 @kernel
 def touch(grasp: GraspState, finger: FingerState, p: Vector) -> None:
-    """Compute contact point, normal, gap and weight of a finger at p in the object's frame.
+    """Compute the contact point, normal, gap and weight of a finger at p in the object's frame.
 
-    With a coefficient of friction, the contact point slips until the displacement along the surface is e + s of the
-    last force. The contact point of a sliding finger slips before this sample's motion. The contact point of a free
-    finger follows the motion and slips afterwards. With matrix gains and free slip, the contact point slips after the
-    motion, whether the finger touches or not. The displacement of the springs is then w = e + s = K^-1 f, which has a
-    tangential part even for a normal force. No energy is generated.
+    With a coefficient of friction, the contact point slips until the finger's displacement along the surface equals the
+    tangential part of e + s in the last sample. The contact point of a sliding finger slips before this sample's
+    motion. The contact point of a free finger follows the motion and slips afterwards. With matrix gains and without
+    friction, the contact point slips after the motion, whether the finger touches or not. The displacement of the
+    springs is then w = e + s = K^-1 f, which has a tangential part even if f is normal, and no energy is generated.
     """
     slips = finger.coefficient > 0.0
     if finger.touching and slips and finger.status == SLIDE:
@@ -100,7 +105,7 @@ def touch(grasp: GraspState, finger: FingerState, p: Vector) -> None:
 
 @inline
 def is_weight_used(grasp: GraspState) -> bool:
-    """Return whether a free finger's weight is used; False if fingers are independent, frictionless and unobserved."""
+    """Return whether the weight of a free finger is used, which requires coupled fingers, friction or an observer."""
     return not grasp.alone or grasp.friction or grasp.observed
 
 
@@ -112,14 +117,14 @@ def fade(grasp: GraspState, finger: FingerState) -> None:
 
 @inline
 def along_surface(finger: FingerState) -> Vector:
-    """Compute the tangential part of a finger's retained displacement."""
+    """Compute the tangential part of the displacement that a finger retains after slip."""
     n, h = finger.normal, finger.retained.vector
     return h - dot(n, h) * n
 
 
 @kernel
 def place_contact(grasp: GraspState, finger: FingerState, p: Vector) -> None:
-    """Compute contact point, normal, contact frame, face and gap of a finger at p in the object's frame."""
+    """Compute the contact point, normal, contact frame, face and gap of a finger at p in the object's frame."""
     radius = finger.radius
     if grasp.shape == MESH:
         if radius > 0.0:
@@ -138,7 +143,10 @@ def place_contact(grasp: GraspState, finger: FingerState, p: Vector) -> None:
 
 @kernel
 def refactor(grasp: GraspState) -> None:
-    """Recompute the rigid modes if a contact, a weight or (soft) a normal has changed; in every sample if `mixed`."""
+    """Recompute the rigid modes if a contact point, a weight or, for soft fingers, a normal has changed.
+
+    If `mixed` is true, the modes are recomputed in every sample.
+    """
     current = grasp.split_known and not grasp.mixed
     for finger in grasp.fingers:
         same = finger.weight == finger.split_weight
@@ -163,7 +171,7 @@ def refactor(grasp: GraspState) -> None:
 
 @kernel
 def turn_axes(grasp: GraspState) -> None:
-    """Compute the free world directions in the object's frame, translations first."""
+    """Compute the object's free directions, given in world axes, in the object's frame; translations come first."""
     motion = grasp.motion
     grasp.centre = motion.position
     k = 0
@@ -179,12 +187,13 @@ def turn_axes(grasp: GraspState) -> None:
 
 @kernel
 def twist(grasp: GraspState, finger: FingerState) -> None:
-    """Compute a finger's torsion rho theta, its rate, and the direction a of its moment on the object.
+    """Compute the torsional displacement rho theta of a finger, its rate, and the axis a of its moment on the object.
 
-    Fingertips do not rotate. The object's rotation since the anchor, with the quaternion (v, w), is divided into swing
-    and twist; theta is minus the twist angle about the normal n, 2 atan2(v . n, w). A small rotation of the object
-    changes theta by minus a . (rotation), where a = [w^2 n + w n x v + (v . n) v] / (w^2 + (v . n)^2). Torsion that
-    acts along a is therefore conservative. If the reaction acts at c, as in the paper, torsion acts along a = n.
+    Here rho is the patch length, and fingertips do not rotate. The object's rotation since the anchor, with the
+    quaternion (v, w), is divided into swing and twist. The angle theta is minus the twist angle 2 atan2(v . n, w) about
+    the normal n. A small rotation of the object, as a vector phi, changes theta by -a . phi with a = [w^2 n + w n x v +
+    (v . n) v] / (w^2 + (v . n)^2). A torsion that acts along a is therefore conservative. If the reaction acts at the
+    contact point, as in the paper, torsion acts along a = n.
     """
     if not finger.touching:
         set_anchor(grasp, finger, finger.retained.t)
@@ -212,7 +221,10 @@ def twist(grasp: GraspState, finger: FingerState) -> None:
 
 @kernel
 def set_anchor(grasp: GraspState, finger: FingerState, torsion: float) -> None:
-    """Set a finger's anchor to the object's present rotation, at which the torsion rho theta is `torsion` [m]."""
+    """Set the anchor of a finger to the object's present rotation.
+
+    At this rotation, the torsional displacement rho theta is `torsion` [m].
+    """
     motion = grasp.motion
     finger.anchor = motion.rotation
     finger.torsion_at_anchor = torsion

@@ -1,4 +1,4 @@
-"""Coulomb friction: elastic force and damping in the friction cones, and displacements retained after slip."""
+"""Coulomb friction: elastic and damping forces in the friction cones, and displacements retained after slip."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ SMALLEST = 1e-200  # smaller forces count as zero, because their squares underfl
 
 @kernel
 def force_with_friction(grasp: GraspState) -> int:
-    """Compute the elastic force f = K (e + s) in the friction cones, then damping in them; return 0 or UNRESOLVED.
+    """Compute the elastic force f = K (e + s) in the friction cones, then add damping; return 0 or UNRESOLVED.
 
-    The force satisfies Coulomb's law or, if the search for Coulomb's law found no solution, the associated law. A
-    sticking finger keeps its contact point. For a slipping or free finger, `retained` determines the contact point of
+    The elastic force satisfies Coulomb's law or, if the search found no such force, the associated law. A sticking
+    finger keeps its contact point. The field `retained` of a slipping or free finger determines the contact point of
     the next sample.
     """
     fault = elastic_in_cones(grasp)
@@ -51,7 +51,10 @@ def force_with_friction(grasp: GraspState) -> int:
 
 @kernel
 def elastic_in_cones(grasp: GraspState) -> int:
-    """Compute the elastic force in the cones, each finger's status, and e + s; return 0 or UNRESOLVED."""
+    """Compute the elastic force in the cones, each finger's status and its displacement e + s after slip.
+
+    Return 0 or UNRESOLVED.
+    """
     problem = grasp.problem
     grasp.law, grasp.residual = COULOMB, 0.0
     if grasp.recoils or (not grasp.implicit and not grasp.rays):
@@ -91,7 +94,7 @@ def elastic_in_cones(grasp: GraspState) -> int:
 
 @kernel
 def sticks(grasp: GraspState) -> bool:
-    """Return whether all forces lie inside their cones and limits."""
+    """Return whether the forces of all fingers lie inside their friction cones and limits."""
     inside = True
     for finger in grasp.fingers:
         inside = inside and is_inside_cone(grasp, finger, in_frame(grasp, finger, finger.local))
@@ -100,7 +103,7 @@ def sticks(grasp: GraspState) -> bool:
 
 @kernel
 def is_inside_cone(grasp: GraspState, finger: FingerState, force: Vector4) -> bool:
-    """Return whether a contact force lies inside its cone and limit."""
+    """Return whether a force in the contact frame lies inside the finger's friction cone and limit."""
     tangent = tangent_of(force)
     along = math.sqrt(tangent.x * tangent.x + tangent.y * tangent.y + tangent.z * tangent.z)
     if not force.x > SMALLEST or along > finger.coefficient * force.x:
@@ -110,7 +113,7 @@ def is_inside_cone(grasp: GraspState, finger: FingerState, force: Vector4) -> bo
 
 @kernel
 def stick_all(grasp: GraspState, problem: FrictionProblem) -> None:
-    """Accept the present forces as the solution and as the initial guess of the next search."""
+    """Accept the present forces as the solution, with all fingers sticking, and as the start of the next search."""
     if grasp.dense:
         for i, finger in enumerate(grasp.fingers):
             e = in_frame(grasp, finger, finger.displacement)
@@ -139,10 +142,14 @@ def move_anchors(grasp: GraspState) -> None:
 
 @kernel
 def damping_in_cones(grasp: GraspState) -> int:
-    """Add passive damping: f = f0 + D (e' + s) in the cones, s in the dual cones, f's = 0; f = 0 where f0 is zero.
+    """Add passive damping to the elastic force f0; return 0 or UNRESOLVED.
 
-    f0 is the elastic force. With the implicit integrator, f = K (e + s0 - G'u) + (D / T) (T e' - H'u) + (K + D / T) s
-    is solved together with the object's displacement u as one linear system. s0 is the slip of the elastic force.
+    The force is f = f0 + D (e' + s) with f in the friction cones, s in the dual cones and f's = 0. A finger with f0 = 0
+    has f = 0.
+
+    With the implicit integrator, f = K (e + s0 - G'u) + (D / T) (T e' - H'u) + (K + D / T) s is solved together with
+    the object's displacement u. Here s0 is the slip of the elastic force, T the period, and G and H are the lever arms
+    of springs and dampers.
     """
     if damping_stays(grasp):
         return 0
@@ -161,7 +168,7 @@ def damping_in_cones(grasp: GraspState) -> int:
 
 @kernel
 def damping_stays(grasp: GraspState) -> bool:
-    """Add full damping if all fingers touch and the forces stay in the cones; return whether it was added."""
+    """Add full damping if all fingers touch and the forces stay in the cones; return whether damping was added."""
     closed = grasp.recoils or (not grasp.implicit and not grasp.rays)
     if not closed or not all_touch(grasp) or not is_whole(grasp):
         return False
@@ -181,7 +188,7 @@ def damping_stays(grasp: GraspState) -> bool:
 
 @kernel
 def force_of_recoil(grasp: GraspState, problem: FrictionProblem) -> Answer:
-    """Compute the elastic force on a recoiling object in modal unknowns; if the search fails, in all unknowns.
+    """Compute the elastic force on a recoiling object in modal unknowns or, if this search fails, in all unknowns.
 
     If all forces of the last sample lay inside their cones, the search starts from the present bilateral forces.
     """
@@ -202,7 +209,7 @@ def force_of_recoil(grasp: GraspState, problem: FrictionProblem) -> Answer:
 
 @kernel
 def start_from_forces(grasp: GraspState, problem: FrictionProblem) -> None:
-    """Start the search from the fingers' forces: z_k = h_k v_k'y (`cones.equations`)."""
+    """Set the start of the search from the fingers' forces: z_k = h_k v_k'y, with the symbols of `cones.equations`."""
     for k in range(problem.modes):
         problem.unknowns[k].value = 0.0
     for i, finger in enumerate(grasp.fingers):
@@ -224,7 +231,7 @@ def forget_start(problem: FrictionProblem) -> None:
 
 @kernel
 def damping_in_square(grasp: GraspState, problem: FrictionProblem) -> int:
-    """Solve for elastic force and damping together in the full matrix; return the law of the solution."""
+    """Solve for elastic and damping forces together with the full matrix; return the law of the solution."""
     assemble_implicitly(grasp, True, True, True)
     for i in range(grasp.count):
         problem.contacts[i].displacement = NOTHING
@@ -235,7 +242,7 @@ def damping_in_square(grasp: GraspState, problem: FrictionProblem) -> int:
 
 @kernel
 def damping_of_recoil(grasp: GraspState, problem: FrictionProblem) -> int:
-    """Solve for elastic force and damping on a recoiling object; return the law of the solution."""
+    """Solve for elastic and damping forces on a recoiling object; return the law of the solution."""
     keep_elastic(grasp)
     law = damping_in_columns(grasp, problem, grasp.coordinates, True)
     if law == NONE:
@@ -247,7 +254,7 @@ def damping_of_recoil(grasp: GraspState, problem: FrictionProblem) -> int:
 
 @kernel
 def damping_of_slip(grasp: GraspState, problem: FrictionProblem) -> int:
-    """Solve for the damping if some finger slips or is free; return the law of the solution."""
+    """Solve for the damping forces if some finger slips or is free; return the law of the solution."""
     for i, finger in enumerate(grasp.fingers):
         problem.contacts[i].displacement = in_frame(grasp, finger, finger.rate)
         problem.contacts[i].base_force = in_frame(grasp, finger, finger.local)
@@ -273,7 +280,10 @@ def force_of_modes(grasp: GraspState, problem: FrictionProblem, gains: Gains, co
 
 @kernel
 def pose_problem(grasp: GraspState, problem: FrictionProblem, touching: bool) -> None:
-    """Write weights, coefficients and limits; mark fingers without force: weight 0 or, if `touching`, not touching."""
+    """Write weights, coefficients and limits to a problem, and mark the fingers that exert no force.
+
+    These are the fingers with weight 0 and, if `touching` is true, the fingers that do not touch.
+    """
     for i, finger in enumerate(grasp.fingers):
         contact = problem.contacts[i]
         contact.weight = finger.weight
@@ -286,7 +296,7 @@ def pose_problem(grasp: GraspState, problem: FrictionProblem, touching: bool) ->
 
 @kernel
 def pose_compliances(grasp: GraspState, problem: FrictionProblem) -> None:
-    """Write the series compliances, if any, from the problem's elastic force f0."""
+    """Write the series compliances of the dampers (module `depth`) to a problem that contains the elastic force f0."""
     if not grasp.gradual:
         return
     for i, finger in enumerate(grasp.fingers):
@@ -307,9 +317,12 @@ def all_touch(grasp: GraspState) -> bool:
 
 @kernel
 def symmetrise(grasp: GraspState, square: Table) -> bool:
-    """Symmetrise a matrix if its skew part is rounding error, and return whether it is (the problem is then convex).
+    """Symmetrise a matrix if its skew part is of rounding size; return whether the matrix was symmetrised.
 
-    Matrices of scalar gains are always symmetrised, because their rounding errors are large if one damping is zero.
+    The friction problem of a symmetric matrix is convex.
+
+    Matrices of scalar gains are always symmetrised, because the rounding errors of these matrices are large if one
+    damping is zero.
     """
     m = grasp.count * grasp.coordinates
     largest = skew = 0.0
@@ -328,7 +341,7 @@ def symmetrise(grasp: GraspState, square: Table) -> bool:
 
 @kernel
 def raise_least(grasp: GraspState, square: Table) -> None:
-    """Regularise a singular D by 1e-6 of its largest row; the law stays passive."""
+    """Add 1e-6 of the largest row sum of a singular D to the diagonal of D; the law remains passive."""
     if not grasp.singular:
         return
     largest = 0.0

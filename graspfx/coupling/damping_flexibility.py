@@ -1,17 +1,18 @@
-"""The damped law for an object that moves under the forces of the sample, as a flexibility, O(n).
+"""Damped law for an object that moves under the forces of the sample, as a flexibility, in O(n) operations.
 
-Springs and dampers are parallel branches of the touching fingers, each multiplied by W^1/2 from both sides. Other
-fingers are removed from each branch separately:
+The springs and the dampers of the fingers are parallel branches. The matrices of both branches are given here without
+the factor W^1/2 on either side. Fingers that do not touch are removed from each branch separately:
 
     K = kip (I - Q E_K Q'),    D / T = kid / T (R - R Q E_D Q'R),    M = K + D / T - J'N^-1 J,
 
-J = G K + H D / T, N = C^-1 + G K G' + H D H' / T. Q contains the modes, C is the object's compliance, and `condense`
-computes E_K and E_D. R contains the fraction of its damping that each finger exerts at its depth; G and H are the lever
-arms of springs and dampers. Therefore M = A - V E V' with A = kip + R kid / T. The columns
-V are Q; R Q if damping grows with depth; and the levers that are not sums of modes, R H' of the fingertips. The
-friction problem needs the inverse, M^-1 = A^-1 + A^-1 V Y V'A^-1, Y = E (I - V'A^-1 V E)^-1. The problem has at most 6
-unknowns with rates at the contacts and 9 with rates at the fingertips; with depth damping, 12 and 15. There are three
-more if torsion acts along axes other than the normals.
+Here J = G K + H D / T and N = C^-1 + G K G' + H D H' / T, where C is the object's compliance, T the period, and G and H
+are the lever arms of springs and dampers. Q contains the modes as columns. The diagonal matrix R contains the fraction
+of the damping that acts at the depth of each finger. `condense` computes E_K and E_D. Therefore M = A - V E V' with
+A = kip I + R kid / T. The columns of V are those of Q, those of R Q if damping grows with depth, and the lever arms R
+H' of fingertips that are not sums of modes. The friction problem needs the inverse M^-1 = A^-1 + A^-1 V Y V'A^-1 with
+Y = E (I - V'A^-1 V E)^-1. The problem has at most 6 unknowns if rates refer to the contacts, and 9 if they refer to the
+fingertips; if damping grows with depth, 12 and 15. It has three more unknowns if torsion acts along axes other than the
+normals.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ SINGULAR = 1e-12  # relative bound on rounding in S, for motions that only conta
 
 @kernel
 def damping_in_columns(grasp: GraspState, problem: FrictionProblem, d: int, slipped: bool) -> int:
-    """Solve for elastic force and damping of touching fingers in a problem of d coordinates; return the law."""
+    """Solve for the elastic and damping forces of touching fingers, d coordinates each; return the solution's law."""
     per = 1.0 / grasp.period
     base = pose_damped(grasp, problem, d, slipped)
     if base == 0.0:
@@ -50,10 +51,10 @@ def damping_in_columns(grasp: GraspState, problem: FrictionProblem, d: int, slip
 
 @kernel
 def pose_damped(grasp: GraspState, problem: FrictionProblem, d: int, slipped: bool) -> float:
-    """Set up the friction problem of the damped law, d coordinates per contact: its bilateral force and its modes.
+    """Write the bilateral force and the modes of the damped law to a friction problem, d coordinates per contact.
 
-    With `slipped`, the problem uses the displacements that remain after slip. Return the largest entry of A, or 0.0 if
-    the bilateral force lies in the cones and is therefore the solution.
+    If `slipped` is true, the problem uses the displacements that remain after slip. Return the largest entry of A, or
+    0.0 if the bilateral force lies in the cones and is therefore the solution.
     """
     find_levers(grasp, True)
     state, per = grasp.recoil, 1.0 / grasp.period
@@ -100,9 +101,10 @@ def pose_damped(grasp: GraspState, problem: FrictionProblem, d: int, slipped: bo
 def write_columns(
     grasp: GraspState, problem: FrictionProblem, d: int, soft: bool, kip: float, kid: float, slipped: bool
 ) -> None:
-    """Write columns V, displacements and rates of the force-carrying coordinates, and compliances 1 / A - 1 / max A.
+    """Write the columns V, displacements, rates and compliances 1 / A - 1 / max A of the contacts that carry force.
 
-    The contacts' `displacement` and `base_force` contain displacements and rates until `write_force`.
+    Until the call of `write_force`, the fields `displacement` and `base_force` contain displacements and rates, times
+    W^1/2.
     """
     state, p = grasp.recoil, grasp.mode_count
     shifts, turns, per = grasp.freedom.shifts, grasp.freedom.turns, 1.0 / grasp.period
@@ -136,7 +138,7 @@ def write_columns(
 
 @kernel
 def damping_part(grasp: GraspState, finger: FingerState, kid: float) -> float:
-    """Compute r_i = 1 / (1 + kid w_i C_i), the fraction of kid that acts at the finger's depth (`depth`)."""
+    """Compute r_i = 1 / (1 + kid w_i C_i), the fraction of kid that acts at the finger's depth (module `depth`)."""
     if not finger.touching:
         return 1.0
     return 1.0 / (1.0 + kid * compliance(grasp, finger, normal_force(finger)))
@@ -147,7 +149,7 @@ def add_up(
     grasp: GraspState, problem: FrictionProblem, d: int, soft: bool, kid: float, near: int, far: int, count: int,
     base: float,
 ) -> None:  # fmt: skip
-    """Compute V'A^-1 V, V'V of elastic columns, V'R^-1 V of damping columns, and V'e and V'e' of all columns."""
+    """Compute V'A^-1 V, V'V of the elastic columns, V'R^-1 V of the damping columns, and V'e and V'e'."""
     state, p = grasp.recoil, grasp.mode_count
     for j in range(count):
         e = rate = 0.0
@@ -188,7 +190,7 @@ def add_up(
 
 @kernel
 def mirror(square: Table, count: int) -> None:
-    """Copy the lower triangle of a symmetric matrix to the upper one."""
+    """Copy the lower triangle of a symmetric matrix to the upper triangle."""
     for j in range(count):
         for k in range(j):
             square[k, j] = square[j, k]
@@ -199,17 +201,19 @@ def condense(
     grasp: GraspState, problem: FrictionProblem, d: int, gram: Table, external: float, internal: float, soft: bool,
     out: Table,
 ) -> None:  # fmt: skip
-    """Compute k_i E of a branch for the contacts that carry force; a gain of zero is treated exactly.
+    """Compute k_i E of a branch with the gains k_e and k_i, over the contacts that carry force.
 
-    With kappa = k_i + (k_e - k_i) beta, S = Q'R Q of the coordinates with force, and P = I - S summed over the
-    coordinates without force,
+    A gain of zero is treated exactly.
+
+    Let kappa = k_i + (k_e - k_i) beta, S = Q'R Q over the coordinates that carry force, and P = I - S, computed as a
+    sum over the coordinates that carry no force. Then
 
         k_i E = (k_i - k_e) B^1/2 [kappa + (k_i - k_e) B^1/2 S B^1/2]^-1 B^1/2 k_i      (k_e <= k_i)
               = (k_i - k_e) B^1/2 [1 + (k_e - k_i) / k_i B^1/2 P B^1/2]^-1 B^1/2        (k_e > k_i),
 
-    where B contains the fractions beta of the modes. The first bracket is singular only for motions in which no contact
-    with force moves. For the second bracket, a factor of the inverse is updated for each coordinate without force; with
-    k_i = 0 the inverse is a projector.
+    where the diagonal matrix B contains the fractions beta of the modes. The first bracket is singular only for motions
+    in which no contact that carries force moves. The inverse of the second bracket is A'A, where A is updated for each
+    coordinate that carries no force; if k_i = 0, the inverse is a projector.
     """
     p, A = grasp.mode_count, grasp.recoil.work
     gap = abs(external - internal)
@@ -239,10 +243,11 @@ def condense(
 def release_modes(
     grasp: GraspState, problem: FrictionProblem, d: int, external: float, internal: float, soft: bool
 ) -> None:  # fmt: skip
-    """Remove the coordinates without force or with a compliance from A'A, the inverse of `condense`'s second bracket.
+    """Update A'A, the inverse of the second bracket in `condense`, for coordinates without force or with a compliance.
 
-    Each coordinate subtracts A'A t t'A'A / (r + t'A'A t), where t are its components on the modes. Potter's square-root
-    update computes the new A.
+    Each of these coordinates subtracts A'A t t'A'A / (r + t'A'A t), by Potter's square-root update of A. The vector t
+    contains the components of the modes along the coordinate, times sqrt(beta), and r is the coordinate's resistance
+    divided by k_e - k_i.
     """
     t, along = grasp.recoil.row, grasp.recoil.signs
     for i, finger in enumerate(grasp.fingers):
@@ -260,7 +265,7 @@ def release_modes(
 
 @kernel
 def clear(grasp: GraspState, count: int) -> None:
-    """Clear the sums over the branches; `system` starts with the object's C^-1."""
+    """Set the sums over the branches to zero, and `system` to the inverse C^-1 of the object's compliance."""
     state = grasp.recoil
     for j in range(count):
         state.row[j] = 0.0
@@ -279,20 +284,21 @@ def add_branch(
     grasp: GraspState, gram: Table, part: Table, share: Table, vector: Floats, gain: float, unit: float, size: int,
     first: int, rest: int, beyond: bool,
 ) -> None:  # fmt: skip
-    """Add one branch, gain R - R Q part Q'R, to E, to the levers J' and to N, and its force to the right-hand sides.
+    """Add a branch with the gain R - R Q part Q'R to E, J' and N, and add its force to the right-hand sides.
 
     Args:
         grasp: Block of the grasp.
         gram: Gram matrix of the branch's columns.
-        part: Matrix E times the gain.
-        share: Matrix T of the branch's levers, if they are sums of modes.
-        vector: V'e or V'e' of all columns.
+        part: Matrix k_i E of the branch, from `condense`.
+        share: Coefficients of the branch's levers on the modes (T of `RecoilState`), used if the levers are sums of
+            modes.
+        vector: Products V'e or V'e' of all columns.
         gain: Gain k_i of the branch.
-        unit: Factor on the branch's displacement.
+        unit: Factor on `vector`: 1 for displacements, the period for rates [s].
         size: Number of the branch's columns.
         first: Index of the branch's first mode among all columns.
-        rest: Offset among all columns; column j of the branch, after its modes, is column rest + j of all.
-        beyond: Whether the levers of rotations are separate columns.
+        rest: Offset of the columns after the branch's modes: column j of the branch is column rest + j of all columns.
+        beyond: Whether the levers of rotations are separate columns instead of sums of modes.
     """
     state, p, shifts = grasp.recoil, grasp.mode_count, grasp.freedom.shifts
     free = shifts + grasp.freedom.turns
@@ -354,7 +360,7 @@ def add_branch(
 
 @kernel
 def find_recoil(grasp: GraspState, count: int) -> None:
-    """Compute the object's motion u = N^-1 r, and add J'u to the force coefficients of the columns."""
+    """Compute the object's motion u = N^-1 r from the right-hand side r; add J'u to the columns' force coefficients."""
     state, free = grasp.recoil, grasp.freedom.shifts + grasp.freedom.turns
     factor_definite(state.system, free)
     solve_factored(state.system, state.motion, free)
@@ -367,7 +373,7 @@ def find_recoil(grasp: GraspState, count: int) -> None:
 
 @kernel
 def eliminate_motion(grasp: GraspState, count: int) -> None:
-    """Add J'N^-1 J to E."""
+    """Add J'N^-1 J, which eliminates the object's motion, to E."""
     state, free = grasp.recoil, grasp.freedom.shifts + grasp.freedom.turns
     for j in range(count):
         lower(state.system, state.levers[j], free)
@@ -382,7 +388,7 @@ def eliminate_motion(grasp: GraspState, count: int) -> None:
 
 @kernel
 def is_settled(grasp: GraspState, problem: FrictionProblem, d: int) -> bool:
-    """Return whether all base forces lie inside their cones; if so, write them as the solution."""
+    """Return whether all base forces lie inside their cones; if they do, write them as the solution."""
     settled = True
     for contact in problem.contacts:
         if contact.status >= 0:
@@ -400,7 +406,7 @@ def is_settled(grasp: GraspState, problem: FrictionProblem, d: int) -> bool:
 def write_force(
     grasp: GraspState, problem: FrictionProblem, d: int, soft: bool, kip: float, kid: float, count: int
 ) -> None:
-    """Write the bilateral force of the force-carrying contacts into the problem's base forces."""
+    """Write the bilateral forces of the contacts that carry force to the base forces of the problem."""
     row = grasp.recoil.row
     for i, finger in enumerate(grasp.fingers):
         contact = problem.contacts[i]
@@ -416,7 +422,7 @@ def write_force(
 
 @kernel
 def invert(grasp: GraspState, count: int) -> None:
-    """Compute Y = E (I - S E)^-1 from E in `whole` and S in `gram`, and store it in `work`."""
+    """Compute Y = E (I - S E)^-1 from E in `whole` and S in `gram`, and write Y to `work`."""
     state = grasp.recoil
     A, Y = state.near, state.work
     for j in range(count):
@@ -434,9 +440,9 @@ def invert(grasp: GraspState, count: int) -> None:
 
 @kernel
 def factor_inverse(grasp: GraspState, problem: FrictionProblem, count: int) -> None:
-    """Compute the factor L = F U'^-1 of Y = F (I - F'S F)^-1 F' >= 0, E = F F' and I - F'S F = U U', into `gram`.
+    """Compute L, a factor of Y = F (I - F'S F)^-1 F' = L L' >= 0, where E = F F', and write L to `gram`.
 
-    F and L are lower triangular, U is upper triangular.
+    L = F U'^-1 with I - F'S F = U U'. F and L are lower triangular, and U is upper triangular.
     """
     state = grasp.recoil
     F, S, U, W = state.whole, state.gram, state.work, state.near

@@ -1,9 +1,10 @@
-"""Damping that grows with depth: each finger's damper acts in series with another, compliant damper.
+"""Damping that grows with depth: each finger's damper acts in series with a second damper.
 
-D_s = (D^-1 + C)^-1, C_i = (1 - s_i) / (s_i w_i b) on every coordinate of finger i. s_i is the depth that corresponds to
-the elastic force, divided by the length `coupling.damping_depth`, and at most 1. b is the larger of the two dampings.
-In the second projection D_s replaces D. D_s is passive in every state, because s_min D <= D_s <= D. The force has no
-step at first touch.
+The damping matrix is D_s = (D^-1 + C)^-1, where C has the entry C_i = (1 - s_i) / (s_i w_i b) for every coordinate of
+finger i, and w_i is the finger's weight. The fraction s_i is the depth that corresponds to the elastic force, divided
+by the length `coupling.damping_depth`, and at most 1. The gain b is the larger of ked and kid. D_s replaces D in the
+second projection, which adds damping to the elastic force. D_s is passive in every state, because s_min D <= D_s <= D,
+where s_min is the smallest s_i. The force is continuous at first touch.
 """
 
 from __future__ import annotations
@@ -18,7 +19,10 @@ SMALLEST = 1e-200  # lower bound of s, whose square underflows
 
 @kernel
 def damping_share(grasp: GraspState, finger: FingerState, normal: float) -> float:
-    """Compute s_i = min(1, n.f0_i / (w_i kip delta)) from a normal elastic force [N]; 1 without a damping depth."""
+    """Compute s_i = min(1, n.f0_i / (w_i kip delta)) from the normal elastic force n.f0_i [N] (`normal`).
+
+    Without a damping depth delta, the result is 1.
+    """
     if not grasp.gradual:
         return 1.0
     kip = grasp.stiffest.x if grasp.dense else grasp.internal_stiffness
@@ -28,7 +32,7 @@ def damping_share(grasp: GraspState, finger: FingerState, normal: float) -> floa
 
 @kernel
 def compliance(grasp: GraspState, finger: FingerState, normal: float) -> float:
-    """Compute w_i C_i = (1 - s_i) / (s_i b) from an elastic normal force [m/(N s)]."""
+    """Compute w_i C_i = (1 - s_i) / (s_i b) of a finger with the normal elastic force `normal` [N], in [m/(N s)]."""
     s = damping_share(grasp, finger, normal)
     if grasp.dense:
         return (1.0 - s) / (s * max(grasp.stiffest.y, grasp.stiffest.z))
@@ -37,7 +41,7 @@ def compliance(grasp: GraspState, finger: FingerState, normal: float) -> float:
 
 @kernel
 def is_whole(grasp: GraspState) -> bool:
-    """Return whether every finger's elastic force corresponds to a depth at which D_s = D."""
+    """Return whether D_s = D, which holds if s_i = 1 for every finger."""
     if not grasp.gradual:
         return True
     least = 1.0
@@ -48,10 +52,11 @@ def is_whole(grasp: GraspState) -> bool:
 
 @kernel
 def soften(grasp: GraspState, square: Table, vector: Floats | None, per: float) -> None:
-    """Change D to D_s and D e' to D_s e' in place, in contact frames, with the elastic forces in `start`.
+    """Replace D in `square` by D_s, and D e' in `vector` by D_s e', in contact frames.
 
-    The matrix and the vector may be `per` times D and D e'. For each coordinate p of each touching finger in turn, a
-    series compliance 1/g subtracts D e_p e_p'D / (g + D_pp) from D. `diagonal` is set to the diagonal of the result.
+    Both may contain the factor `per`. The elastic forces are read from the block's array `start`. For each coordinate p
+    of each touching finger in turn, a series compliance 1/g subtracts D e_p e_p'D / (g + D_pp) from D, where e_p is a
+    unit vector. `diagonal` is set to the diagonal of the result.
     """
     if not grasp.gradual:
         return
@@ -69,7 +74,7 @@ def soften(grasp: GraspState, square: Table, vector: Floats | None, per: float) 
 
 @kernel
 def add_compliance(square: Table, vector: Floats | None, g: float, p: int) -> None:
-    """Subtract M e_p e_p'M / (g + M_pp) from a matrix M, and correspondingly from its product with a vector."""
+    """Subtract M e_p e_p'M / (g + M_pp) from M = `square`, with the unit vector e_p; update `vector` = M x likewise."""
     own = square[p, p]
     if not g + own > 0.0:
         return

@@ -1,4 +1,4 @@
-"""Specification of a grasp, and the block that it defines."""
+"""Specification of a grasp, and creation of the block that contains its state."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ FREEDOMS = {1: [0], 2: [0, 1, 5], 3: [0, 1, 2, 3, 4, 5]}  # indices of an object
 
 
 class Shape(Protocol):
-    """Protocol of a shape for the coupling: the kind, parameters and data for its closest-point kernel."""
+    """Protocol of a shape for the coupling: kind, parameters and data for the shape's closest-point kernel."""
 
     @property
     def kind(self) -> int: ...
@@ -54,17 +54,17 @@ class Shape(Protocol):
 
 @dataclass(frozen=True)
 class Grip:
-    """Specification of a `GraspedObject`'s coupling, which is checked before the block is created.
+    """Specification of the coupling of a `GraspedObject`; it is checked before the block is created.
 
     Attributes:
         count: Number of fingers n.
         dimensions: Number of dimensions d.
         law: Gains of eq. (4).
         rules: Contact rules.
-        fill_body: Function that writes the object's parameters and initial state into its part of the block.
-        shape: Shape of the object; None only with attached contacts.
-        radius: Radius of the ball fingertips, one or (n,) [m].
-        limit: Largest force of each finger, one or (n,) [N]; None without limits.
+        fill_body: Function that writes the parameters and the initial state of the object to a block of a `BodyState`.
+        shape: Shape of the object; None is allowed only for attached contacts.
+        radius: Radius of the ball fingertips, one for all fingers or (n,) [m].
+        limit: Largest force of each finger, one for all fingers or (n,) [N]; None for no limits.
         live: Names of fields of `GraspState` that may change during a run.
     """
 
@@ -84,10 +84,13 @@ class Grip:
             raise InputError("patch", rules.patch, "soft fingers in 3-D only", "use hard fingers in 1-D and 2-D")
         directed = any(np.ndim(gain) for gain in (self.gains[2:] if self.law.of_object else self.gains))
         if self.soft and directed:
-            raise InputError("patch", rules.patch, "a number for each gain of soft fingers, or a gain of the object")
+            raise InputError("patch", rules.patch, "scalar gains for soft fingers, except for a gain of the object")
         if self.soft and not (rules.attached or rules.stick or mu[self.patch > 0.0].all()):
             raise InputError(
-                "patch", rules.patch, "a coefficient of friction for each soft finger", "without it there is no torsion"
+                "patch",
+                rules.patch,
+                "a coefficient of friction for each soft finger",
+                "soft fingers without friction exert no torsion",
             )
         self._check_pads()
         if not 0.0 <= rules.damping_depth < np.inf:
@@ -103,11 +106,12 @@ class Grip:
         for quantity, pair in ("stiffness", (kep, kip)), ("damping", (self.gains[1], self.gains[3])):
             if not (self.matrices or rules.attached) and 0.0 < min(pair) < LEAST * max(pair):
                 raise InputError(
-                    quantity, f"external {pair[0]}, internal {pair[1]}", f"neither below {LEAST:g} of the other one",
-                    "forces are accurate only down to that fraction of the larger gain",
+                    quantity, f"external {pair[0]}, internal {pair[1]}",
+                    f"zero, or at least {LEAST:g} times the other gain",
+                    "for smaller ratios the forces would be inaccurate",
                 )  # fmt: skip
         if self.soft and self.shape is None:
-            raise InputError("shape", None, "a shape", "soft fingers exert torsion about its normal")
+            raise InputError("shape", None, "a shape", "soft fingers exert torsion about the normal of the shape")
         if self.shape is not None and self.shape.kind not in KINDS:
             raise InputError(
                 "shape", self.shape, "a shape whose kind `closest` supports", "see docs/development/shape.md"
@@ -123,7 +127,7 @@ class Grip:
         if self.padded and self.implicit and self.damped:
             raise InputError(
                 "pad", self.rules.pad, "no damping with the implicit integrator",
-                "damping is solved together with the motion, which is not supported with pads",
+                "this integrator solves damping together with the motion, which is not supported for pads",
             )  # fmt: skip
 
     @cached_property
@@ -148,42 +152,45 @@ class Grip:
 
     @cached_property
     def limits(self) -> FloatArray | None:
-        """The largest forces of the fingers, (n,) [N], infinite for a finger without a limit; None without limits."""
+        """The largest forces of the fingers, (n,) [N], infinite for a finger without a limit, or None for no limits."""
         if self.limit is None:
             return None
         limits = real("limit", self.limit)
         if limits.shape not in ((), (self.count,)) or not (limits > 0.0).all():
             expected = f"a force above zero, or {self.count} of them [N]"
-            raise InputError("limit", self.limit, expected, "inf for no limit")
+            raise InputError("limit", self.limit, expected, "use inf for a finger without a limit")
         return np.broadcast_to(limits, (self.count,))
 
     @cached_property
     def body(self) -> FloatArray:
-        """The object's parameters and initial state, as a block of a `BodyState`."""
+        """The parameters and the initial state of the object, as a block of a `BodyState`."""
         state = np.zeros(size_of(BodyState))
         self.fill_body(state)
         return state
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:
-        """Mask of the body's six degrees of freedom, True where free: translations, then rotations, (6,)."""
+        """Mask of the object's free degrees of freedom: three translations, then three rotations, (6,)."""
         body = BodyState(self.body)
         free = np.concatenate([body.array(BodyState.free_translation), body.array(BodyState.free_rotation)])
         return np.asarray(free != 0.0)
 
     @property
     def padded(self) -> bool:
-        """True if some fingertip is compliant."""
+        """Whether some fingertip is compliant."""
         return bool(np.any(self.pad))
 
     @property
     def gains(self) -> list[float | FloatArray]:
-        """The gains kep [N/m], ked [N s/m], kip [N/m] and kid [N s/m], numbers or matrices."""
+        """The gains kep [N/m], ked [N s/m], kip [N/m] and kid [N s/m], each a number or a matrix."""
         return [gain for part in (self.law.external, self.law.internal) for gain in (part.stiffness, part.damping)]
 
     @cached_property
     def squares(self) -> list[FloatArray]:
-        """The gains kep, ked, kip and kid in the block's format, if some are matrices; 6 x 6 for the object."""
+        """The gains kep, ked, kip and kid as arrays in the block's format, or an empty list if all gains are scalar.
+
+        Gains of the object are 6 x 6 matrices.
+        """
         if not self.matrices:
             return []
         n, d, law = self.count, self.dimensions, self.law
@@ -195,59 +202,59 @@ class Grip:
 
     @property
     def matrices(self) -> bool:
-        """True if some gain is a matrix."""
+        """Whether some gain is a matrix."""
         return any(np.ndim(gain) for gain in self.gains)
 
     @property
     def soft(self) -> bool:
-        """True if some finger exerts torsion."""
+        """Whether some finger exerts torsion."""
         return bool(np.any(self.patch))
 
     @property
     def slips(self) -> bool:
-        """True if some finger has a coefficient of friction."""
+        """Whether some finger has a coefficient of friction and contacts are not attached."""
         return bool(np.any(self.friction)) and not self.rules.attached
 
     @property
     def implicit(self) -> bool:
-        """True if forces and the object's displacement are solved together."""
+        """Whether forces and the object's displacement are solved together."""
         return bool(BodyState(self.body).integrator == IMPLICIT)
 
     @property
     def damped(self) -> bool:
-        """True if some damping is not zero."""
+        """Whether some damping is not zero."""
         return bool(np.any(self.gains[1]) or np.any(self.gains[3]))
 
     @property
     def gradual(self) -> bool:
-        """True if damping grows with depth."""
+        """Whether damping grows with depth."""
         return self.rules.damping_depth > 0.0 and not self.rules.attached and self.damped
 
     @property
     def recoils(self) -> bool:
-        """True if the object's motion in the sample is eliminated in modal unknowns: implicit with scalar gains."""
+        """Whether the object's motion in the sample is eliminated in modal unknowns: implicit with scalar gains."""
         return self.implicit and not self.matrices
 
     @property
     def columns(self) -> int:
-        """Largest number of columns of the damped law: modes (twice as many with depth damping) and other levers."""
+        """Largest number of columns V of the damped law (`damping_flexibility`), at least 1."""
         modes, tips = int(self.free.sum()), 0 if self.rules.at_contact else int(self.free[3:].sum())
         softened = modes if self.gradual or "gradual" in self.live else 0
         return max(modes + softened + tips + (tips if self.soft else 0), 1)
 
     @property
     def rays(self) -> bool:
-        """True if cones are rays, so that six unknowns suffice; else frictionless contact uses principal pivoting."""
+        """Whether frictionless contact is solved as a friction problem in which each cone is a ray along the normal."""
         return self.pushes_apart and (self.implicit or not self.law.equal)
 
     @property
     def pushes_apart(self) -> bool:
-        """True if contacts are unilateral and slip freely, without friction, and gains are scalar."""
+        """Whether contacts are unilateral, without friction and without sticking, and gains are scalar."""
         return not (self.slips or self.rules.attached or self.rules.stick or self.matrices)
 
     @property
     def problems(self) -> bool:
-        """True if forces may be solutions of friction problems: with friction, along rays, or limited to balls."""
+        """Whether forces may be solutions of friction problems: in friction cones, on rays, or limited to balls."""
         holds = self.rules.attached or (self.rules.stick and not self.slips)
         balls = self.limit is not None and holds and not (self.matrices or self.implicit)
         apart = "equal" in self.live or self.implicit or not self.law.equal
@@ -255,7 +262,7 @@ class Grip:
 
 
 def make_block(grip: Grip, period: float) -> FloatArray:
-    """Make the block of a grasp: state, friction problems, mesh searches and mesh."""
+    """Create the block of a grasp: state, friction problems, the fingers' searches on a mesh, and the mesh."""
     n, d, shape = grip.count, grip.dimensions, grip.shape
     coordinates = 4 if grip.soft else d
     sizes = {
@@ -356,7 +363,7 @@ def _fill_gains(grasp: GraspState, grip: Grip) -> None:
 
 
 def whole_gain(gain: FloatArray, d: int) -> FloatArray:
-    """Extend a gain of an object in d dimensions to all six degrees of freedom.
+    """Extend a gain matrix of an object in d dimensions to all six degrees of freedom.
 
     Raises:
         InputError: If the matrix has the wrong size.
@@ -389,6 +396,6 @@ def _fill_fingers(grasp: GraspState, grip: Grip) -> None:
 
 
 def _least(gain: float | FloatArray) -> float:
-    """Compute the smallest gain in any direction; values of rounding size are zero."""
+    """Compute the smallest gain in any direction; a value of rounding size counts as zero."""
     values = np.linalg.eigvalsh(gain) if np.ndim(gain) > 1 else np.atleast_1d(gain)
     return 0.0 if values.min() <= 1e-12 * values.max() else float(values.min())

@@ -1,13 +1,14 @@
-"""The law for an object that moves under the sample's forces, as a flexibility in modal unknowns, O(n).
+"""Elastic law for an object that moves under the forces of the sample, as a flexibility, in O(n) operations.
 
-With the implicit integrator (`recoil`), forces follow from a stiffness M, which includes the object's compliance C in
-series. For scalar gains the inverse of M is a multiple of the identity plus a few columns V, even if it is restricted
-to the contacts that carry force:
+With the implicit integrator (`recoil`), the forces follow from a stiffness M that includes the object's compliance C in
+series. For scalar gains, the inverse of M is a multiple of the identity plus a term of a few columns V, also after
+restriction to the contacts that carry force:
 
     W^1/2 M^-1 W^1/2 = [I + V Y V'] / kip,    Y = diag(kip / kappa_k - 1) + kip T C T'    (elastic, V = Q),
 
-kappa_k = kip + (kep - kip) beta_k, T = Q'sqrt(W) G'. A friction problem therefore has at most six unknowns
-(`cones.equations`), or nine if torsion acts along axes other than the normals.
+Here kappa_k = kip + (kep - kip) beta_k and T = Q'sqrt(W) G', where Q contains the modes with the blends beta_k, W the
+weights, and G the lever arms of the springs. A friction problem therefore has at most six unknowns (`cones.equations`),
+or nine if torsion acts along axes other than the normals.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from graspfx.grasp.rigid_modes import component, motion_of
 
 @kernel
 def pose_elastic(grasp: GraspState, problem: FrictionProblem, d: int) -> None:
-    """Write the modes of the elastic law with the object's compliance into a problem of d coordinates per contact."""
+    """Write the modes of the elastic law, with the object's compliance, to a problem of d coordinates per contact."""
     state, free = grasp.recoil, grasp.freedom.shifts + grasp.freedom.turns
     shifts, turns, p = grasp.freedom.shifts, grasp.freedom.turns, grasp.mode_count
     kep, kip = grasp.external_stiffness, grasp.internal_stiffness
@@ -69,7 +70,7 @@ def pose_elastic(grasp: GraspState, problem: FrictionProblem, d: int) -> None:
 
 @kernel
 def near_share(grasp: GraspState, j: int, u: int) -> float:
-    """Compute the component of elastic column j in the contacts' motion along the object's free direction u."""
+    """Compute the coefficient of elastic column j in the contacts' motion along the object's free direction u."""
     state, p, shifts = grasp.recoil, grasp.mode_count, grasp.freedom.shifts
     if state.twisted and u >= shifts:
         return 1.0 if j == p + u - shifts else 0.0
@@ -78,7 +79,10 @@ def near_share(grasp: GraspState, j: int, u: int) -> float:
 
 @kernel
 def combine_modes(grasp: GraspState, contact: ConeContact, a: int, count: int, gain: float, triangular: bool) -> None:
-    """Replace coordinate a of a contact's columns V by gain times that of the modes V L, with Y = L diag(h) L'."""
+    """Replace a contact's columns V, at coordinate a, by `gain` times the modes V L, where Y = L diag(h) L'.
+
+    If `triangular` is true, L is lower triangular.
+    """
     row, L = grasp.recoil.row, grasp.recoil.gram
     for k in range(count):
         row[k] = gain * contact.modes[k].motion[a]
@@ -91,7 +95,7 @@ def combine_modes(grasp: GraspState, contact: ConeContact, a: int, count: int, g
 
 @kernel
 def factor(grasp: GraspState, problem: FrictionProblem, count: int, definite: bool) -> None:
-    """Factor Y = L diag(h) L' in `work`; write L to `gram` and the signs h to a problem."""
+    """Factor the matrix Y = L diag(h) L' in `work`; write L to `gram` and the signs h to the problem."""
     state = grasp.recoil
     problem.modes = count
     if definite:

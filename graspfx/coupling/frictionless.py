@@ -19,10 +19,11 @@ from graspfx.spatial import Vector4, inner
 
 @kernel
 def frictionless_force(grasp: GraspState) -> int:
-    """Compute the elastic force f = K (e + s) along the normals, then damping; return 0 or UNRESOLVED.
+    """Compute the elastic force f = K (e + s) along the normals, then add damping; return 0 or UNRESOLVED.
 
-    Tangents carry no force. If the internal gain is larger, q_k'f therefore needs only the modes' normal
-    entries. Otherwise the convex function contains the tangential part of the modes, and all coordinates are needed.
+    Tangential forces are zero. If the internal gain is larger than the external gain, q_k'f therefore needs only the
+    normal entries of the modes q_k. Otherwise the convex function contains the tangential entries of the modes, and all
+    coordinates are needed.
     """
     fault = elastic_without_friction(grasp)
     if grasp.observed or grasp.limited:
@@ -45,7 +46,7 @@ def frictionless_force(grasp: GraspState) -> int:
 
 @kernel
 def elastic_without_friction(grasp: GraspState) -> int:
-    """Compute the elastic force in as few unknowns as the gains allow; return 0 or UNRESOLVED."""
+    """Compute the elastic force, from normal coordinates alone if the gains allow it; return 0 or UNRESOLVED."""
     if grasp.recoils or grasp.external_stiffness <= grasp.internal_stiffness:
         return elastic_along_normals(grasp)
     return elastic_in_cones(grasp)
@@ -74,7 +75,7 @@ def elastic_along_normals(grasp: GraspState) -> int:
 
 @kernel
 def force_along_normals(grasp: GraspState, problem: FrictionProblem, gains: Gains, elastic: bool) -> int:
-    """Compute the elastic force along the normals, or add damping to it; return 0 or UNRESOLVED."""
+    """Compute the elastic force along the normals if `elastic` is true, else add damping; return 0 or UNRESOLVED."""
     pose_problem(grasp, problem, not elastic)
     for i, finger in enumerate(grasp.fingers):
         x = finger.displacement if elastic else finger.rate
@@ -104,7 +105,7 @@ def force_along_normals(grasp: GraspState, problem: FrictionProblem, gains: Gain
 
 @kernel
 def write_normal_forces(grasp: GraspState, problem: FrictionProblem, elastic: bool) -> None:
-    """Write the solution of a normal problem to the fingers' forces; the elastic solution decides which touch."""
+    """Write the normal forces of a problem to the fingers' forces; if `elastic` is true, mark the touching fingers."""
     for i, finger in enumerate(grasp.fingers):
         f = problem.contacts[i].force.x
         for a in range(grasp.dimensions):

@@ -23,7 +23,7 @@ U, W, V, Z = 0, 6, 12, 18
 
 @kernel
 def fill_gains(grasp: GraspState) -> None:
-    """Recompute K and D if a contact, a weight, a normal or a rotation on which they depend has changed."""
+    """Recompute K and D if a contact point, weight, normal or rotation on which K or D depends has changed."""
     if is_up_to_date(grasp):
         return
     fill_pair(grasp, grasp.stiffness_rule, grasp.kep, grasp.kip, grasp.stiffness)
@@ -36,7 +36,7 @@ def fill_gains(grasp: GraspState) -> None:
 
 @kernel
 def is_up_to_date(grasp: GraspState) -> bool:
-    """Return whether K and D are up to date, and store the present values on which they depend."""
+    """Return whether K and D are up to date, and store the present values on which K and D depend."""
     same = grasp.gains_known
     grasp.gains_known = True
     if grasp.axes_of_gains == WORLD or grasp.mixed:
@@ -60,13 +60,15 @@ def is_up_to_date(grasp: GraspState) -> bool:
 
 @kernel
 def fill_pair(grasp: GraspState, rule: int, external: Gain, internal: Gain, out: Table) -> None:
-    """Compute E A + (I - E) B, or F A F' + H B H', from the external gain A and the internal gain B; E f = P f.
+    """Compose an external gain A and an internal gain B: E A + (I - E) B (literal) or F A F' + H B H' (symmetric).
 
-    Modes are q_k with blends b_k, weights are L^2, w_k = L q_k, and u_k = L^-1 q_k. Then E = sum_k b_k w_k u_k',
-    F = sum_k sqrt(b_k) w_k u_k', H = I - sum_k (1 - sqrt(1 - b_k)) w_k u_k'. With the square roots, the gain of a mode
-    with blend b is b kep + (1 - b) kip, as in the literal form for scalars. Only u_k'A and u_k'B are needed, one row
-    per mode; the projector is never formed. If A acts on the object, its contribution at the contacts is added to the
-    internal part.
+    E is the projector P on external forces.
+
+    For modes q_k with blends b_k and weights L^2, let w_k = L q_k and u_k = L^-1 q_k. Then E = sum_k b_k w_k u_k', F =
+    sum_k sqrt(b_k) w_k u_k' and H = I - sum_k (1 - sqrt(1 - b_k)) w_k u_k'. The square roots give scalar gains the same
+    result in both forms: a mode with blend b has the gain b kep + (1 - b) kip. The computation needs only u_k'A and
+    u_k'B, one row per mode; the projector is never formed. If A is a gain of the object, the gain at the contacts that
+    follows from A is added to the internal part.
     """
     spread(grasp, internal, out)
     if rule == ALONE:
@@ -85,7 +87,7 @@ def fill_pair(grasp: GraspState, rule: int, external: Gain, internal: Gain, out:
 
 @kernel
 def fill_rows(grasp: GraspState, k: int, whole: bool, A: Table, B: Table) -> None:
-    """Compute u_k, w_k, u_k'A and u_k'B of mode k."""
+    """Compute the rows u_k, w_k, u_k'A and u_k'B of mode k (symbols: see `fill_pair`)."""
     d, c, rows, mode = grasp.dimensions, grasp.coordinates, grasp.mode_rows, grasp.modes[k]
     for i, finger in enumerate(grasp.fingers):
         root = metric_root(finger)
@@ -107,7 +109,7 @@ def fill_rows(grasp: GraspState, k: int, whole: bool, A: Table, B: Table) -> Non
 
 @kernel
 def add_literal(grasp: GraspState, k: int, out: Table) -> None:
-    """Add b_k w_k u_k'(A - B) to B."""
+    """Add b_k w_k u_k'(A - B) of mode k to B in `out` (symbols: see `fill_pair`)."""
     m, rows = grasp.components, grasp.mode_rows
     for q in range(m):
         rows[V + k, q] -= rows[Z + k, q]
@@ -119,7 +121,7 @@ def add_literal(grasp: GraspState, k: int, out: Table) -> None:
 
 @kernel
 def add_symmetric(grasp: GraspState, out: Table) -> None:
-    """Add F A F' + H B H' - B to B, symmetric to the last bit."""
+    """Replace B in `out` by F A F' + H B H', symmetric to the last bit (symbols: see `fill_pair`)."""
     count, m, rows, C = grasp.mode_count, grasp.components, grasp.mode_rows, grasp.mode_products
     for k in range(count):
         outer, inner = roots(grasp.modes[k, 0])
@@ -146,16 +148,19 @@ def add_symmetric(grasp: GraspState, out: Table) -> None:
 
 
 def roots(blend: float) -> tuple[float, float]:
-    """Compute a mode's factors in F and in I - H: sqrt(b) and 1 - sqrt(1 - b), where b is the mode's blend."""
+    """Compute the factors of a mode with the blend b: sqrt(b) in F, and 1 - sqrt(1 - b) in I - H (see `fill_pair`)."""
     return math.sqrt(blend), 1.0 - math.sqrt(1.0 - blend)
 
 
 @kernel
 def spread(grasp: GraspState, gain: Gain, out: Table) -> None:
-    """Write gain X as a square matrix in object axes: L R'X R L per finger, R'X R if `whole`, zero if of the object.
+    """Write a gain X to `out` as a square matrix in the object's axes.
+
+    The matrix has the blocks L R'X R L for gains per finger. It is R'X R for one gain of all fingers (`whole`), and
+    zero for a gain of the object (`of_object`). L is the square root of a finger's weight.
 
     R rotates from the object's axes to the axes of the gain, which are the world's axes or a finger's contact frame.
-    Torsion divided by the patch length uses the finger's scalar gain; soft fingers allow scalar gains only.
+    The torsional coordinate of a soft finger has the finger's gain, which is scalar.
     """
     n, d, c, m = grasp.count, grasp.dimensions, grasp.coordinates, grasp.components
     if gain.of_object:
@@ -189,7 +194,7 @@ def spread(grasp: GraspState, gain: Gain, out: Table) -> None:
 
 @kernel
 def turn_block(grasp: GraspState, X: Table, R: Matrix, weight: float, out: Table) -> None:
-    """Write weight * R' X R, d x d; R is omitted for gains in the object's axes or without axes."""
+    """Write weight * R'X R, d x d, to `out`; R is not applied to gains in the object's axes or without axes."""
     d = grasp.dimensions
     if grasp.axes_of_gains == OBJECT:
         for a in range(d):
@@ -204,7 +209,7 @@ def turn_block(grasp: GraspState, X: Table, R: Matrix, weight: float, out: Table
 
 @kernel
 def turn_column(X: Table, R: Matrix, c: Vector, b: int, d: int, out: Table) -> None:
-    """Write column b of weight * R' X R, where c is the weight times column b of R."""
+    """Write column b of weight * R'X R to `out`, where c is the weight times column b of R."""
     x = 0.0 + X[0, 0] * c.x + X[0, 1] * c.y
     y = 0.0 + X[1, 0] * c.x + X[1, 1] * c.y
     z = 0.0
@@ -220,7 +225,10 @@ def turn_column(X: Table, R: Matrix, c: Vector, b: int, d: int, out: Table) -> N
 
 @kernel
 def keep_skew(square: Table, largest: float, out: Table) -> float:
-    """Copy a matrix if its skew part, which generates energy, is the largest so far; return its sum of squares."""
+    """Copy a matrix if its skew part, which generates energy, is the largest so far.
+
+    Return the largest sum of squares of the skew part.
+    """
     skew = 0.0
     for p in range(square.columns):
         for q in range(p):
@@ -236,5 +244,5 @@ def keep_skew(square: Table, largest: float, out: Table) -> float:
 
 @inline
 def metric_root(finger: FingerState) -> float:
-    """Compute the square root of a finger's weight, or of the smallest weight of a metric if that is larger."""
+    """Compute the square root of a finger's weight, which counts as at least WEIGHT_FLOOR."""
     return math.sqrt(max(finger.weight, WEIGHT_FLOOR))

@@ -11,7 +11,10 @@ from graspfx.surfaces.triangles.mesh_tree import MeshFinger, MeshTree
 
 
 class FingerState(FramedContact):
-    """A finger. O is the object's frame, in which contact, normal and contact frame are expressed; W is the world's."""
+    """State of a finger; O and W mark vectors in the object's frame and in the world frame.
+
+    Contact, normal and contact frame are expressed in O.
+    """
 
     position: Vector  # p, W [m]
     velocity: Vector  # p', W [m/s]
@@ -52,7 +55,7 @@ class FingerState(FramedContact):
 
 
 class Gain(Record):
-    """A matrix gain."""
+    """Format and location of a matrix gain in the block."""
 
     whole: bool  # one (n d) x (n d) matrix, otherwise n matrices d x d
     of_object: bool  # 6 x 6 external gain on the object's degrees of freedom (`object_gains`)
@@ -60,7 +63,7 @@ class Gain(Record):
 
 
 class PadState(Record):
-    """A finger's compliant fingertip in the search for its depth (`pad`)."""
+    """State of a compliant fingertip in the search for its depth (module `pad`)."""
 
     depth: float  # delta [m]
     whole: Vector4  # e; the law uses e - delta n
@@ -78,10 +81,10 @@ class PadState(Record):
 
 
 class RecoilState(Record):
-    """Levers, linear systems and columns of the law, if its forces move the object within the sample (`recoil`).
+    """Levers, linear systems and columns of the law for an object that moves within the sample (module `recoil`).
 
-    Directions are the object's free directions, translations first. Columns are the columns V of a law
-    K = W^1/2 (A - V E V') W^1/2.
+    Directions are the object's free directions, translations first. V denotes the columns of a law K = W^1/2 (A - V E
+    V') W^1/2.
     """
 
     most: int  # largest number of columns
@@ -112,7 +115,7 @@ class RecoilState(Record):
 
 
 class GraspState(Record):
-    """An object, its coupling and its shape; switches are 0.0 or 1.0."""
+    """State of a grasped object: motion, shape, coupling and fingers. Switches are 0.0 or 1.0."""
 
     count: int  # n
     dimensions: int  # d
@@ -153,8 +156,8 @@ class GraspState(Record):
     residual: float  # residual of that law [N]
     force_bound: float  # largest force that the law may compute for a finger; a larger force is a fault [N]
     excess: float  # force that exceeded the bound [N]
-    problem: Ref[FrictionProblem]  # of the elastic force
-    damping_problem: Ref[FrictionProblem]  # of the damping force
+    problem: Ref[FrictionProblem]  # friction problem of the elastic force
+    damping_problem: Ref[FrictionProblem]  # friction problem of the damping force
     rays: bool  # scalar gains without friction: forces along the normals
     observed: bool  # an observer of energy needs the elastic force
     stiffness_rule: int  # composition of K from matrix gains: equal, literal, symmetric (`gains`)
@@ -219,10 +222,13 @@ class GraspState(Record):
 
     @property
     def alone(self) -> bool:
-        """Whether each force depends only on its finger's displacement: the conventional method with scalar gains."""
+        """Whether each force depends only on the displacement of its own finger.
+
+        This is the conventional method with scalar gains and without the implicit integrator.
+        """
         return self.equal and not self.dense and not self.implicit
 
     @property
     def motion(self) -> Motion:
-        """Motion of the object in this sample; with the implicit integrator, its predicted motion."""
+        """Motion of the object in this sample, or its predicted motion with the implicit integrator."""
         return self.body.next_motion if self.implicit else self.body.motion

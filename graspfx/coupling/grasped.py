@@ -1,4 +1,4 @@
-"""A grasped object, which owns a state block, offers named views of the block, and computes samples."""
+"""Grasped object: its state block, named views of the block, and the computation of samples."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ UNCOUPLED = 1e-12  # relative bound below which an entry of K_o between translat
 
 
 class _Fades(NamedTuple):
-    """Present start of the fade; largest shortfall, and start that was needed, of earlier fades in the run [m]."""
+    """Start of the present fade [m], and the largest shortfall and required start of earlier fades in the run [m]."""
 
     start: float
     shortfall: float = 0.0
@@ -59,16 +59,17 @@ class GraspedObject:
         period: Sampling period T [s].
         law: Gains of eq. (4).
         rules: Contact rules.
-        shape: Shape of the object; None only with attached contacts, which are at the object's centre until `attach`.
-        fill_body: Function that writes the object's parameters and initial state into its part of the block.
-        radius: Radius of the ball fingertips, one or (n,) [m]; zero for point fingertips.
-        limit: Largest force of each finger, one or (n,) [N], infinite for a finger without a limit; None without
-            limits.
+        shape: Shape of the object; None is allowed only for attached contacts, which are at the object's centre until
+            `attach` is called.
+        fill_body: Function that writes the parameters and the initial state of the object to a block of a `BodyState`.
+        radius: Radius of the ball fingertips, one for all fingers or (n,) [m]; zero for point fingertips.
+        limit: Largest force of each finger, one for all fingers or (n,) [N], infinite for a finger without a limit;
+            None for no limits.
         live: Names of fields of `GraspState` that may change during a run.
 
     Raises:
-        InputError: If an argument is invalid; if unilateral contact has no shape or a stiffness of zero; or if soft
-            fingers are not in 3-D, have matrix gains, have no friction, or are attached without a shape.
+        InputError: If an argument is invalid, if contacts are unilateral and there is no shape or a stiffness is zero,
+            or if fingers are soft and not in 3-D, with matrix gains, without friction, or attached without a shape.
     """
 
     def __init__(
@@ -113,7 +114,7 @@ class GraspedObject:
             self._walks.array(MeshFinger.reach)[:] = end + self.array(FingerState.radius)
 
     def adopt(self, other: GraspedObject) -> None:
-        """Adopt the law and fade range of another grasped object, whose values this block already contains."""
+        """Use the law of another grasped object, and the fade in this block, which already has that object's values."""
         self.law = other.law
         if self.state.fade:
             self.set_fade(self.state.fade_start, self.state.fade_end)
@@ -124,7 +125,7 @@ class GraspedObject:
 
     @property
     def wrench(self) -> FloatArray:
-        """f_v of eq. (2) about the object's centre, (w,): force [N], then moment [N m]."""
+        """Wrench f_v of eq. (2) about the object's centre, (w,): forces [N], then moments [N m]."""
         return self.block[self.where["wrench"]]
 
     @property
@@ -134,15 +135,15 @@ class GraspedObject:
 
     @property
     def gain_entries(self) -> list[int]:
-        """Indices in `block` of scalar gains, and of the switches that depend on them."""
+        """Indices in `block` of the scalar gains, and of the switches that depend on these gains."""
         return gain_entries()
 
     @property
     def watched_entries(self) -> list[int]:
-        """Indices of entries of `block` that no run changes, and that are also read outside of samples.
+        """Indices of entries of `block` that are constant in every run and are also read outside of samples.
 
-        These are the gains, from which matrices are composed once, and the data of P, by which a recording splits
-        forces.
+        These entries are the gains, from which matrices are composed once, and the data of the projector P, by which a
+        recording splits forces.
         """
         return [*gain_entries(), *matrix_entries(self.state), *split_entries(self.state)]
 
@@ -153,16 +154,22 @@ class GraspedObject:
 
     @property
     def shortfall(self) -> float:
-        """Largest distance by which the fade has started too close to the surface so far [m]; 0 if it has not."""
+        """Largest distance by which the fade started too close to the surface in the run so far [m].
+
+        The distance is 0 if the fade never started too close.
+        """
         return max(self._fades.shortfall, self.state.shortfall)
 
     @property
     def fade_needed(self) -> float:
-        """Gap at which the fade should have started for the forces so far [m]; 0 if the start was far enough away."""
+        """Gap at which the fade should have started in the run so far [m]; 0 if it started far enough away."""
         return max(self._fades.needed, _needed(self.state.fade_start, self.state.shortfall))
 
     def fade_asked(self) -> tuple[float, float] | None:
-        """Return the fade's start and the start that the last forces require [m]; None if equal gains or no fade."""
+        """Return the start of the fade and the start that the last forces require [m].
+
+        Without a fade, or with equal gains, the result is None.
+        """
         if not self.state.fade or self.state.equal:
             return None
         pushes = sum(normal_force(finger) for finger in self._grasp.fingers)
@@ -174,7 +181,7 @@ class GraspedObject:
         return int(self.state.in_band)
 
     def set_fade(self, low: float, high: float) -> None:
-        """Set the gaps over which a free finger fades out of the grasp [m]."""
+        """Set the gaps between which a free finger fades out of the grasp [m]."""
         if low != self._fades.start:  # a shortfall is relative to the present start of the fade
             most = max(self._fades.needed, _needed(self._fades.start, self.state.shortfall))
             self._fades = _Fades(low, self.shortfall, most)
@@ -191,11 +198,14 @@ class GraspedObject:
         return normals[:, : self.dimensions]
 
     def attach(self, contacts: FloatArray) -> None:
-        """Attach contacts at points (n, d) in the object's frame [m]; by default they are at the object's centre."""
+        """Attach contacts at points (n, d) in the object's frame [m].
+
+        Without this call, attached contacts are at the object's centre.
+        """
         self.array(FingerState.contact)[:, : self.dimensions] = contacts
 
     def meet(self, position: FloatArray) -> None:
-        """Find each finger's contact point and face on the shape from its initial position, (n, d) [m].
+        """Find the contact point and face of each finger on the shape from the initial positions, (n, d) [m].
 
         Attached contacts keep the points found here.
         """
@@ -212,13 +222,13 @@ class GraspedObject:
         self.touching[:] = touching
 
     def depths(self, position: FloatArray) -> FloatArray:
-        """Compute the fingers' penetration depths as vectors from the surface to the finger, world axes, (n, d) [m].
+        """Compute penetration depths as vectors from the surface to the fingers, in world axes, (n, d) [m].
 
         The depth of a finger outside the object is zero. For attached contacts the result is the displacement from the
         contact point.
 
         Args:
-            position: Finger positions (n, d) [m], those of the last call of `meet`.
+            position: Finger positions (n, d) [m]; they must be those of the last call of `meet`.
         """
         if not self._shaped:  # contacts are attached to the object's centre, and `meet` does not move them
             self.finger_position[:] = position
@@ -229,15 +239,18 @@ class GraspedObject:
         return away
 
     def sample(self) -> int:
-        """Compute forces and wrench from fingers' and object's motion (predicted, if implicit); return 0 or a fault."""
+        """Compute forces and wrench from the motions of the fingers and the object; return 0 or a fault.
+
+        With the implicit integrator, the motion of the object is its predicted motion.
+        """
         return sample(self._grasp)
 
     def damper_compliance(self, *, at_rest: bool = True) -> FloatArray:
-        """Compute compliances C_i of the dampers in series, one per finger (n,) [m/(N s)]; zero at full damping.
+        """Compute the compliance C_i of each finger's series damper, (n,) [m/(N s)]; it is zero at full damping.
 
         Args:
-            at_rest: If True, use the forces of the last sample, whose rates were zero; if False, use zero forces, for
-                which the compliances are infinite.
+            at_rest: If True, use the forces of the last sample, in which all rates must have been zero. If False, use
+                zero forces, for which the compliances are infinite.
         """
         if not self.state.gradual:
             return np.zeros(self.fingers)
@@ -248,23 +261,28 @@ class GraspedObject:
         return np.array(weighted) / self.array(FingerState.weight)
 
     def pad_stiffness(self) -> FloatArray:
-        """Tangent stiffness 3/2 k^(2/3) f_n^(1/3) of each fingertip at the last forces, (n,) [N/m]; inf if rigid."""
+        """Compute the tangent stiffness 3/2 k^(2/3) f_n^(1/3) of each fingertip, (n,) [N/m].
+
+        Here k is the pad's stiffness, and f_n the last normal force. The result is inf for a rigid fingertip.
+        """
         k = self.array(FingerState.pad)
         f = np.array([max(normal_force(finger), 0.0) for finger in self._grasp.fingers])
         return np.where(k > 0.0, 1.5 * np.cbrt(k * k * f), np.inf)
 
     @property
     def split_rule(self) -> SplitRule:
-        """Data of P except contact points and gaps, from the present block."""
+        """Data that determine the projector P, except contact points and gaps, read from the block."""
         return SplitRule.of(self.state)
 
     def object_gains(self) -> tuple[FloatArray, ...]:
         """Compute K of translations, K of rotations, internal K, external D and internal D, (m, m) in object axes.
 
-        If some finger is soft, every finger has an additional row after its forces: torsion over patch length.
+        If some finger is soft, every finger has an additional row after its forces, for its torsion divided by the
+        patch length.
 
-        The matrices use the contacts and weights of the last sample. If K_o couples translations with rotations, all
-        of K is returned as translational, because the rotational remainder would not be a stiffness.
+        The matrices use the contacts and weights of the last sample. If the object's stiffness K_o couples translations
+        with rotations, the whole external K is returned as that of translations, because the remainder for rotations
+        would not be a stiffness matrix.
         """
         block = self.block.copy()
         grasp = GraspState(block)
@@ -281,13 +299,15 @@ class GraspedObject:
         return K_t, K - K_t, K_i, D, D_i
 
     def contradiction(self) -> str:
-        """Return the name of a switch of the block that contradicts its gains; empty if there is none."""
+        """Return the name of a switch in the block that contradicts the gains, or "" if no switch does."""
         return contradiction(self._grasp.buffer)
 
     def check_activity(self) -> None:
-        """Warn if matrix gains, at their largest skew part, can generate energy: once, and again at a tenfold part.
+        """Warn if a matrix K or D can generate energy, for the largest skew part so far.
 
-        Samples do not warn; the caller that runs the samples calls this method.
+        The warning is given once, and again when the skew part is ten times as large.
+
+        Samples themselves do not warn; the caller that runs the samples calls this method.
         """
         if self.matrices:
             self.law.warn_if_active("stiffness", self.state.skewest_stiffness.array(self.state.components))
@@ -299,7 +319,7 @@ class GraspedObject:
 
 
 def share_of_object(grasp: GraspState, name: str) -> FloatArray:
-    """Compute an object gain's matrix on the contacts, (m, m) in the object's axes; K in the block is overwritten."""
+    """Compute the matrix of an object gain on the contacts, (m, m) in the object's axes; overwrite K in the block."""
     if grasp.mixed:
         turn_axes(grasp)
     refactor(grasp)
@@ -328,7 +348,7 @@ def fault_text(fault: int, fingers: Sequence[str], grasped: GraspedObject) -> st
 
 
 def _excess_text(fingers: Sequence[str], grasped: GraspedObject) -> str:
-    """Name the gain that contributes most to a force above the bound, and the displacement or rate it multiplies."""
+    """Return the message for a force above the bound, with the gain that contributes most to it."""
     state, shares = grasped.state, []
     for share, part in ("external", grasped.law.external), ("internal", grasped.law.internal):
         for quantity, field, unit, per in (
@@ -341,6 +361,7 @@ def _excess_text(fingers: Sequence[str], grasped: GraspedObject) -> str:
             shares.append((most * sizes[i], share, quantity, most, per, sizes[i], unit, fingers[i]))
     _, share, quantity, most, per, size, unit, finger = max(shares)
     return (
-        f"the law gives a finger {state.excess:.3g} N, above coupling.force_bound = {state.force_bound:g} N: mostly by "
-        f"coupling.{share}.{quantity} = {most:g} {per} at {size:.3g} {unit} ({finger}); all forces are zero"
+        f"the law gives a finger {state.excess:.3g} N, above coupling.force_bound = {state.force_bound:g} N: the "
+        f"largest contribution is coupling.{share}.{quantity} = {most:g} {per} times {size:.3g} {unit} ({finger}); "
+        "all forces are zero"
     )

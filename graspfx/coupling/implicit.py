@@ -1,4 +1,4 @@
-"""Sample with the implicit integrator: one linear system for the forces and the object's displacement."""
+"""Sample with the implicit integrator: one linear system for the contact forces and the object's displacement."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from graspfx.coupling.recoil import inertia, lever
 
 @kernel
 def assemble_implicitly(grasp: GraspState, elastic: bool, damping: bool, condensed: bool) -> None:
-    """Compute the law in contact frames at the end of the sample, with the object's displacement u eliminated.
+    """Assemble the law at the end of the sample in contact frames, and eliminate the object's displacement u.
 
-    f = K (e - G'u) + D (e' - H'u / T), u = C (G K ... + H D ...), with the object's compliance C. G contains the moment
-    arms of the contacts, and H the moment arms of the points where rates are computed. If `condensed`, K and D are
-    those of the touching fingers only, so a free finger's position has no effect. With a coefficient of friction, e is
-    then the displacement after slip.
+    The forces are f = f_K + f_D with f_K = K (e - G'u) and f_D = D (e' - H'u / T), and they displace the object by
+    u = C (G f_K + H f_D), where C is the object's compliance. G contains the lever arms of the contacts, and H the
+    lever arms of the points at which rates are computed. If `condensed` is true, K and D are those of the touching
+    fingers only, so the position of a free finger has no effect. In this case, if some finger has a coefficient of
+    friction, e is the displacement after slip.
     """
     m, size = grasp.count * grasp.coordinates, grasp.unknowns
     for p in range(size):
@@ -37,7 +38,11 @@ def assemble_implicitly(grasp: GraspState, elastic: bool, damping: bool, condens
 
 @kernel
 def add_part(grasp: GraspState, elastic: bool, condensed: bool) -> None:
-    """Add B = K with e, or B = D / T with T e': B, -B G', G B, -G B G', and the vectors B x and G B x."""
+    """Add the springs (B = K, x = e) if `elastic` is true, else the dampers (B = D / T, x = T e').
+
+    The blocks of the system are B, -B G', G B and -G B G', and the vectors are B x and G B x, where G contains lever
+    arms.
+    """
     m, free = grasp.count * grasp.coordinates, grasp.unknowns - grasp.count * grasp.coordinates
     A, q, B, x, G = grasp.square, grasp.vector, grasp.part, grasp.start, grasp.levers
     fill_part(grasp, elastic, condensed)
@@ -71,7 +76,10 @@ def add_part(grasp: GraspState, elastic: bool, condensed: bool) -> None:
 
 @kernel
 def fill_part(grasp: GraspState, elastic: bool, condensed: bool) -> None:
-    """Compute K or D / T in contact frames; if `condensed`, for the coordinates with force, and zero elsewhere."""
+    """Compute K if `elastic` is true, else D / T, in contact frames.
+
+    If `condensed` is true, the coordinates without force are released, and their entries are zero.
+    """
     m = grasp.count * grasp.coordinates
     B = grasp.part
     per = 1.0 / grasp.period
@@ -88,7 +96,7 @@ def fill_part(grasp: GraspState, elastic: bool, condensed: bool) -> None:
 
 @kernel
 def condense(grasp: GraspState, elastic: bool, per: float) -> None:
-    """Release coordinates without force from K or D / T."""
+    """Release the coordinates without force from K or D / T, and set their entries to zero."""
     n, c = grasp.count, grasp.coordinates
     m, B = n * c, grasp.part
     if not elastic and grasp.gradual:
@@ -111,13 +119,17 @@ def condense(grasp: GraspState, elastic: bool, per: float) -> None:
 
 @inline
 def carries(grasp: GraspState, finger: FingerState, a: int) -> bool:
-    """Return whether coordinate a carries force: a touching finger's normal, and its tangents unless slip is free."""
+    """Return whether coordinate a of a finger carries force.
+
+    This is true for the normal of a touching finger and, if the finger sticks or has friction, for its other
+    coordinates.
+    """
     return finger.touching and (a == 0 or grasp.stick or grasp.friction)
 
 
 @kernel
 def add_inertia(grasp: GraspState) -> None:
-    """Add -1/compliance of the object's free directions: -(M + T B) / T^2."""
+    """Subtract the inverse C^-1 = (M + T B) / T^2 of the object's compliance, with mass M and viscosity B."""
     m, free = grasp.count * grasp.coordinates, grasp.unknowns - grasp.count * grasp.coordinates
     for u in range(free):
         for v in range(free):

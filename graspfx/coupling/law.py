@@ -1,4 +1,4 @@
-"""Eq. (4) in a state block: forces from displacements and rates, without cones; and eq. (2), the forces' wrench."""
+"""Equations (4) and (2) in a state block: forces without cones from displacements and rates, and their wrench."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FINE = 0
 
 @kernel
 def bilateral(grasp: GraspState, elastic: bool, damping: bool) -> None:
-    """Compute the law without cones: its elastic part, its damping part or both parts."""
+    """Compute the law's forces without cones: the elastic part, the damping part or both parts."""
     if grasp.dense:
         combine_matrices(grasp, elastic, damping)
         return
@@ -34,7 +34,8 @@ def bilateral(grasp: GraspState, elastic: bool, damping: bool) -> None:
 def combine(grasp: GraspState, kep: float, ked: float, kip: float, kid: float) -> None:
     """Compute f = P (kep e + ked e') + (I - P) (kip e + kid e') (eq. 4) with one projection of one vector.
 
-    f = s + P d, s = kip e + kid e', d = (kep - kip) e + (ked - kid) e', P = sum_k sqrt(w) q_k beta_k q_k' sqrt(w).
+    f = s + P d with s = kip e + kid e', d = (kep - kip) e + (ked - kid) e' and P = sum_k sqrt(w) q_k beta_k q_k'
+    sqrt(w).
     """
     # without rotations the modes are the free translations, whose number is known at compile time
     modes = grasp.mode_count if grasp.freedom.turns != 0 else grasp.freedom.shifts
@@ -103,7 +104,10 @@ def normal_force(finger: FingerState) -> float:
 
 @kernel
 def react(grasp: GraspState) -> int:
-    """Compute forces in world axes and their wrench f_v = G f about the object's centre (eq. 2); LOST if not finite."""
+    """Compute the forces in world axes and the wrench f_v = G f about the object's centre (eq. 2).
+
+    Return FINE, or LOST if the wrench is not finite.
+    """
     motion = grasp.motion
     force = moment = ZERO
     for finger in grasp.fingers:

@@ -1,16 +1,18 @@
-"""The step `limit` of a sample: before the object moves, the law's forces are limited to what devices can display.
+"""Limits of the forces in a sample: before the object moves, forces are limited to what the devices can exert.
 
-A limit only at the device would generate energy, because the object would receive forces that are not displayed. The
-limit is normally part of the projection: the cones are cut off at the fingers' limits, |f_i| <= L_i, and the sample is
-solved again. The elastic force then remains the gradient of a convex function (`graspfx.cones.cone`). Forces that are
-still too large are scaled: first the internal force alone, then the whole force.
+If only the devices limited the forces, energy would be generated, because the object would receive forces that the
+devices do not exert. The limits are normally part of the projection: each cone is intersected with the ball
+|f_i| <= L_i of the finger's limit, and the sample is solved again. The elastic force then remains the gradient of a
+convex function (`graspfx.cones.cone`). Forces that are still too large are scaled: first the internal force alone, then
+the whole force.
 
 Scaled forces stay in their cones, and the direction of the wrench does not change. Let a = P f be the smallest contact
-forces with the same wrench, and b = f - a the remaining internal force. The scaled force is alpha (a + lambda b).
-lambda is the largest number in [lambda_c, 1] for which every |a_i + lambda b_i| <= L_i, with alpha = 1. If no such
-number exists, lambda minimises the largest |a_i + lambda b_i| / L_i, and alpha < 1. For lambda >= lambda_c all forces
-are in their cones; below lambda_c a finger would slip or pull. P is the projector for the points where the forces act.
-It contains only the force components that contacts transmit: without friction, the normal components.
+forces with the wrench of f, and b = f - a the internal force. The scaled force is alpha (a + lambda b). If possible,
+alpha = 1, and lambda is the largest number in [lambda_c, 1] for which |a_i + lambda b_i| <= L_i for every finger. If
+there is no such number, lambda minimises the largest |a_i + lambda b_i| / L_i, and alpha < 1. If lambda >= lambda_c,
+all forces are in their cones; below lambda_c a finger would slip or pull. P is the projector for the points at which
+the forces act. It includes only the force components that the contacts transmit, which are the normal components if
+there is no friction.
 """
 
 from __future__ import annotations
@@ -44,17 +46,20 @@ NORMAL_ONLY = 1  # force that a contact transmits: 0 none, 1 along the normal, 2
 
 
 class DirectionPart(Record):
-    """A finger's part of a contact-force direction; for a contact without tangential force, only the first entry."""
+    """Part of one finger in a direction of contact forces.
+
+    A contact without tangential force uses only the first entry.
+    """
 
     force: Vector4
 
 
 @kernel
 def limit(grasp: GraspState, fault: int) -> int:
-    """Reduce the forces of a sample to the limits; return `fault`, or UNRESOLVED.
+    """Reduce the forces of a sample to the limits; return `fault`, or UNRESOLVED if the limited law is not solved.
 
-    The block stores the law's unlimited forces and marks the fingers at a limit. Forces within the limits are
-    unchanged.
+    The law's forces before limits are stored in the block, and the fingers at a limit are marked. Forces within the
+    limits are unchanged.
     """
     store_law(grasp)
     if fault != 0 or not exceeds(grasp):
@@ -76,7 +81,7 @@ def limit(grasp: GraspState, fault: int) -> int:
 
 @kernel
 def limit_again(grasp: GraspState) -> None:
-    """Limit forces that were increased after `limit`; add the same increase to the law's forces."""
+    """Limit forces that were increased after the call of `limit`, and add the increase to the law's forces."""
     for finger in grasp.fingers:
         finger.law_force -= finger.force
     react(grasp)
@@ -88,7 +93,7 @@ def limit_again(grasp: GraspState) -> None:
 
 @kernel
 def forget_limits(grasp: GraspState) -> None:
-    """Clear the law's force and the marks of fingers at a limit."""
+    """Set the law's forces to zero, and clear the marks of fingers at a limit."""
     for finger in grasp.fingers:
         finger.saturated = False
         finger.law_force = ZERO
@@ -96,7 +101,7 @@ def forget_limits(grasp: GraspState) -> None:
 
 @kernel
 def store_law(grasp: GraspState) -> None:
-    """Store the forces, in world axes, as the law's forces, and clear the marks of fingers at a limit."""
+    """Store the present forces, in world axes, as the law's forces, and clear the marks of fingers at a limit."""
     react(grasp)
     for finger in grasp.fingers:
         finger.saturated = False
@@ -116,13 +121,13 @@ def exceeds(grasp: GraspState) -> bool:
 
 @kernel
 def width(grasp: GraspState) -> int:
-    """Count the limited entries of a force; torsion is included if friction bounds it together with the force."""
+    """Return the number of force entries that a limit bounds: 4 with friction, including torsion, else 3."""
     return 4 if grasp.friction else 3
 
 
 @kernel
 def mark(grasp: GraspState, inside: bool) -> None:
-    """Mark fingers whose force is at the limit; with `inside` (`is_inside`), also those whose elastic force is."""
+    """Mark fingers whose force is at the limit and, if `inside`, also fingers whose elastic force is at the limit."""
     for finger in grasp.fingers:
         least = NEARLY * LIMIT_MARGIN * finger.limit
         if force_size(finger.local, width(grasp)) >= least:
@@ -133,10 +138,10 @@ def mark(grasp: GraspState, inside: bool) -> None:
 
 @kernel
 def is_inside(grasp: GraspState) -> bool:
-    """Return whether the projection can respect the limits.
+    """Return whether the limits can be part of the projection.
 
-    The projection cannot respect limits with the implicit integrator, with matrix gains without a coefficient of
-    friction, or with sticking compliant fingertips and unequal gains.
+    This is not possible with the implicit integrator, with matrix gains without friction, or with unequal gains
+    and compliant fingertips that stick.
     """
     if grasp.padded and grasp.stick and not grasp.equal:
         return False
@@ -145,7 +150,7 @@ def is_inside(grasp: GraspState) -> bool:
 
 @kernel
 def force_in_cut_cones(grasp: GraspState) -> int:
-    """Compute the elastic force in the limited cones, then add damping in them; return 0 or UNRESOLVED."""
+    """Compute the elastic force in the limited cones, then add damping; return 0 or UNRESOLVED."""
     if grasp.padded:
         fault = press(grasp)
         if fault != 0:
@@ -163,7 +168,7 @@ def force_in_cut_cones(grasp: GraspState) -> int:
 
 @kernel
 def limit_alone(grasp: GraspState) -> None:
-    """For equal gains, limit each finger separately: shorten its elastic force, then the sum with damping."""
+    """Limit each finger separately, for equal gains: shorten the elastic force, then the sum with damping."""
     for finger in grasp.fingers:
         finger.local = finger.elastic
     shorten_all(grasp)
@@ -180,7 +185,7 @@ def limit_alone(grasp: GraspState) -> None:
 
 @kernel
 def shorten_all(grasp: GraspState) -> None:
-    """Shorten every force to its limit."""
+    """Shorten the force of every finger to its limit."""
     for finger in grasp.fingers:
         finger.local, _ = shorten(finger.local, width(grasp), finger.cut)
 
@@ -189,8 +194,8 @@ def shorten_all(grasp: GraspState) -> None:
 def force_in_balls(grasp: GraspState) -> int:
     """Compute the forces with |f_i| <= L_i that are nearest to the law's forces, in the norms of K^-1 and D^-1.
 
-    Contacts are attached or sticking. Fingers that the law released stay free; touching fingers only push. Return 0
-    or UNRESOLVED.
+    Contacts are attached or sticking. A sticking finger that the law released stays free, and a touching finger that
+    sticks only pushes. Return 0 or UNRESOLVED.
     """
     gains = Gains(grasp.external_stiffness, grasp.internal_stiffness)
     fault = force_in_ball(grasp, grasp.problem, gains, True)
@@ -203,7 +208,10 @@ def force_in_balls(grasp: GraspState) -> int:
 
 @kernel
 def force_in_ball(grasp: GraspState, problem: FrictionProblem, gains: Gains, elastic: bool) -> int:
-    """Compute the elastic force with balls instead of cones, or add damping to it; return 0 or UNRESOLVED."""
+    """Compute the elastic force in balls instead of cones if `elastic` is true, else add damping.
+
+    Return 0 or UNRESOLVED.
+    """
     pose_problem(grasp, problem, True)
     for i, finger in enumerate(grasp.fingers):
         contact = problem.contacts[i]
@@ -222,7 +230,7 @@ def force_in_ball(grasp: GraspState, problem: FrictionProblem, gains: Gains, ela
 
 @kernel
 def scale(grasp: GraspState, elastic: bool) -> None:
-    """Scale the forces into the limits; with `elastic`, scale the elastic forces by the same two factors."""
+    """Scale the forces into the limits; if `elastic` is true, scale the elastic forces by the same two factors."""
     if not largest_load(grasp) > TOUCHING:
         return
     count = wrench_modes(grasp)
@@ -247,7 +255,7 @@ def scale(grasp: GraspState, elastic: bool) -> None:
 
 @kernel
 def largest_load(grasp: GraspState) -> float:
-    """Compute max |f_i| / L_i."""
+    """Compute the largest ratio |f_i| / L_i of a finger's force to its limit."""
     most = 0.0
     for finger in grasp.fingers:
         most = max(most, length(finger.local.vector) / (LIMIT_MARGIN * finger.limit))
@@ -256,7 +264,7 @@ def largest_load(grasp: GraspState) -> float:
 
 @kernel
 def overload(grasp: GraspState, squeeze: float) -> float:
-    """Compute max |a_i + lambda b_i| / L_i."""
+    """Compute the largest ratio |a_i + lambda b_i| / L_i, where lambda is `squeeze`."""
     most = 0.0
     for finger in grasp.fingers:
         most = max(most, length(squeezed(finger, squeeze).vector) / (LIMIT_MARGIN * finger.limit))
@@ -265,7 +273,7 @@ def overload(grasp: GraspState, squeeze: float) -> float:
 
 @inline
 def squeezed(finger: FingerState, squeeze: float) -> Vector4:
-    """Compute a_i + lambda (f_i - a_i)."""
+    """Compute the force a_i + lambda (f_i - a_i) of a finger, where lambda is `squeeze`."""
     return finger.carried + squeeze * (finger.local - finger.carried)
 
 
@@ -277,7 +285,7 @@ def length(v: Vector) -> float:
 
 @kernel
 def capacity(grasp: GraspState, finger: FingerState) -> int:
-    """Return the force that a contact transmits: 0 none, 1 along the normal, 2 in all directions."""
+    """Return which force a contact transmits: 0 for none, 1 along the normal, 2 in all directions."""
     if grasp.attached:
         return 2
     if not finger.touching:
@@ -289,9 +297,9 @@ def capacity(grasp: GraspState, finger: FingerState) -> int:
 def wrench_modes(grasp: GraspState) -> int:
     """Write orthonormal directions of transmitted contact forces whose wrench is not zero; return their number.
 
-    The directions span G' of the free degrees of freedom, with the arms of the points where forces act. A contact that
-    transmits no tangential force has one coordinate, the first of its four, so that small directions have no rounding
-    errors in its tangents.
+    The directions span the columns of G' for the free degrees of freedom, with lever arms to the points at which forces
+    act. A contact that transmits only a normal force uses only the first of its four entries, so rounding errors in
+    tangential entries cannot disturb small directions.
     """
     shifts, turns = grasp.freedom.shifts, grasp.freedom.turns
     for k in range(shifts + turns):
@@ -324,7 +332,7 @@ def part_of(direction: Floats, i: int) -> DirectionPart:
 
 @kernel
 def normalise_directions(grasp: GraspState, count: int) -> int:
-    """Normalise all directions that exceed rounding, move them to the front and return their number."""
+    """Normalise the directions whose length exceeds rounding, move them to the front, and return their number."""
     size = grasp.directions.columns
     longest = 0.0
     for k in range(count):
@@ -346,7 +354,10 @@ def normalise_directions(grasp: GraspState, count: int) -> int:
 
 @kernel
 def project(grasp: GraspState, elastic: bool, count: int) -> None:
-    """Compute a = P f of the forces or the elastic forces, twice, so that f - a has no wrench up to rounding."""
+    """Compute a = P f of the forces or, if `elastic` is true, of the elastic forces.
+
+    The projection is repeated once, so that the wrench of f - a is zero up to rounding errors.
+    """
     for finger in grasp.fingers:
         finger.carried = NOTHING
     for _ in range(2):
@@ -372,7 +383,10 @@ def project(grasp: GraspState, elastic: bool, count: int) -> None:
 
 @kernel
 def depth_in_cone(grasp: GraspState, finger: FingerState, squeeze: float) -> float:
-    """Compute the distance of a_i + lambda b_i inside its cone, mu f_n - |f_t| or f_n, plus a rounding tolerance."""
+    """Compute mu f_n - |f_t|, or f_n without friction, of a_i + lambda b_i, where lambda is `squeeze`.
+
+    A rounding tolerance is added; a negative result means that the force is outside its cone.
+    """
     f, x = finger.local, squeezed(finger, squeeze)
     normal = dot(x.vector, finger.normal)
     slack = ROUNDING * math.sqrt(f.x * f.x + f.y * f.y + f.z * f.z + f.t * f.t)
@@ -385,7 +399,10 @@ def depth_in_cone(grasp: GraspState, finger: FingerState, squeeze: float) -> flo
 
 @kernel
 def least_squeeze(grasp: GraspState) -> float:
-    """Find lambda_c, the zero of the concave `depth_in_cone`; for lambda in [lambda_c, 1] all forces are in cones."""
+    """Find lambda_c, the smallest lambda for which all forces are in their cones, by bisection.
+
+    `depth_in_cone` is concave, so all forces are in their cones for every lambda in [lambda_c, 1].
+    """
     least = 0.0
     if grasp.attached:
         return least
@@ -404,7 +421,7 @@ def least_squeeze(grasp: GraspState) -> float:
 
 @kernel
 def lightest(grasp: GraspState, low: float) -> float:
-    """Find the lambda in [low, 1] with the smallest overload, which is convex in lambda."""
+    """Find the lambda in [low, 1] for which `overload`, a convex function of lambda, is smallest."""
     high = 1.0
     left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
     at_left, at_right = overload(grasp, left), overload(grasp, right)
@@ -422,7 +439,7 @@ def lightest(grasp: GraspState, low: float) -> float:
 
 @kernel
 def most_squeeze(grasp: GraspState, low: float) -> float:
-    """Find the largest lambda in [low, 1] without overload; `low` itself must be without overload."""
+    """Find the largest lambda in [low, 1] for which `overload` is at most 1; this must hold for `low`."""
     high = 1.0
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)

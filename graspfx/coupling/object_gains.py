@@ -1,4 +1,4 @@
-"""Object gains in a state block: the object's stiffness K_o distributed over the contacts, K_ep = X K_c X'."""
+"""Gains of the object in a state block: the object's stiffness K_o, distributed over the contacts."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ WIDE = 6  # entries per row of K_o, forces before moments; some entries are zero
 
 @kernel
 def add_object_gain(grasp: GraspState, gain: Gain, first: int, scratch: int, out: Table) -> None:
-    """Add X K_c X' = sum_jk A_jk w_j w_k' to a square matrix, exactly symmetric.
+    """Add the matrix sum_jk A_jk w_j w_k' of an object gain on the contacts to `out`, exactly symmetric.
 
-    w_k = L q_k are the modes' forces, stored in rows of `mode_rows` from `first` on. Rows from `scratch` on are
-    overwritten. A = T^+ K_c T^+' is the stiffness for unit motions of the modes (`modal_gain`); T are the modes'
-    wrenches, and K_c is K_o after the degrees of freedom that no mode holds are eliminated.
+    The vectors w_k = L q_k are the modes' forces, in the rows of `mode_rows` from `first` on. Rows from `scratch` on
+    are overwritten. A = T^+ K_c T^+' is the stiffness for unit motions of the modes (`modal_gain`). T contains the
+    wrenches of the modes, and K_c is the gain K_o after elimination of the degrees of freedom that no mode holds.
     """
     fill_modal_gain(grasp, gain, first)
     count, rows, A = grasp.mode_count, grasp.mode_rows, grasp.modal_gain
@@ -43,7 +43,10 @@ def add_object_gain(grasp: GraspState, gain: Gain, first: int, scratch: int, out
 
 @kernel
 def fill_modal_gain(grasp: GraspState, gain: Gain, first: int) -> None:
-    """Compute A from the modes' wrenches and K_o; condense degrees of freedom that no mode holds; bound short arms."""
+    """Compute the matrix A of `add_object_gain` from the wrenches of the modes and K_o.
+
+    Degrees of freedom that no mode holds are eliminated, and the stiffness of rotations with short arms is bounded.
+    """
     free = grasp.freedom.shifts + grasp.freedom.turns
     fill_wrenches(grasp, first)
     fill_free_gain(grasp, gain)
@@ -57,7 +60,7 @@ def fill_modal_gain(grasp: GraspState, gain: Gain, first: int) -> None:
 
 @kernel
 def fill_wrenches(grasp: GraspState, first: int) -> None:
-    """Compute each mode's wrench about the object's centre, on the free degrees of freedom, and a unit matrix."""
+    """Write each mode's wrench about the object's centre, on the free degrees of freedom, then a unit matrix."""
     T, count, free = grasp.wrenches, grasp.mode_count, grasp.freedom.shifts + grasp.freedom.turns
     for k in range(count):
         for u in range(free):
@@ -80,7 +83,7 @@ def fill_wrenches(grasp: GraspState, first: int) -> None:
 
 @kernel
 def fill_free_gain(grasp: GraspState, gain: Gain) -> None:
-    """Compute K_o for motions along and about the free axes."""
+    """Compute the entries of K_o for motions along and about the free axes."""
     X = Floats(grasp.buffer, grasp.matrices.offset + gain.first)
     free, shifts = grasp.freedom.shifts + grasp.freedom.turns, grasp.freedom.shifts
     for u in range(free):
@@ -102,7 +105,7 @@ def inner_row(X: Floats, row: int, column: int, b: Vector) -> float:
 
 @kernel
 def scale_freedoms(grasp: GraspState, free: int) -> None:
-    """Scale translations and rotations by their stiffness, or else by arms, so that pivots are comparable."""
+    """Scale translations and rotations so that pivots are comparable: by stiffness or, if it is zero, by the arms."""
     T, K, count, shifts = grasp.wrenches, grasp.free_gain, grasp.mode_count, grasp.freedom.shifts
     stiff = turning = square = total = 0.0
     for u in range(free):
@@ -131,7 +134,7 @@ def scale_freedoms(grasp: GraspState, free: int) -> None:
 
 @kernel
 def eliminate(grasp: GraspState, free: int) -> int:
-    """Reduce T to the unit matrix on the columns of its largest pivots by Gauss-Jordan; return their number."""
+    """Reduce T to the unit matrix on its pivot columns by Gauss-Jordan elimination; return the number of pivots."""
     T, count = grasp.wrenches, grasp.mode_count
     for u in range(free):
         grasp.held[u] = -1.0
@@ -159,10 +162,11 @@ def eliminate(grasp: GraspState, free: int) -> int:
 
 @kernel
 def fill_motions(grasp: GraspState, free: int, count: int) -> None:
-    """Write the object's motion for unit motions of the modes, then of the unheld degrees of freedom.
+    """Write the object's motion for a unit motion of each mode, then of each degree of freedom that no mode holds.
 
-    After the elimination, the object's motion is x_B = E y - R z in the pivot columns B, and z in the other columns. y
-    are the motions of the modes, R are the other columns of T, and E is what became of the unit matrix beside T.
+    After the elimination, the object's motion is x_B = E y - R z in the pivot columns B, and z in the other columns.
+    Here y contains the motions of the modes, R the other columns of T, and E the columns beside T, which were a unit
+    matrix before the elimination.
     """
     T, W = grasp.wrenches, grasp.motions
     z = count
@@ -181,7 +185,7 @@ def fill_motions(grasp: GraspState, free: int, count: int) -> None:
 
 @kernel
 def transform(grasp: GraspState, free: int) -> None:
-    """Compute A = W' K W, exactly symmetric."""
+    """Compute A = W'K W from the motions W and the gain K; A is exactly symmetric."""
     W, K, A, KW = grasp.motions, grasp.free_gain, grasp.modal_gain, grasp.mode_products
     for u in range(free):
         for j in range(free):
@@ -199,7 +203,7 @@ def transform(grasp: GraspState, free: int) -> None:
 
 @kernel
 def condense_unheld(grasp: GraspState, free: int, count: int) -> None:
-    """Eliminate the degrees of freedom that no mode holds; in these the object moves until its force is zero."""
+    """Eliminate the degrees of freedom that no mode holds, along which the object moves until the force is zero."""
     A = grasp.modal_gain
     least = 0.0
     for z in range(count, free):
@@ -215,9 +219,9 @@ def condense_unheld(grasp: GraspState, free: int, count: int) -> None:
 def soften_short_arms(grasp: GraspState, count: int) -> None:
     """Keep the stiffness at the fingertips bounded and continuous if a rotation's arm lies within the blend.
 
-    The upper arm l2 of the blend replaces the rotation's arm. The stiffness at a fingertip is therefore at most
-    K_o / (W l2^2), where W is the sum of weights. A series compliance (1 - beta) / (beta tr A) moves the rotation to
-    the internal part as its arm approaches the lower arm of the blend.
+    The upper arm l2 of the blend replaces the rotation's arm. The stiffness at a fingertip is therefore at most K_o /
+    (W l2^2), where W is the sum of weights. A series compliance (1 - beta) / (beta tr A) moves the rotation to the
+    internal part as the rotation's arm approaches the lower arm of the blend.
     """
     A, shifts = grasp.modal_gain, grasp.freedom.shifts
     trace = 0.0
@@ -238,7 +242,7 @@ def soften_short_arms(grasp: GraspState, count: int) -> None:
 
 @kernel
 def release_mode(A: Table, k: int, size: int, factor: float) -> None:
-    """Subtract factor a a' from A, where a is column k of A."""
+    """Subtract `factor` a a' from A, where a is column k of A."""
     for p in range(size):
         if p != k:
             scaled = factor * A[p, k]
@@ -257,6 +261,6 @@ def release_mode(A: Table, k: int, size: int, factor: float) -> None:
 
 @kernel
 def arm_of_blend(beta: float, low: float, high: float) -> float:
-    """Compute the arm at which the smoothstep 3 t^2 - 2 t^3 between two arms equals beta."""
+    """Compute the arm between `low` and `high` at which the smoothstep 3 t^2 - 2 t^3 equals `beta`."""
     t = 0.5 - elementary.sin(elementary.asin(1.0 - 2.0 * beta) / 3.0)
     return low + t * (high - low)

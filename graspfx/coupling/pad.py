@@ -1,16 +1,16 @@
-"""Compliant fingertips: f_n = k depth^1.5 along the contact's normal, in series with the coupling.
+"""Compliant fingertips (pads): normal force f_n = k delta^1.5 at the depth delta, in series with the coupling.
 
-A pad's depth delta reduces the displacement in eq. (4) to e - delta n. The elastic force is then
+The depth of a pad reduces the displacement in eq. (4) from e to e - delta n. The elastic force is then
 
     f = argmin over the cones of 1/2 f'K^-1 f + sum_i (3/5) k_i^(-2/3) f_n,i^(5/3) - e'f,
 
-with a nonlinear compliance in addition to K^-1 (Hertz 1882; Johnson, Contact Mechanics, 1985, 4.22). The depths solve
-k_i delta_i^1.5 - f_n,i(e - delta n) = 0. The left side is the gradient of a convex function, because
-0 <= d f_n/d e_n <= the normals' part of K. Each pass evaluates the law's elastic force at the present depths, with the
-solver of the contact rule. The pass then computes the next depths from the model f_n + B (change of e_n - delta) and
-the pads' power law. B estimates the slopes d f_n/d e_n; it is updated by secants (Broyden 1965) and is kept in the
-block for the next sample. If a step does not reduce the residual enough, B is set to the normals' part of K, which
-bounds every slope. The next step, called proximal, always decreases the convex function.
+which has a nonlinear compliance in addition to K^-1 (Hertz 1882; Johnson, Contact Mechanics, 1985, 4.22). The depths
+solve k_i delta_i^1.5 - f_n,i(e - delta n) = 0. The left side is the gradient of a convex function, because 0 <= d f_n/d
+e_n <= K_nn, where K_nn is the part of K for the normals. Each pass of the iteration computes the elastic force at the
+present depths, with the solver of the contact rule. It then computes the next depths from the pads' power law and the
+linear model f_n + B (change of e_n - delta). The matrix B estimates the slopes d f_n/d e_n. B is updated by secants
+(Broyden 1965) and kept in the block for the next sample. If a step does not reduce the residual enough, B is set to
+K_nn, which bounds every slope. The next step, called proximal, then always decreases the convex function.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def press(grasp: GraspState) -> int:
 
 @kernel
 def relax(grasp: GraspState) -> None:
-    """Restore the displacements of pressed pads only, because those of released fingers may have changed."""
+    """Restore the displacements of fingers with pressed pads; those of released fingers may have been recomputed."""
     for i, finger in enumerate(grasp.fingers):
         if grasp.pads[i].depth > 0.0:
             finger.displacement = grasp.pads[i].whole
@@ -124,7 +124,7 @@ def measure(grasp: GraspState) -> tuple[float, float]:
 
 @kernel
 def store_pass(grasp: GraspState) -> None:
-    """Store f_n and e_n - delta of this pass as those of the previous pass."""
+    """Store f_n and e_n - delta of this pass as the values of the previous pass."""
     for i in range(grasp.count):
         pad = grasp.pads[i]
         pad.before_push = pad.push
@@ -143,7 +143,7 @@ def accept(grasp: GraspState) -> None:
 
 @kernel
 def learn(grasp: GraspState) -> None:
-    """Update B by Broyden's method: the smallest change such that B maps the last change of e_n - delta to that of f_n.
+    """Update B by Broyden's method, so that it maps the last change of e_n - delta to the last change of f_n.
 
     Rows of fingers without force are unchanged.
     """
@@ -166,7 +166,7 @@ def learn(grasp: GraspState) -> None:
 
 @kernel
 def same_touch(grasp: GraspState) -> bool:
-    """Return whether the pushing fingers are those for which B was filled; store which fingers push now."""
+    """Return whether the pushing fingers are those for which B was filled, and store which fingers push now."""
     same = grasp.pads_known
     grasp.pads_known = True
     for i in range(grasp.count):
@@ -179,7 +179,7 @@ def same_touch(grasp: GraspState) -> bool:
 
 @kernel
 def fill_slope(grasp: GraspState) -> None:
-    """Set B to the normals' part of K, and compute the row sums of that part."""
+    """Set B to the part of K for the normals, and compute the absolute sum of each row."""
     assemble(grasp, True)
     c = grasp.coordinates
     for i in range(grasp.count):
@@ -195,7 +195,8 @@ def fill_slope(grasp: GraspState) -> None:
 def predict(grasp: GraspState, proximal: bool) -> None:
     """Solve k delta^1.5 = f_n + B (change of e_n - delta) for the depths of pressed pads by Newton's method.
 
-    The depth of a finger without force is zero, except in a proximal step, which may only decrease it.
+    The depth of a finger without force is zero. In a proximal step, the depth of such a finger may instead remain
+    positive, but not increase.
     """
     n = grasp.count
     for i, finger in enumerate(grasp.fingers):

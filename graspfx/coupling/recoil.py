@@ -1,12 +1,12 @@
-"""Bilateral forces on an object that moves within the sample under these forces, O(n): eq. (4) at the sample's end.
+"""Bilateral forces of eq. (4) at the end of a sample in which they move the object, in O(n) operations.
 
-With the implicit integrator, f = K (e - G'u) + D (e' - H'u / T). The forces displace the object by u:
+With the implicit integrator, the forces are f = K (e - G'u) + D (e' - H'u / T). They displace the object by u:
 
     [C^-1 + G K G' + H D H' / T] u = G K e + H D e',
 
-where C is the object's compliance. G contains the moment arms of the contacts, and H the moment arms of the points
-where rates are computed. For scalar gains G K G' = kip G W G' + (kep - kip) T' beta T, with the modes Q, their blends
-beta, and T = Q'sqrt(W) G', which has one row per mode.
+where C is the object's compliance, and T the period. G contains the lever arms of the contacts, and H the lever arms of
+the points at which rates are computed. For scalar gains, G K G' = kip G W G' + (kep - kip) T' beta T, where Q contains
+the modes, beta their blends, and T now denotes the matrix Q'sqrt(W) G' with one row per mode.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from graspfx.spatial import ZERO, Vector, Vector4, cross, dot, with_torsion
 
 @kernel
 def recoil(grasp: GraspState, damped: bool, slipped: bool) -> None:
-    """Compute the bilateral forces and the displacement u, with or without damping.
+    """Compute the bilateral forces and the object's displacement u, with damping if `damped` is true.
 
-    With `slipped`, the displacements are those after slip: e + s, with the slip s of the elastic force.
+    If `slipped` is true, the displacements are e + s, with the slip s of the elastic force.
     """
     ked = grasp.external_damping if damped else 0.0
     kid = grasp.internal_damping if damped else 0.0
@@ -73,7 +73,7 @@ def recoil(grasp: GraspState, damped: bool, slipped: bool) -> None:
 
 @kernel
 def find_levers(grasp: GraspState, damped: bool) -> None:
-    """Compute the levers of this sample; recompute contact levers only if they may have changed."""
+    """Compute the levers of this sample; levers of the contacts are recomputed only if they may have changed."""
     state = grasp.recoil
     if not state.current or state.twisted:
         write_roots(grasp)
@@ -85,7 +85,7 @@ def find_levers(grasp: GraspState, damped: bool) -> None:
 
 @inline
 def damping_share(grasp: GraspState) -> Table:
-    """Return the matrix T of the levers of damping."""
+    """Return the matrix T = Q'sqrt(W) H' of the levers H of damping."""
     return grasp.recoil.damping_share if grasp.recoil.distant else grasp.recoil.elastic_share
 
 
@@ -127,7 +127,7 @@ def write_levers(grasp: GraspState, at_tip: bool, share: Table, weight: Table) -
 
 @kernel
 def second_moment(grasp: GraspState, at_tip: bool) -> tuple[float, Vector, Vector, Vector]:
-    """Compute sum w r^2 and the rows of sum w (r r' - rho^2 a a'); a is the torsion axis, rho the patch length."""
+    """Compute sum w r^2 and the rows of sum w (r r' - rho^2 a a'), with torsion axis a and patch length rho."""
     square = 0.0
     x = y = z = ZERO
     for finger in grasp.fingers:
@@ -154,7 +154,10 @@ def write_roots(grasp: GraspState) -> None:
 
 @kernel
 def find_motion(grasp: GraspState, kep: float, ked: float, kip: float, kid: float, damped: bool, slipped: bool) -> None:
-    """Compute u from V'e in `stretch` and V'e' in `rate`; eliminate translations first, whose inertias are equal."""
+    """Compute u from V'e in `stretch` and V'e' in `rate`.
+
+    Translations are eliminated first, because their inertias are equal.
+    """
     state, system, motion = grasp.recoil, grasp.recoil.system, grasp.recoil.motion
     shifts, turns, per = grasp.freedom.shifts, grasp.freedom.turns, 1.0 / grasp.period
     near, far = state.elastic_share, damping_share(grasp)
@@ -208,7 +211,7 @@ def find_motion(grasp: GraspState, kep: float, ked: float, kip: float, kid: floa
 
 @inline
 def lever_of_shift(near: Table, far: Table, s: int, a: int, root: float, kep: float, ked: float) -> float:
-    """Compute the coupling of translation s and rotation a by springs and dampers."""
+    """Compute the entry of the system that couples translation s and rotation a by springs and dampers."""
     return root * (kep * near[s, a] + ked * far[s, a])
 
 
@@ -231,7 +234,10 @@ def moment_of_displacements(grasp: GraspState, kip: float, kid: float, damped: b
 
 @kernel
 def inertia(grasp: GraspState, u: int, v: int) -> float:
-    """Compute an entry of C^-1 = (M + T B) / T^2, for the object's free directions u and v."""
+    """Compute the entry of C^-1 = (M + T B) / T^2 for the object's free directions u and v.
+
+    M is the inertia, B the viscosity and T the period.
+    """
     T, body, shifts = grasp.period, grasp.body, grasp.freedom.shifts
     total = 0.0
     if u == v and u < shifts:
@@ -245,7 +251,7 @@ def inertia(grasp: GraspState, u: int, v: int) -> float:
 
 @kernel
 def motion_of_object(grasp: GraspState) -> tuple[Vector, Vector]:
-    """Return u as a translation and a rotation in the object's axes."""
+    """Return the object's displacement u as a translation and a rotation, in the object's axes."""
     shifts, motion = grasp.freedom.shifts, grasp.recoil.motion
     shift = turn = ZERO
     for u in range(shifts):
@@ -257,7 +263,7 @@ def motion_of_object(grasp: GraspState) -> tuple[Vector, Vector]:
 
 @inline
 def path_of(grasp: GraspState, finger: FingerState, shift: Vector, turn: Vector, at_tip: bool) -> Vector4:
-    """Compute the displacement of a finger's contact or tip, and its torsion, by a small motion of the object."""
+    """Compute the displacement and torsion that a small motion of the object causes at a finger's contact or tip."""
     way = shift + cross(turn, arm(grasp, finger, at_tip)) if grasp.freedom.turns > 0 else shift
     return with_torsion(way, finger.patch * dot(turn, finger.twist_axis) if grasp.coordinates > 3 else 0.0)
 
@@ -270,7 +276,7 @@ def arm(grasp: GraspState, finger: FingerState, at_tip: bool) -> Vector:
 
 @kernel
 def lever(grasp: GraspState, finger: FingerState, u: int, a: int, at_tip: bool) -> float:
-    """Compute an entry of G in contact frames: force coordinate a along the object's free direction u."""
+    """Compute an entry of G in contact frames: coordinate a of a contact, for the object's free direction u."""
     axis = grasp.freedom.axes[u].vector
     if a == 3:
         return finger.patch * dot(axis, finger.twist_axis) if u >= grasp.freedom.shifts else 0.0

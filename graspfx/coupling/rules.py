@@ -19,26 +19,28 @@ BAND = FADE[1] - FADE[0]  # length of a fade [m]
 
 @dataclass(frozen=True)
 class Rules:
-    """Contact rules of the coupling, named after a scene's keys.
+    """Contact rules of the coupling, with the names of the scene's keys.
 
     Attributes:
         attached: Whether contacts are bilateral, that is, fixed in the object and without cones.
-        stick: Whether a touching finger sticks to its contact point; otherwise it slips, freely or, with a coefficient
-            of friction, by Coulomb's law.
+        stick: Whether a touching finger sticks to its contact point. If False, a touching finger slips, freely or, with
+            a coefficient of friction, by Coulomb's law.
         friction: Coefficient of friction, one for all fingers or one for each; 0 for none.
-        patch: Lengths rho of the contact patches [m], one for all fingers or one for each; 0 is a hard finger. Soft
+        patch: Lengths rho of the contact patches [m], one for all fingers or one for each; 0 for a hard finger. Soft
             fingers exist only in 3-D.
-        share: Weight of each finger in the metric, such as its device's mass over the mean mass; equal by default.
-        fade: Gaps (h1, h2) [m] over which a free finger fades out of the grasp; None keeps every finger in the grasp
-            ("follow").
+        share: Weight of each finger in the metric, such as its device's mass over the mean mass; None for equal
+            weights.
+        fade: Gaps (h1, h2) [m] between which a free finger fades out of the grasp. If None, every finger stays in the
+            grasp ("follow").
         at_contact: Whether the reaction acts at the contact point; otherwise it acts at the fingertip.
-        blend: Rms arms (l1, l2) [m] over which a rotation enters the external space; None includes it at any arm.
-        axes: Axes of matrix gains: "object", "world", or "contact", whose first axis is the normal.
+        blend: Rms arms (l1, l2) [m] between which a rotation enters the external space. If None, a rotation with any
+            arm is included.
+        axes: Axes of matrix gains: "object", "world" or "contact"; the first axis of "contact" is the normal.
         damping_depth: Depth over which a touching finger's damping rises to its full value [m]; 0 for full damping at
             any depth.
         force_bound: Largest force that the law may compute for a finger [N]; a larger force is a fault.
-        pad: Stiffness k of compliant fingertips, f_n = k depth^1.5 [N/m^1.5], one for all fingers or one for each; 0 is
-            a rigid fingertip.
+        pad: Stiffness k of compliant fingertips, f_n = k depth^1.5 [N/m^1.5], one for all fingers or one for each; 0
+            for a rigid fingertip.
     """
 
     attached: bool = False
@@ -56,7 +58,7 @@ class Rules:
 
 
 def release_compliance(law: Coupling, fingers: int, dimensions: int) -> float:
-    """Compute 1/2 |Kep^-1 - Kip^-1| [m/N], the largest singular value for matrices.
+    """Compute 1/2 |Kep^-1 - Kip^-1| [m/N], where the norm of a matrix is its largest singular value.
 
     Multiplied by the sum of the other fingers' forces, this compliance bounds the displacement of a free finger's
     contact, and therefore the gap below which the finger can touch again. The result is zero for equal gains and for a
@@ -86,5 +88,8 @@ def compliance_of_numbers(kep: float, kip: float) -> float:
 
 
 def gaps(needed: float) -> tuple[float, float]:
-    """Choose the gaps of a fade [m]: the fade starts at `needed` or farther away, and extends over the default 8 mm."""
+    """Choose the gaps of a fade [m]: the default gaps, unless `needed` is larger than the default start.
+
+    In that case the fade starts at `needed` and has the default length.
+    """
     return FADE if needed <= FADE[0] else (needed, needed + BAND)

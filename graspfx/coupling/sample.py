@@ -1,4 +1,4 @@
-"""One complete sample: contacts, split, eq. (4), cones, limits, reaction."""
+"""One complete sample: contacts, split, forces of eq. (4) in cones and limits, and the object's wrench."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from graspfx.spatial import NOTHING, ZERO, dot
 
 @kernel
 def sample(grasp: GraspState) -> int:
-    """Compute forces and wrench from the motion; return FINE, or a fault, after which every force is zero."""
+    """Compute forces and the wrench from the motion; return FINE, or a fault with all forces zero."""
     fault = couple(grasp)
     if grasp.limited:
         fault = limit(grasp, fault)
@@ -53,7 +53,10 @@ def couple(grasp: GraspState) -> int:
 
 @kernel
 def find_excess(grasp: GraspState) -> int:
-    """Return EXCESSIVE and store the force if the law's force on a finger exceeds the bound; else return FINE."""
+    """Return EXCESSIVE, and store the largest force, if the force of a finger exceeds `force_bound`.
+
+    Otherwise, return FINE.
+    """
     largest = grasp.force_bound * grasp.force_bound
     fault = FINE
     for finger in grasp.fingers:
@@ -69,7 +72,7 @@ def find_excess(grasp: GraspState) -> int:
 
 @kernel
 def resplit(grasp: GraspState) -> None:
-    """Update the split if the gains require one, and update K and D of matrix gains."""
+    """Update the split if the gains require a split, and update K and D of matrix gains."""
     if grasp.mixed:
         turn_axes(grasp)
     if not grasp.equal or grasp.recoils:
@@ -80,7 +83,10 @@ def resplit(grasp: GraspState) -> None:
 
 @kernel
 def respond(grasp: GraspState, again: bool) -> int:
-    """Compute the forces on the object. The result AGAIN, returned only if `again` is true, requires a new split."""
+    """Compute the forces on the object; return FINE, a fault or AGAIN.
+
+    AGAIN means that the split has changed and the forces must be recomputed. It is returned only if `again` is true.
+    """
     if grasp.attached:
         return attached(grasp)
     if grasp.padded:
@@ -128,7 +134,10 @@ def let_go(grasp: GraspState) -> None:
 
 @kernel
 def check_fade(grasp: GraspState) -> None:
-    """Update the shortfall of `fade_start`: a free finger closer than 1/2 |1/kep - 1/kip| sum |f| can touch again."""
+    """Update the shortfall of `fade_start`.
+
+    A free finger whose gap is smaller than 1/2 |1/kep - 1/kip| sum |f| can touch again.
+    """
     release = grasp.release
     if not grasp.dense:
         release = compliance_of_numbers(grasp.external_stiffness, grasp.internal_stiffness)
@@ -163,7 +172,7 @@ def external_forces(grasp: GraspState, out: Floats) -> int:
 
 @kernel
 def along_mode(grasp: GraspState, mode: Floats) -> float:
-    """Compute z_k = sum_i q_k(i) . f_i / sqrt(w_i) over the fingers with a weight."""
+    """Compute z_k = sum_i q_k(i) . f_i / sqrt(w_i) over the fingers with positive weight."""
     z = 0.0
     for i, finger in enumerate(grasp.fingers):
         if finger.weight > 0.0:
@@ -177,7 +186,7 @@ def along_mode(grasp: GraspState, mode: Floats) -> float:
 
 @kernel
 def attached(grasp: GraspState) -> int:
-    """Compute bilateral forces, for the object's new state if the integrator is implicit; return 0."""
+    """Compute bilateral forces (with the implicit integrator, at the end of the sample); return 0."""
     apart = grasp.observed or grasp.limited
     if apart:
         attach(grasp, False)
@@ -189,7 +198,7 @@ def attached(grasp: GraspState) -> int:
 
 @kernel
 def attach(grasp: GraspState, damped: bool) -> None:
-    """Compute the force of eq. (4), with or without damping."""
+    """Compute the forces of eq. (4), with damping if `damped` is true."""
     if grasp.recoils:
         recoil(grasp, damped, False)
         return

@@ -1,4 +1,4 @@
-"""External part of a grasp's forces, P f, and of the displacements, P'e; the remainder is internal."""
+"""External part P f of a grasp's forces, and P'e of a grasp's displacements; the remainder is internal."""
 
 from __future__ import annotations
 
@@ -24,15 +24,16 @@ LEAST_ARM = 1e-6  # fraction of the largest arm below which rotations are separa
 
 @dataclass(frozen=True)
 class SplitRule:
-    """The data that determine a grasp's P, except contact points and gaps.
+    """Data that determine the projector P of a grasp, except contact points and gaps.
 
     Attributes:
         dimensions: Number of dimensions d.
-        translations, rotations: Whether the object is free along and about each world axis, three each.
-        blend: Rms arms over which a rotation enters the external space [m]; None for full weight at any arm.
-        fade: Gaps over which a free finger fades out of the grasp [m]; None without a fade.
+        translations, rotations: Whether the object can move along, and rotate about, each world axis; three entries
+            each.
+        blend: Rms arms between which a rotation enters the external space [m]. If None, every rotation has full weight.
+        fade: Gaps between which a free finger fades out of the grasp [m]; None for no fade.
         shares: Weight of each finger in the metric.
-        patches: Patch lengths of the fingers, zero for hard ones [m].
+        patches: Patch length of each finger [m]; zero for hard fingers.
         reaction: Point at which the object receives a force, "fingertip" or "contact".
     """
 
@@ -62,12 +63,12 @@ class SplitRule:
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> SplitRule:
-        """Read the rule from a table of lists."""
+        """Create a rule from a table as returned by `table`."""
         fields: dict[str, Any] = {k: tuple(value) if isinstance(value, list) else value for k, value in table.items()}
         return cls(**fields)
 
     def table(self) -> dict[str, Any]:
-        """Write the rule as a table of lists, for JSON."""
+        """Return the rule as a table with lists instead of tuples, for JSON."""
         return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
 
     @property
@@ -77,7 +78,7 @@ class SplitRule:
 
     @property
     def is_local(self) -> bool:
-        """Whether P depends on the object's centre, because the object rotates and some translation is locked."""
+        """Whether P depends on the object's centre: the object can rotate, and some translation is locked."""
         return any(self.rotations) and not all(self.translations[: self.dimensions])
 
 
@@ -98,21 +99,24 @@ class Samples(NamedTuple):
 def divide(
     rule: SplitRule, samples: Samples, whole: FloatArray, torsion: FloatArray | None = None, *, dual: bool = False
 ) -> FloatArray:
-    """Compute the external part P f of forces f, or P'e of displacements e; results do not depend on the number r.
+    """Compute the external part P f of forces f, or P'e of displacements e, in r samples.
 
-    With orthonormal modes q_k and blends beta_k of `rigid_modes`, weights w and z_k = sum_i q_k(i) . f_i / sqrt(w_i),
+    The result of a sample does not depend on the other samples.
+
+    With the orthonormal modes q_k and the blends beta_k of `rigid_modes`, weights w, and z_k = sum_i q_k(i) . f_i /
+    sqrt(w_i),
 
         P f = sqrt(w_i) sum_k beta_k q_k(i) z_k,    P' e = sum_k beta_k q_k(i) / sqrt(w_i) sum_j sqrt(w_j) q_k(j) . e_j.
 
     Args:
-        rule: Rule of the grasp.
+        rule: Data that determine P.
         samples: Contacts of the grasp.
         whole: Forces f [N] or displacements e [m] in world axes, (n, d, r).
-        torsion: Torsion of soft fingers, (n, r): tau / rho [N], or rho theta [m] if `dual`.
-        dual: Whether `whole` holds displacements.
+        torsion: Torsion of soft fingers, (n, r): tau / rho [N], or rho theta [m] if `dual`. None counts as zero.
+        dual: Whether `whole` contains displacements.
 
     Returns:
-        The external part, (n, d, r). With soft fingers it is (n, 4, r), and the last component is the torsion.
+        The external part, (n, d, r). With soft fingers, its shape is (n, 4, r), and the last component is the torsion.
     """
     n, d, r = whole.shape
     if 0 < r < FEWEST:
@@ -152,7 +156,7 @@ def divide(
 
 
 def _smoothstep(x: FloatArray, low: float, high: float) -> FloatArray:
-    """Compute the smoothstep: 0 up to `low`, 1 from `high` on, 3 t^2 - 2 t^3 in between."""
+    """Compute the smoothstep: 0 up to `low`, 1 from `high` on, and 3 t^2 - 2 t^3 between, with t from 0 to 1."""
     t = np.clip((x - low) / (high - low), 0.0, 1.0) if high > low else np.greater(x, low).astype(float)
     return np.asarray(t * t * (3.0 - 2.0 * t))
 
@@ -160,10 +164,11 @@ def _smoothstep(x: FloatArray, low: float, high: float) -> FloatArray:
 def _rotations(
     rule: SplitRule, samples: Samples, weight: FloatArray, root: FloatArray, total: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Compute orthogonal motions of the contacts under the free rotations, as in `rigid_modes`.
+    """Compute orthogonal motions of the contacts for the free rotations, as in `rigid_modes`.
 
     Returns:
-        Motions times sqrt(w) (k, n c, r), squares of the lengths of these rows (k, r), and blends (k, r).
+        Motions times sqrt(w), (k, n c, r), for k rotations and n contacts with c entries; squared norms of these rows,
+        (k, r); and blends, (k, r).
     """
     contact, d = samples.contact, rule.dimensions
     n, _, r = contact.shape
@@ -242,12 +247,12 @@ def _jacobi(rows: FloatArray) -> FloatArray:
 
 
 def torsion_over_patch(rule: SplitRule, moment: FloatArray, axis: FloatArray) -> FloatArray:
-    """Compute tau / rho [N] from moments rho (tau / rho) a, (..., n, 3); zero for hard fingers."""
+    """Compute torsions tau / rho, (..., n) [N], from moments tau a, (..., n, 3), with axes a; zero for hard fingers."""
     square = (axis * axis).sum(axis=-1) * np.array(rule.patches)
     along = (moment * axis).sum(axis=-1)
     return np.asarray(np.divide(along, square, out=np.zeros_like(along), where=square > 0.0))
 
 
 def moment_of(rule: SplitRule, torsion: FloatArray, axis: FloatArray) -> FloatArray:
-    """Compute the moments rho (tau / rho) a from tau / rho, (..., n, 3) [N m]."""
+    """Compute moments tau a, (..., n, 3) [N m], from torsions tau / rho, (..., n) [N], with axes a."""
     return np.asarray((np.array(rule.patches) * torsion)[..., None] * axis)

@@ -1,7 +1,7 @@
-"""Unilateral contact: forces projected on pushing forces (eqs. 24-26) by principal pivoting.
+"""Unilateral contact: projection of the forces on pushing forces (eqs. 24-26) by principal pivoting.
 
-Equal scalar gains need neither a projector nor matrices: the conventional method (eqs. 1 and 7-8) computes each finger
-separately.
+Equal scalar gains need neither a projection nor matrices: in the conventional method (eqs. 1 and 7-8), each finger is
+computed separately.
 """
 
 from __future__ import annotations
@@ -23,10 +23,11 @@ LEAST = 1e-8  # fraction of a coordinate's damping to add if some direction has 
 
 @kernel
 def unilateral(grasp: GraspState, again: bool) -> int:
-    """Project the elastic force on the cones, then add damping in them; return 0, UNRESOLVED or AGAIN.
+    """Project the elastic force on the cones, then add damping; return 0, UNRESOLVED or AGAIN.
 
-    Elastic: f in C, s in C*, f's = 0, f = K (e + s) (eqs. 24-26 for n fingers), with the cones C of pushing forces and
-    their dual cones C*. Damping: f = f0 + D (e' + s) in C, with the elastic force f0, and f_i = 0 where f0_i = 0.
+    The elastic force satisfies f in C, s in C*, f's = 0 and f = K (e + s) (eqs. 24-26 for n fingers), where C contains
+    the pushing forces, and C* is the dual cone. With damping, f = f0 + D (e' + s) is in C, where f0 is the elastic
+    force, and f_i = 0 for fingers with f0_i = 0.
     """
     fault = 0
     if grasp.alone:
@@ -47,7 +48,7 @@ def unilateral(grasp: GraspState, again: bool) -> int:
 
 @kernel
 def separate(grasp: GraspState) -> None:
-    """Compute f_i = w_i k e_i of every finger inside the object; the force is normal unless the finger sticks."""
+    """Compute f_i = w_i k e_i of every finger inside the object, or only its normal part if fingers do not stick."""
     for finger in grasp.fingers:
         depth = inner(finger.normal, finger.displacement.vector)
         k = finger.weight * grasp.internal_stiffness
@@ -63,7 +64,10 @@ def separate(grasp: GraspState) -> None:
 
 @kernel
 def damp_alone(grasp: GraspState) -> None:
-    """Add b_i e_i' to every touching finger's force, only along the normal unless it sticks; the sum never pulls."""
+    """Add the damping force b_i e_i' to every touching finger, only along the normal unless the finger sticks.
+
+    The damping force is limited so that the finger does not pull.
+    """
     for finger in grasp.fingers:
         if not finger.touching:
             continue
@@ -81,8 +85,8 @@ def damp_alone(grasp: GraspState) -> None:
 def update_touching(grasp: GraspState, again: bool) -> bool:
     """Mark the fingers that push, and return whether the forces must be recomputed.
 
-    A sticking finger that is released gets the contact point that it would have without an anchor, and a second pass is
-    required. Otherwise the finger would exert no force in this sample, and touch again in the next.
+    A released finger that was sticking gets the contact point that it would have without an anchor, and the forces must
+    be recomputed. Without this, the finger would exert no force in this sample and touch again in the next sample.
     """
     anew = False
     for finger in grasp.fingers:
@@ -98,7 +102,7 @@ def update_touching(grasp: GraspState, again: bool) -> bool:
 
 @kernel
 def project(grasp: GraspState) -> int:
-    """Compute the elastic force in the cones; release tangents, or whole fingers if they stick."""
+    """Compute the elastic force in the cones; release tangents or, if fingers stick, whole contacts."""
     n, c = grasp.count, grasp.coordinates
     m = n * c
     if grasp.recoils and grasp.stick:
@@ -153,7 +157,7 @@ def all_push(grasp: GraspState) -> bool:
 
 @kernel
 def retain(grasp: GraspState) -> None:
-    """Compute e + s of freely slipping contacts: s is in `vector`; along the normals of pushing fingers s is zero."""
+    """Compute e + s of contacts that slip freely; s is in `vector`, except for pushing normals, where s is zero."""
     for i, finger in enumerate(grasp.fingers):
         for a in range(grasp.coordinates):
             p = i * grasp.coordinates + a
@@ -167,7 +171,10 @@ def retain(grasp: GraspState) -> None:
 
 @kernel
 def damp(grasp: GraspState) -> int:
-    """Add the passive damping force, projected on the cones; without clamping, it is the rate term of eq. (26)."""
+    """Add the passive damping force, projected on the cones; return 0 or UNRESOLVED.
+
+    Where the projection has no effect, the damping force is the rate term of eq. (26).
+    """
     c, m = grasp.coordinates, grasp.count * grasp.coordinates
     if grasp.recoils and grasp.stick and all_push(grasp) and is_whole(grasp):
         keep_elastic(grasp)
@@ -200,7 +207,7 @@ def damp(grasp: GraspState) -> int:
 
 @kernel
 def assemble_damping(grasp: GraspState) -> None:
-    """Compute D and f0 + D e' of the coordinates that carry force; release all other coordinates."""
+    """Compute D and f0 + D e' of the coordinates that carry force, and release all other coordinates."""
     for i, finger in enumerate(grasp.fingers):
         write_coordinates(grasp, grasp.start, i, in_frame(grasp, finger, finger.local))
     assemble(grasp, False)
@@ -218,7 +225,7 @@ def assemble_damping(grasp: GraspState) -> None:
 
 @kernel
 def make_regular(grasp: GraspState) -> None:
-    """Regularise a singular D (ked or kid zero) by 1e-8 of its diagonal, and add the force of that damping.
+    """Add 1e-8 of its diagonal to a singular D (ked or kid is zero), and add the force of this additional damping.
 
     The law remains passive, and every pivot is larger than rounding errors.
     """

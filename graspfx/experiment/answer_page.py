@@ -21,16 +21,16 @@ SHAPES = ("object", "obstacle", "finger")  # tables that determine the picture
 
 
 class AnswerPage(RunLook):
-    """Page with buttons on 127.0.0.1: a context manager that draws the running scene.
+    """Page with a button for each answer, served on 127.0.0.1; a context manager that can draw the running scene.
 
-    The page shows each attached run. It is reloaded if a run's objects, obstacles or fingers differ from the page's.
+    The page is reloaded if the objects, obstacles or fingers of a run differ from those on the page.
 
     Args:
         title: Title of the experiment.
-        answers: Answers by key.
-        press: Function called with the key of a pressed button, or with Enter.
-        scene: Scene to draw; None for the question only.
-        port: Port of the page; None for the first free one from 8080.
+        answers: Answers to the question, by key.
+        press: Function called with the key of a pressed button, which may be Enter.
+        scene: Scene whose runs are drawn; None for a page that shows only the question.
+        port: Port of the page; None for the first free port from 8080.
 
     Attributes:
         server: Server of the page.
@@ -60,7 +60,7 @@ class AnswerPage(RunLook):
         self.server.tell(self._state())
 
     def attach(self, run: LiveRun) -> None:
-        """Start drawing a run. The last picture remains after the run is detached."""
+        """Start drawing a run, if the page draws a scene. The last picture remains after the run is detached."""
         if self._draws:
             super().attach(run)
 
@@ -78,7 +78,7 @@ class AnswerPage(RunLook):
         return document(self._story | {"run": live}, "live", f"ws://{host}")
 
     def order(self, order: Order) -> bool:
-        """Press the key of an answer; return whether the order is an answer with a known key."""
+        """Press the key of an answer; return False if the order is not an answer or the key is unknown."""
         if order.act != "answer" or order.key not in self._keys:
             return False
         self._press(order.key)
@@ -93,7 +93,10 @@ class AnswerPage(RunLook):
         self._shapes = repr([table.get(name) for name in SHAPES])
 
     def _look(self, run: LiveRun) -> None:
-        """Send the newest frames while a browser is connected; if the shapes differ, change the page first."""
+        """Send the newest frames if a browser is connected.
+
+        If the shapes of the run are new, replace the page first.
+        """
         if self._feed is None or run.tick < 0:
             return
         if self._shapes != self._drawn:

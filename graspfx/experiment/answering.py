@@ -1,4 +1,4 @@
-"""Answers to trials: keys pressed in a terminal or on a page, or a function that answers."""
+"""Answers to trials, from keys pressed in a terminal or on a page, or from a function."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ END_OF_INPUT = "the input of answers has ended"
 
 
 class Stopped(Exception):
-    """The session ends here, for the reason in the message; it can be resumed."""
+    """The session is stopped for the reason in the message; it can be resumed."""
 
 
 class Press(NamedTuple):
-    """A pressed key or button, and its time on the clock of `time.monotonic` [s]."""
+    """A pressed key or button, and the time of the press on the clock of `time.monotonic` [s]."""
 
     key: str
     clock: float
 
 
 class Answer(NamedTuple):
-    """A response, and its time on the clock of `time.monotonic` [s]."""
+    """A response, and the time of the response on the clock of `time.monotonic` [s]."""
 
     response: str
     clock: float
@@ -46,15 +46,15 @@ class Answerer(Protocol):
         ...
 
     def listen(self, keys: Mapping[str, str]) -> None:
-        """Start accepting answers, given by key; earlier answers are discarded."""
+        """Discard earlier answers, and start accepting the answers of `keys`, which maps keys to answers."""
         ...
 
     def has_answered(self) -> bool:
-        """Tell whether an answer has been given."""
+        """Return whether an answer has been given."""
         ...
 
     def answer(self, presentation: Presentation) -> Answer:
-        """Wait for the answer."""
+        """Wait for the answer, and return it."""
         ...
 
 
@@ -63,10 +63,10 @@ class Keys:
 
     Args:
         tell: Function that shows a text to the participant.
-        stop: Function that tells whether the session should end.
+        stop: Function that returns whether the session should end.
 
     Attributes:
-        presses: Queue of pressed keys; None ends the session.
+        presses: Queue of pressed keys; an entry None ends the session.
     """
 
     def __init__(self, tell: Callable[[str], object], stop: Callable[[], bool]) -> None:
@@ -81,11 +81,11 @@ class Keys:
         self.presses.put(Press(key, time.monotonic()))
 
     def end(self) -> None:
-        """End the session at its next wait."""
+        """End the session the next time it waits for a key."""
         self.presses.put(None)
 
     def ready(self, text: str) -> None:
-        """Wait for a new press of Enter or the space bar; repeats of a key that is held down are ignored.
+        """Show a text, and wait for a new press of Enter or the space bar; a key that is held down is ignored.
 
         Raises:
             Stopped: If the session should end.
@@ -106,13 +106,13 @@ class Keys:
         self._keys = keys
 
     def has_answered(self) -> bool:
-        """Tell whether an answer has been given."""
+        """Return whether an answer has been given."""
         while self._answer is None and (press := self._next(0.0)) is not None:
             self._take(press)
         return self._answer is not None
 
     def answer(self, presentation: Presentation) -> Answer:
-        """Wait for the answer.
+        """Wait for the answer, and return it.
 
         Raises:
             Stopped: If the session should end.
@@ -156,9 +156,10 @@ class Function:
     """Answers by a function, such as a simulated observer.
 
     Args:
-        respond: Function that returns one of the question's answers.
-        ready: Function called with a text before hardware exerts forces, and in real time at breaks and before trials
-            that wait for a person; it returns when the person is ready. None if nobody has to be ready.
+        respond: Function that receives the presentation of a trial and returns an answer to the question.
+        ready: Function called with a text if a person must be ready. It is called before hardware exerts forces and, in
+            a session in real time, also at breaks and before trials that wait for a key. It returns when the person is
+            ready. None if nobody must be ready.
     """
 
     def __init__(self, respond: Callable[[Presentation], str], ready: Callable[[str], object] | None = None) -> None:
@@ -166,23 +167,23 @@ class Function:
         self._answers: tuple[str, ...] = ()
 
     def ready(self, text: str) -> None:
-        """Wait for the person by calling the function given as `ready`, if any."""
+        """Call the function `ready` with a text, if there is such a function."""
         if self._ready is not None:
             self._ready(text)
 
     def listen(self, keys: Mapping[str, str]) -> None:
-        """Note the possible answers."""
+        """Store the possible answers."""
         self._answers = tuple(keys.values())
 
     def has_answered(self) -> bool:
-        """Return False: a function answers only when asked."""
+        """Return False, because the function is called only by `answer`."""
         return False
 
     def answer(self, presentation: Presentation) -> Answer:
-        """Return the function's answer.
+        """Call the function, and return its answer.
 
         Raises:
-            InputError: If the answer is not one of the question's.
+            InputError: If the function's answer is not an answer to the question.
         """
         response = self._respond(presentation)
         if response not in self._answers:

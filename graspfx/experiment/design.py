@@ -37,7 +37,7 @@ class Experiment(Study):
     Args:
         table: Tables of the file.
         scene: Scene with the values that all trials share.
-        source: Source of the tables.
+        source: Source of the tables: name, text and path of the file.
     """
 
     def __repr__(self) -> str:
@@ -50,7 +50,7 @@ class Experiment(Study):
 
     @property
     def title(self) -> str:
-        """Title of the experiment, or its name."""
+        """Title of the experiment; without a title, the name of the task."""
         return self.table.title or self.name
 
     @property
@@ -62,9 +62,9 @@ class Experiment(Study):
         """Plan a participant's session. The plan depends only on the file, the participant and the session.
 
         Raises:
-            InputError: If a label has other characters than letters and digits, or if the order is a Latin square and
-                the participant is not a whole number of at least 1.
-            MissingPackageError: If a staircase needs questplus, which is not installed.
+            InputError: If a label contains characters other than letters and digits, or if the order is a Latin square
+                and the participant is not a whole number of at least 1.
+            MissingPackageError: If the experiment has a staircase, and questplus is not installed.
         """
         for name, label in (("participant", participant), ("session", session)):
             require_label(name, label)
@@ -104,27 +104,30 @@ class Experiment(Study):
             out: Folder of the study; its files have BIDS names.
             respond: Function that answers a trial; None for the experiment's simulated observer.
             participant, session: Labels of letters and digits.
-            run: Number of the run in the session, from 1.
+            run: Number of the run in the session, from 1 to 99.
             real_time: Whether intervals run in real time.
-            ready: Function called with a text before hardware exerts forces, and in real time at breaks and before
-                trials that wait for the person; it returns when the person is ready.
+            ready: Function called with a text if a person must be ready. It is called before hardware exerts forces
+                and, if `real_time` is true, also at breaks and before trials that wait for a key. It returns when the
+                person is ready.
             resume: Whether to continue an interrupted session with its next trial.
-            stop: Function polled during the session; True ends the session, which can be resumed.
+            stop: Function that is polled during the session. If it returns True, the session ends, and can be resumed
+                later.
 
         Returns:
             One row for each trial of this call.
 
         Raises:
-            InputError: If hardware is used without `real_time` or without `ready`, or has failed; if a label has other
-                characters than letters and digits; or if an answer is unknown.
-            RecordingError: If the session already exists, or if a session to resume does not exist.
+            InputError: If hardware is used without `real_time` or without `ready`, if hardware fails, if a label
+                contains characters other than letters and digits, or if an answer is unknown.
+            RecordingError: If the session already exists, or if the session to be resumed does not exist.
             GraspFXError: If a simulated run fails.
         """
         answerer = Function(respond or simulated_observer(self.table, participant, session), ready)
         show = RealTime if real_time else Simulated
         presenter: Presenter = show(self.scene, self.duration)
         if presenter.has_hardware and ready is None:
-            raise InputError("ready", None, "a function that returns when a person is ready", "forces start then")
+            do = "hardware exerts forces after this function returns"
+            raise InputError("ready", None, "a function that returns when a person is ready", do)
         place = SessionFiles(to_path("out", out, "the path of a folder"), participant, session, self.name, run)
         with unchanged(), ExitStack() as stack:
             trials = self.session(
@@ -138,7 +141,9 @@ class Experiment(Study):
         resume: bool = False, stop: Callable[[], bool], tell: Callable[[str], object] = lambda text: None,
         listeners: Sequence[Callable[[Event], object]] = (), is_paced: bool = True,
     ) -> SessionOfTrials:  # fmt: skip
-        """Open the files of a session; `stack` closes them. The caller runs the trials.
+        """Open the files of a session, and return the session without running its trials.
+
+        The files are closed by `stack`.
 
         Raises:
             InputError, RecordingError, MissingPackageError: As in `run`.
@@ -159,20 +164,20 @@ _resume = resume
 
 
 def require_label(name: str, label: str) -> None:
-    """Require a label that can be part of a file name.
+    """Raise an error unless a label can be part of a file name.
 
     Raises:
-        InputError: If the label has other characters than letters and digits.
+        InputError: If the label contains characters other than letters and digits.
     """
     if re.fullmatch(WORD, str(label)) is None:
         raise InputError(name, label, "letters and digits only", "such as 03")
 
 
 def require_certified(experiment: Study, plan: SessionPlan) -> None:
-    """Require that every stimulus of a session has the margin that hardware needs: at least 1/0.9.
+    """Raise an error unless every stimulus of a session has the stability margin that hardware needs, 1/0.9.
 
     Raises:
-        InputError: If a stimulus is not stable, is too close to a limit, or cannot be judged.
+        InputError: If a stimulus is unstable, is too close to a stability limit, or cannot be judged.
     """
     stimuli = list(_stimuli(plan))
     judged: list[Mapping[str, Any]] = []
@@ -195,7 +200,7 @@ def _require(experiment: Study, values: Mapping[str, Any]) -> None:
 
 
 def _stimuli(plan: SessionPlan) -> Iterator[Mapping[str, Any]]:
-    """List all distinct values of intervals, including every increment that a staircase may choose."""
+    """Yield each distinct set of interval values, with every increment that a staircase may choose."""
     seen: list[Mapping[str, Any]] = []
     for slot in plan.slots:
         increments = plan.stairs[slot.cell.condition].increments.tolist() if slot.cell.is_adaptive else [math.nan]

@@ -1,4 +1,4 @@
-"""Load experiments from TOML files, and report all faults at once."""
+"""Loading of experiments from TOML files, with a report of all faults."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ EXAMPLES = Path(__file__).parent / "examples"
 
 
 def names() -> dict[str, Path]:
-    """List the built-in experiments by name."""
+    """Return the paths of the built-in experiments, by name."""
     return {path.stem: path for path in sorted(EXAMPLES.glob("*.toml"))}
 
 
@@ -42,11 +42,12 @@ def load(name: str | PathLike[str]) -> Experiment:
     """Load a built-in experiment by name, or an experiment from a .toml file.
 
     Args:
-        name: Name, such as "stiffness-jnd", or path.
+        name: Name of a built-in experiment, such as "stiffness-jnd", or path of a file.
 
     Raises:
-        SceneError: If the experiment, or its scene with the experiment's values, has faults; all are listed with lines.
-        UnknownNameError: If no experiment has that name.
+        SceneError: If the experiment has faults, or if its scene has faults with the experiment's values. All faults
+            are listed with their lines.
+        UnknownNameError: If no built-in experiment has this name.
         InputError: If the file does not exist.
     """
     if not isinstance(name, str | PathLike):
@@ -68,10 +69,10 @@ def read(text: str, name: str, path: Path | None = None) -> Experiment:
     Args:
         text: Contents of the file, in TOML.
         name: Name of the file in messages.
-        path: Path of the file; the scene's path is relative to its folder.
+        path: Path of the file, or None; the path of the scene is relative to the folder of this file.
 
     Raises:
-        SceneError: If the experiment has faults; all are listed.
+        SceneError: If the experiment has faults. All faults are listed.
     """
     data = parse(text, name)
     source = Source(name, text, path)
@@ -95,7 +96,7 @@ def _placed(data: Mapping[str, Any], faults: list[tuple[Key, str]], text: str) -
 
 
 def experiment_faults(table: ExperimentTable, source: Source) -> list[Finding]:
-    """Find faults between fields that are valid individually, also in a draft with other, invalid fields."""
+    """Find faults that involve several fields; fields that are invalid by themselves are left out."""
     faults: list[Finding] = []
     for check in (_design, _answers, _comparisons, _spans, _observer, lambda draft: _scene(draft, source)):
         with suppress(NotValid):
@@ -144,7 +145,10 @@ def _answers(table: ExperimentTable) -> Iterator[Finding]:
                 hint = f"; did you mean {close!r}?" if close else f" (known: {', '.join(options) or 'none'})"
                 yield ("condition", i, "answer"), f"not an answer of the question: {condition.answer!r}{hint}"
             if condition.answer and condition.compare is not None:
-                yield ("condition", i, "answer"), "omit it: the correct answer is the interval with the larger value"
+                yield (
+                    ("condition", i, "answer"),
+                    "omit the answer: in a comparison, the interval with the larger value is correct",
+                )
 
 
 def _comparisons(table: ExperimentTable) -> Iterator[Finding]:
@@ -195,7 +199,7 @@ def _observer(table: ExperimentTable) -> Iterator[Finding]:
     for i, condition in enumerate(table.condition):
         compare = condition.compare
         if observer.kind != "guess" and compare is None:
-            yield ("observer", "kind"), f"expected 'guess', because condition {condition.name!r} compares nothing"
+            yield ("observer", "kind"), f"expected 'guess', because condition {condition.name!r} compares no intervals"
         elif observer.kind == "physical" and compare is not None and compare.key not in SHARES:
             text = f"the physical observer perceives stiffness only: expected {' or '.join(SHARES)}"
             yield ("condition", i, "compare", "key"), text
@@ -238,7 +242,7 @@ def _scene(table: ExperimentTable, source: Source) -> Iterator[Finding]:
 def _values(
     scene: Scene, before: Mapping[str, Any], values: Mapping[str, Any], at: Key, source: Source
 ) -> Iterator[Finding]:
-    """Find the faults of values that the scene receives, each with its key."""
+    """Find the faults that a scene reports for `values`, each with the key of the value that caused it."""
     for key, value in values.items():
         if _has_paths(value) and not source.is_trusted:
             yield (*at, key), "names a file; add --trust to use it"
@@ -255,7 +259,7 @@ def _values(
 
 
 def _place(key: str, values: Mapping[str, Any]) -> Sequence[str]:
-    """Find the value that caused a fault: the value with the fault's key, or else with the most similar key."""
+    """Return the key of the value that caused a fault: the fault's key, or the most similar key of a value."""
     if key in values:
         return [key]
     if len(values) == 1:

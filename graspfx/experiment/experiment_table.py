@@ -23,9 +23,9 @@ MOST_TRIALS = 10_000
 
 
 def label(value: str) -> str:
-    """Check a label that is part of file names."""
+    """Check that a label can be part of file names, and return it."""
     if re.fullmatch(WORD, value) is None:
-        text = "expected letters and digits only, because it is part of file names; given {given}"
+        text = "expected letters and digits only, because the label is part of file names; given {given}"
         raise PydanticCustomError("label", text, {"given": abbreviate(value)})
     return value
 
@@ -54,7 +54,7 @@ Chance = Annotated[Number, Field(ge=0, lt=0.5)]
 
 
 class Question(Table):
-    """Question at the end of each trial, and the keys that answer it."""
+    """Question of each trial, and the keys of its answers."""
 
     text: str = Field(description="text of the question")
     keys: Annotated[dict[str, str], BeforeValidator(_keys)] = Field(description="answers, by key of the keyboard")
@@ -65,7 +65,7 @@ class Question(Table):
 
 
 class Comparison(Table):
-    """Comparison of two intervals in random order: a reference value, and a value larger by an increment."""
+    """Comparison of two intervals in random order: one value is the reference, the other is larger by an increment."""
 
     key: str = Field(description="dotted key of the value that differs between intervals")
     reference: Positive = Field(description="smaller value")
@@ -75,7 +75,7 @@ class Comparison(Table):
 
 
 class Condition(Table):
-    """A condition: values of the scene, or a comparison of two values."""
+    """Condition of trials: values of the scene, or a comparison of two values."""
 
     name: Name
     set: ByKey = Field(default_factory=dict, description="values of the scene by dotted key")
@@ -84,7 +84,7 @@ class Condition(Table):
 
 
 class Factor(Table):
-    """Factor; its levels are crossed with the conditions and with all other factors."""
+    """Factor, whose levels are crossed with the conditions and with the levels of all other factors."""
 
     name: Name
     key: str = Field(default="", description="dotted key of the scene that takes the values in `levels`")
@@ -101,7 +101,7 @@ class Span(Table):
 
 
 class Staircase(Table):
-    """QUEST+ staircase, one per condition: each increment is chosen so that its answer is most informative."""
+    """QUEST+ staircase of each condition; it chooses the increment whose answer is expected to be most informative."""
 
     increments: Span = Field(description="relative increments to choose from")
     threshold: Span = Field(description="possible relative thresholds (80 % correct), equally likely at first")

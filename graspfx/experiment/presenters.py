@@ -1,4 +1,4 @@
-"""Presentation of intervals: each is a run from rest, in real time or as fast as possible."""
+"""Presentation of intervals; each interval is a run from rest, in real time or as fast as possible."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class Showing(NamedTuple):
     """Presented interval.
 
     Attributes:
-        recording: Recording's file.
+        recording: File of the recording.
         zero: Time of the first tick on the clock of `time.monotonic` [s].
-        end: Time at which the forces had faded, on the same clock [s].
+        end: Time at which the forces had faded out, on the clock of `time.monotonic` [s].
         fault: Description of a fault; empty for none.
         is_whole: Whether the interval reached its end or was ended by an answer.
     """
@@ -44,7 +44,7 @@ class Watcher(Protocol):
         ...
 
     def detach(self) -> None:
-        """Stop watching: the run is about to end."""
+        """Stop watching the run, which is about to end."""
         ...
 
 
@@ -63,8 +63,8 @@ class Presenter(Protocol):
             values: Values of the scene, by dotted key.
             folder: Folder of the recording.
             begin: Function called with the time of the first tick on the clock of `time.monotonic` [s].
-            is_answered: Function that tells whether the interval may end early.
-            stop: Function that tells whether to abort.
+            is_answered: Function that returns whether an answer has ended the interval.
+            stop: Function that returns whether to abort the interval.
 
         Raises:
             RecordingError: If the recording cannot be written, so that the presented stimulus is unknown.
@@ -75,8 +75,8 @@ class Presenter(Protocol):
 class RealTime:
     """Real-time presentation, with the process and the safety chain of every real-time run.
 
-    Each interval is a separate run that starts at rest. No gain changes during the run, and all forces fade before it
-    ends.
+    Each interval is a separate run that starts at rest. No gain changes during a run, and all forces fade before the
+    run ends.
 
     Args:
         scene: Scene with the values that all trials share.
@@ -94,7 +94,10 @@ class RealTime:
         self, values: Mapping[str, Any], folder: Path, begin: Callable[[float], object],
         is_answered: Callable[[], bool], stop: Callable[[], bool],
     ) -> Showing:  # fmt: skip
-        """Present an interval in real time; every error except a RecordingError becomes the interval's fault."""
+        """Present an interval in real time.
+
+        Every error of GraspFX except a RecordingError becomes the fault of the interval.
+        """
         from graspfx.live.live_run import LiveRun
 
         scene = self._scene.replace(values)
@@ -151,7 +154,7 @@ class Simulated:
         self, values: Mapping[str, Any], folder: Path, begin: Callable[[float], object],
         is_answered: Callable[[], bool], stop: Callable[[], bool],
     ) -> Showing:  # fmt: skip
-        """Simulate an interval."""
+        """Simulate an interval as fast as possible."""
         from graspfx.assembly.run_scene import run
 
         zero = time.monotonic()

@@ -1,4 +1,4 @@
-"""Files of a session, with BIDS names for behavioural data, and a table whose rows survive a power cut.
+"""Files of a session: BIDS names for behavioural data, and a table whose rows survive a power failure.
 
 https://bids-specification.readthedocs.io/en/stable/modality-specific-files/behavioral-experiments.html
 """
@@ -75,7 +75,7 @@ class SessionFiles:
         return self.root / "dataset_description.json"
 
     def trial_folder(self, number: int) -> Path:
-        """Make the folder of a trial; a repeated trial gets a new folder."""
+        """Create the folder of a trial; a repeated trial gets a new folder."""
         return new_folder(self.recordings, f"trial-{number:03d}")
 
 
@@ -84,15 +84,15 @@ class RowFile(Resource):
 
     Args:
         path: Path of the file.
-        columns: Names of the columns; the header of a new file.
+        columns: Names of the columns, which are the header of a new file.
         resume: Whether to append to an existing file.
 
     Attributes:
-        rows: Rows of the existing file, each by column; an incomplete last row is removed.
+        rows: Rows of the existing file, as dictionaries by column, without an incomplete last row.
 
     Raises:
-        RecordingError: If the file exists, or with `resume` is missing; if it cannot be written; if its columns differ;
-            or if another process is writing to it.
+        RecordingError: If the file exists and `resume` is false, or does not exist and `resume` is true; if the file
+            cannot be written or has other columns; or if another process is writing to it.
         InputError: If the file is not UTF-8.
     """
 
@@ -103,7 +103,7 @@ class RowFile(Resource):
         try:
             self._file = os.open(path, flags if resume else flags | os.O_CREAT | os.O_EXCL, 0o666)
         except OSError as error:
-            there = "exists already; --resume continues it, --run N begins another"
+            there = "exists already; --resume continues it, and --run N begins another session"
             text = there if isinstance(error, FileExistsError) else f"cannot be opened; {obstacle(error)}"
             raise RecordingError(f"{path}: {text}") from error
         try:
@@ -178,7 +178,7 @@ def cell(value: object) -> str:
 
 
 def place_file(path: Path, text: str) -> None:
-    """Write a small file atomically, and wait until it is on the disk.
+    """Create a small file atomically, and wait until it is on the disk.
 
     Raises:
         RecordingError: If the file exists or cannot be written.

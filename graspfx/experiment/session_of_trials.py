@@ -1,4 +1,4 @@
-"""Execution of a session: each trial is written to disk before the next begins; events are written as they occur."""
+"""Execution of a session: each trial is written to disk before the next trial, and each event when it occurs."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Markers:
     Args:
         files: Files of the session.
         started: Start of the session, as POSIX time [s].
-        resume: Whether to append to the table if it exists; otherwise, the table must not exist.
+        resume: Whether to append to the table of events if it exists. If False, the table must not exist.
         listeners: Functions called with every event, such as an LSL stream.
     """
 
@@ -145,7 +145,7 @@ class SessionOfTrials:
         answerer: Source of answers.
         tell: Function that shows a text.
         stop: Function that returns whether to end the session.
-        is_paced: Whether gaps, breaks and waits before trials are observed, and response times are measured.
+        is_paced: Whether the session keeps the gaps, breaks and waits before trials, and measures response times.
         reason: Reason why the session ended before its last trial; empty otherwise.
     """
 
@@ -165,12 +165,12 @@ class SessionOfTrials:
     def trials(self) -> Iterator[Row]:
         """Run the trials and yield their rows; each row is on the disk before it is yielded.
 
-        The session ends after the last trial, when it is stopped, or, with hardware, after a fault. The hardware is
-        then not armed again.
+        The session ends after the last trial, or when it is stopped. With hardware, it also ends after a fault, and the
+        hardware is not armed again.
 
         Raises:
-            InputError: If a trial with hardware ended in a fault, or a function gave an unknown answer.
-            RecordingError: If the disk cannot be written; the trial has no row and will be repeated.
+            InputError: If a trial with hardware ended in a fault, or if a function returned an unknown answer.
+            RecordingError: If the disk cannot be written. The trial then has no row, and will be repeated.
         """
         if self.plan.done:
             self.markers.mark(Event(time.monotonic(), 0, "resume"))
@@ -191,7 +191,10 @@ class SessionOfTrials:
             if row.fault and self.presenter.has_hardware:
                 do = "check the device, then continue with --resume"
                 raise InputError(
-                    "trial", f"{trial.number}, which ended in a fault: {row.fault}", "hardware without a fault", do
+                    "trial",
+                    f"{trial.number}, which ended in a fault: {row.fault}",
+                    "a trial without a fault of the hardware",
+                    do,
                 )
 
     def _pause_before(self, trial: Trial) -> None:
@@ -261,7 +264,7 @@ class SessionOfTrials:
         return showing
 
     def _ask(self, trial: Trial) -> float:
-        """Ask the question; return the monotonic time from which it can be answered [s]."""
+        """Ask the question; return the time from which it can be answered, on the clock of `time.monotonic` [s]."""
         question = self.table.question
         assert question is not None
         self.answerer.listen(question.keys)

@@ -27,11 +27,11 @@ def random_of(seed: int, *words: str) -> np.random.Generator:
 
 
 def williams_square(count: int) -> IntArray:
-    """Return Williams' design (rows, count): a Latin square, or two of them for an odd count.
+    """Return Williams' design (rows, count): one Latin square, or two Latin squares if `count` is odd.
 
     Each condition occurs once in every row, equally often in every position, and equally often after every other
-    condition (E. J. Williams, Aust. J. Sci. Res. A 2, 149 (1949)). The first row is 0, 1, n-1, 2, n-2, ...; the other
-    rows add 1 modulo n to the row before. For odd n above 1, the mirrored square follows.
+    condition (E. J. Williams, Aust. J. Sci. Res. A 2, 149 (1949)). The first row is 0, 1, n-1, 2, n-2, ..., and each
+    other row adds 1 modulo n to the previous row. If n is odd and above 1, the mirror image of the square follows.
 
     Args:
         count: Number of conditions, n.
@@ -55,12 +55,13 @@ def trial_order(
 
     Args:
         order: "fixed" repeats the conditions in the order of the file; "random" shuffles all trials; "blocks" shuffles
-            the conditions and keeps the repetitions of each one together; "latin-square" also keeps the repetitions
+            the conditions and keeps the repetitions of each together; "latin-square" also keeps the repetitions
             together, with the conditions in the order of the participant's row of Williams' design.
         count: Number of conditions.
         repetitions: Number of repetitions of each condition.
         rng: Random generator of the session.
-        participant: Participant's label; for "latin-square" a number, which selects the row (1 the first) cyclically.
+        participant: Label of the participant. For "latin-square", the label is a number that selects a row cyclically;
+            1 selects the first row.
 
     Raises:
         InputError: If the order is "latin-square" and the participant is not a whole number of at least 1.
@@ -74,7 +75,7 @@ def trial_order(
         row = rng.permutation(count).tolist()
     else:
         if not participant.isdecimal() or int(participant) < 1:
-            do = "it selects a row of the Latin square"
+            do = "the number selects a row of the Latin square"
             raise InputError("--participant", participant, "a whole number of at least 1", do)
         square = williams_square(count)
         row = square[(int(participant) - 1) % len(square)].tolist()
@@ -156,7 +157,7 @@ def cells(table: ExperimentTable) -> Sequence[Cell]:
 
 @dataclass(frozen=True)
 class Slot:
-    """Entry of the plan: the cell, its repetition from 1, and the interval with the larger value in a comparison."""
+    """Entry of the plan: a cell, its repetition from 1, and, in a comparison, the interval with the larger value."""
 
     cell: Cell
     repetition: int
@@ -171,7 +172,7 @@ class SessionPlan:
     Attributes:
         slots: Entries in order.
         stairs: Staircases by condition.
-        easy: Relative increment of practice trials whose condition has a staircase; None for the largest.
+        easy: Relative increment of practice trials whose condition has a staircase; None for the largest increment.
         done: Number of trials that have a row.
     """
 
@@ -181,7 +182,7 @@ class SessionPlan:
     done: int = field(default=0, init=False)
 
     def trial(self) -> Trial | None:
-        """Return the next trial; None after the last."""
+        """Return the next trial, or None after the last trial."""
         if self.done >= len(self.slots):
             return None
         slot = self.slots[self.done]
@@ -192,7 +193,7 @@ class SessionPlan:
         return slot.cell.trial(self.done + 1, slot.repetition, slot.place, increment, is_practice=slot.is_practice)
 
     def take(self, row: Row) -> None:
-        """Advance past a trial; outside practice, its response updates the staircase of its condition."""
+        """Advance past a trial; unless the trial is practice, its response updates the staircase of its condition."""
         slot = self.slots[self.done]
         self.done += 1
         if slot.cell.is_adaptive and not slot.is_practice and row.is_correct is not None:
@@ -204,7 +205,7 @@ def session_plan(table: ExperimentTable, participant: str, session: str) -> Sess
 
     Raises:
         InputError: If the order is "latin-square" and the participant is not a whole number of at least 1.
-        MissingPackageError: If a staircase needs questplus, which is not installed.
+        MissingPackageError: If the experiment has a staircase, and questplus is not installed.
     """
     design = cells(table)
     rng = random_of(table.seed, table.name, participant, session)

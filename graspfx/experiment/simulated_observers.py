@@ -1,4 +1,4 @@
-"""Simulated observers, and the displayed stiffness of a recording, which one kind of observer perceives.
+"""Simulated observers, and the displayed stiffness of a recording, which the physical observer perceives.
 
 Simulated observers test an experiment, its staircase and its stimuli; they do not predict people's results.
 """
@@ -25,7 +25,7 @@ Respond = Callable[[Presentation], str]
 
 
 def simulated_observer(table: ExperimentTable, participant: str, session: str) -> Respond:
-    """Return the observer of an experiment; without a table [observer], it guesses.
+    """Return the simulated observer of an experiment; without a table [observer], the observer guesses.
 
     Random numbers depend only on the seed, the participant, the session and the trial, so a resumed session gets the
     same answers as an uninterrupted session.
@@ -56,22 +56,26 @@ def simulated_observer(table: ExperimentTable, participant: str, session: str) -
 
 
 def value_for(value: float | Mapping[str, float], condition: str, otherwise: float) -> float:
-    """Return the value for a condition: one value for all, or the condition's own, or `otherwise` if it has none."""
+    """Return the value for a condition.
+
+    `value` is one value for all conditions, or a table of values by condition, in which `otherwise` replaces a missing
+    value.
+    """
     return float(value.get(condition, otherwise)) if isinstance(value, Mapping) else float(value)
 
 
 def displayed_stiffness(recording: Recording, share: Share) -> float:
-    """Estimate the stiffness that a recording displays: k = sum f.e / sum e.e over rows with a touching finger [N/m].
+    """Estimate the displayed stiffness k = sum f.e / sum e.e [N/m] over the rows in which a finger touches.
 
-    f is the internal or external part of the displayed forces of the fingers on the object. e is the same part of
-    their displacements from the contacts. For a spring without damping, k is its stiffness to rounding.
+    Here f is the internal or external part of the forces of the fingers on the object, and e is the same part of the
+    displacements of the fingers from the contacts. For a spring without damping, k is its stiffness to rounding.
 
     Args:
         recording: Recording with forces, positions and contacts.
         share: Part of the force, "internal" or "external".
 
     Raises:
-        InputError: If the share is unknown, or that part of the displacements is zero while fingers touch.
+        InputError: If `share` is unknown, or if this part of the displacements is zero whenever fingers touch.
     """
     if share not in SHARES.values():
         raise InputError("share", share, "'internal' or 'external'")
@@ -81,5 +85,5 @@ def displayed_stiffness(recording: Recording, share: Share) -> float:
     f, e = np.nan_to_num(force[felt]), np.nan_to_num(displacement[felt])
     size = float((e * e).sum())
     if not size > 0.0:
-        raise InputError("recording", recording.header.scene, f"one with displacements of the {share} coupling")
+        raise InputError("recording", recording.header.scene, f"a recording with {share} displacements")
     return float((f * e).sum()) / size

@@ -1,4 +1,4 @@
-"""Adaptive staircases (QUEST+), and the thresholds that they estimate."""
+"""Adaptive staircases (QUEST+), and estimation of thresholds."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ class Stair:
         return float(self._quest.next_stim["intensity"])
 
     def easiest(self, size: float | None) -> float:
-        """Return the increment for practice: `size`, or the largest one if None."""
+        """Return the increment for practice: `size`, or the largest increment if `size` is None."""
         return float(self.increments[-1]) if size is None else size
 
     def update(self, increment: float, *, is_correct: bool) -> None:
-        """Update the posterior with an answer; an increment read from text is matched to the nearest in the domain."""
+        """Update the posterior with an answer to the increment of the domain that is nearest to `increment`."""
         nearest = self.increments[np.abs(self.increments - increment).argmin()]
         self._quest.update(stim={"intensity": nearest}, outcome={"response": "Yes" if is_correct else "No"})
         self.trials += 1
@@ -64,7 +64,7 @@ class Stair:
         return np.asarray(self._quest.posterior.sum(("slope", "lower_asymptote", "lapse_rate")).values)
 
     def threshold(self) -> tuple[float, float]:
-        """Estimate the relative threshold: geometric mean of the posterior, and standard deviation of the logarithm."""
+        """Estimate the relative threshold: geometric mean of the posterior, and standard deviation of its logarithm."""
         log, weight = np.log(self.thresholds), self.posterior()
         mean = float(weight @ log)
         return float(np.exp(mean)), float(np.sqrt(weight @ (log - mean) ** 2))
@@ -81,7 +81,10 @@ def chance(increment: float, threshold: float, slope: float, lapse: float) -> fl
 
 
 def information(increment: float, threshold: float, slope: float, lapse: float) -> float:
-    """Compute the Fisher information of one answer about log t: p'^2 / (p (1 - p)), where p' = dp / d log t."""
+    """Compute the Fisher information p'^2 / (p (1 - p)) of one answer about log t, where p' = dp / d log t.
+
+    Here t is the threshold, and p the probability of a correct answer (`chance`).
+    """
     p = chance(increment, threshold, slope, lapse)
     ratio = (increment / threshold) ** slope
     change = -(1.0 - GUESS - lapse) * np.exp(-ratio) * ratio * slope  # dp / d log t

@@ -53,7 +53,7 @@ class Presentation:
     Attributes:
         trial: Planned trial.
         recordings: File of each interval's recording.
-        faults: Descriptions of faults in the runs; none in a session, which asks no question after a fault.
+        faults: Descriptions of faults in the runs; empty in a session, which asks no question after a fault.
     """
 
     trial: Trial
@@ -74,7 +74,8 @@ class Row:
     Attributes:
         trial: Planned trial.
         response: Response; empty if there is none.
-        response_time: Time from the question to the response [s]; NaN without a response, or not in real time.
+        response_time: Time from the question to the response [s]; NaN without a response, or if the session is not in
+            real time.
         onset: Time from the start of the session to the first tick of the first interval [s].
         duration: Time from the onset to the response, or, without a response, to the end of the last interval [s].
         fault: Description of a fault in the runs; empty for none.

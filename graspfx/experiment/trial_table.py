@@ -48,7 +48,7 @@ def columns_of(experiment: Study) -> list[str]:
 
 
 def describe(experiment: Study, files: SessionFiles, mode: str) -> dict[str, Any]:
-    """Describe a session: the columns in BIDS form, and the complete experiment, so that it can be reproduced."""
+    """Return the description of a session: the columns in BIDS form, and the complete experiment."""
     table = experiment.table
     factors = {factor.name: {"Description": f"level of the factor; values of {factor.key or 'several keys'}"}
                for factor in table.factor}  # fmt: skip
@@ -93,17 +93,21 @@ def begin(experiment: Study, files: SessionFiles, mode: str) -> tuple[RowFile, f
                  "GeneratedBy": [{"Name": "GraspFX", "Version": __version__}]}  # fmt: skip
         place_file(files.study, json.dumps(study, indent=2) + "\n")
     if files.table.exists():
-        raise RecordingError(f"{files.table}: exists already; --resume continues it, --run N begins another")
+        raise RecordingError(
+            f"{files.table}: exists already; --resume continues it, and --run N begins another session"
+        )
     if files.table_description.exists():
         why = "but its table does not: a start was interrupted or is in progress, and there is no trial yet"
-        do = "--resume continues it, --run N begins another; or remove this file"
+        do = "--resume continues it, and --run N begins another session; or remove this file"
         raise RecordingError(f"{files.table_description}: exists already, {why}; {do}")
     place_file(files.table_description, json.dumps(about, indent=2, allow_nan=False) + "\n")
     return RowFile(files.table, columns_of(experiment)), _started(about)
 
 
 def resume(experiment: Study, files: SessionFiles, mode: str, plan: SessionPlan) -> tuple[RowFile, float]:
-    """Open the table of an interrupted session, and advance the plan past its trials; return the same as `begin`.
+    """Open the table of an interrupted session, and advance the plan past the trials in the table.
+
+    Return the table and the start of the session, as `begin` does.
 
     Raises:
         RecordingError: If there is no session, if its experiment, scene, files, version, order or mode differ, or if
@@ -131,7 +135,7 @@ def _started(about: Mapping[str, Any]) -> float:
 
 
 def _take(plan: SessionPlan, row: Mapping[str, str], where: str) -> None:
-    """Advance a plan by a row of the table; its response updates the staircase."""
+    """Advance a plan by a row of the table; the response in the row updates the staircase."""
     trial = plan.trial()
     expected = {} if trial is None else cells_of(Row(trial))
     same = ("trial_number", "trial_type", "condition", "repetition", "increment", "larger")
@@ -169,7 +173,9 @@ def _rounded(seconds: float) -> float:
 
 
 def read_table(path: Path) -> list[dict[str, str]]:
-    """Read the rows of a table of trials by column; n/a stays n/a, and an incomplete last row is dropped.
+    """Read the rows of a table of trials as dictionaries by column; an incomplete last row is dropped.
+
+    A missing value remains the text n/a.
 
     Raises:
         InputError: If the table is not UTF-8, or the number of cells in a row differs from the number of columns.
@@ -208,14 +214,16 @@ def session_identity(experiment: Study, files: SessionFiles, mode: str) -> dict[
 
 
 def require_same(about: Mapping[str, Any], experiment: Study, files: SessionFiles, mode: str) -> None:
-    """Require that an interrupted session has the same identity; if its files cannot be compared, a warning is issued.
+    """Raise an error unless an interrupted session has the same identity as the session that resumes it.
+
+    If the interrupted session has no digests of its files, a warning is given.
 
     Args:
         about: Entry "GraspFX" of the interrupted session's description.
-        experiment, files, mode: Experiment, files and mode with which it is to be resumed.
+        experiment, files, mode: Experiment, files and mode of the session that resumes it.
 
     Raises:
-        RecordingError: If the identity differs; the message lists the differences.
+        RecordingError: If the identities differ; the message lists the differences.
     """
     own = session_identity(experiment, files, mode)
     is_whole = FILES in about
@@ -224,7 +232,7 @@ def require_same(about: Mapping[str, Any], experiment: Study, files: SessionFile
     if about[DIGEST] != before or differences:
         lines = differences or ["the experiment file has other values, or this is another participant's session"]
         more = f"; and {len(lines) - MOST} more" if len(lines) > MOST else ""
-        text = "is of another experiment, scene or mode"
+        text = "this session has another experiment, scene or mode"
         do = "resume it with the original files and version, or begin another with --run N"
         raise RecordingError(f"{files.table_description}: {text}: {'; '.join(lines[:MOST])}{more}; {do}")
     if not is_whole and own[FILES]:
@@ -246,7 +254,7 @@ def _differences(about: Mapping[str, Any], own: Mapping[str, Any], experiment: S
 
 
 def _earlier_parts(experiment: Study, files: SessionFiles, mode: str) -> list[Any]:
-    """List the parts of the digest of earlier versions, which did not include files and version."""
+    """List the parts of the digest of earlier versions, which did not include the files and the version."""
     return [experiment.table.model_dump(mode="json"), experiment.scene.to_dict(), files.stem, mode]
 
 

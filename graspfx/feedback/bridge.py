@@ -1,13 +1,13 @@
-"""The bridge between the rates of host and loop: samples, prediction, and an energy tank for each port.
+"""Bridge between the rates of a host program and the loop: samples, prediction, and an energy tank for each port.
 
-The forces f_i of a port in tick k act on the operator's fingers, at x_i, until tick k + 1. Their work,
-sum_i f_i.(x_i(k + 1) - x_i(k)), is then known and subtracted from the energy E in the port's tank. The forces are
-multiplied by
+The forces f_i of a port in tick k act on the operator's fingers, at the positions x_i, until tick k + 1. At tick k + 1,
+the work of these forces, sum_i f_i.(x_i(k + 1) - x_i(k)), is known and is subtracted from the energy E in the port's
+tank. The forces of the port are multiplied by
 
     s = min(1, E/(v T sum_i |f_i|)).
 
-If no finger moves farther in a tick of length T than the stride v T, with v the scene's `host.speed`, the forces never
-use more energy than the tank holds. The operator's work fills the tank up to its capacity.
+Here v is the scene's `host.speed`, and T the sampling period. If no finger moves farther than v T in a tick, the forces
+never use more energy than the tank contains. The operator's work fills the tank up to its capacity.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ MOST_NUMBER = 2.0**53
 
 
 class PortTank(Record):
-    """Energy tank of a port: it supplies the work that the port's forces do on the operator."""
+    """Energy tank of a port, which supplies the work that the port's forces do on the operator."""
 
     level: float  # energy E [J]
     most: float  # capacity [J]
@@ -107,11 +107,11 @@ class HostState(Record):
 
 @dataclass(frozen=True, eq=False)
 class HostPart:
-    """Record shared with a host, and memory of the bridge.
+    """Record shared with a host, and state of the bridge.
 
     Attributes:
         record: Record shared with the host.
-        block: Memory of the bridge, `HostState`.
+        block: Block of the bridge's state, a `HostState`.
     """
 
     record: HostRecord
@@ -154,7 +154,7 @@ def make_host(table: Any, most: FloatArray, dimensions: int, period: float) -> H
 
 @kernel
 def host_forces(state: GraspState, host: HostState) -> int:
-    """Exchange samples and set the fingers' forces of this tick; return 0, or the code why all forces are zero."""
+    """Exchange samples and set the fingers' forces of this tick; return 0, or a code if all forces are zero."""
     settle(state, host)
     host.age += 1.0
     take_sample(host)
@@ -187,7 +187,7 @@ def tell_fault(host: HostState, code: int) -> None:
 
 @kernel
 def settle(state: GraspState, host: HostState) -> None:
-    """Subtract the work of the last tick's displayed forces from the tanks."""
+    """Subtract the work that the displayed forces did in the last tick from the tanks."""
     d = host.dimensions
     pushed = squeezed = 0.0
     for i, finger in enumerate(state.fingers):
@@ -237,7 +237,10 @@ def pay(host: HostState, tank: PortTank, forces: Floats) -> float:
 
 @kernel
 def bound(host: HostState) -> None:
-    """Limit each finger's force: reduce all internal forces, and all external forces if these alone exceed a limit."""
+    """Limit each finger's force by a common factor on all internal forces.
+
+    If external forces alone exceed a limit, a common factor reduces all external forces too.
+    """
     d = host.dimensions
     outer = squeeze = 1.0
     for i in range(host.fingers):
@@ -303,7 +306,7 @@ def take_sample(host: HostState) -> None:
 
 @kernel
 def check_sample(host: HostState, slot: Floats) -> None:
-    """Set the host's code if a value of the sample is not finite, or a finger's force is implausibly large."""
+    """Set `host.code` if a value of the sample is not finite, or if a finger's force is implausibly large."""
     d, m = host.dimensions, host.size
     for i in range(host.fingers):
         square, sums = 0.0, 0.0
@@ -335,7 +338,10 @@ def keep_sample(host: HostState, slot: Floats, number: float) -> None:
 
 @kernel
 def predict(state: GraspState, host: HostState) -> None:
-    """Compute the present forces of both ports: held, extrapolated, or predicted from the environment's stiffness."""
+    """Compute the forces of both ports in this tick.
+
+    They are held, extrapolated, or predicted with the environment's stiffness.
+    """
     ahead = 0.0
     if host.method == LINEAR:
         ahead = min(host.age * host.period, host.interval)
@@ -382,7 +388,7 @@ def hand_over(state: GraspState, host: HostState) -> None:
 
 @kernel
 def write_sample(state: GraspState, host: HostState) -> None:
-    """Write the operator's state and the forces displayed in the last tick for the host."""
+    """Write the operator's state, and the forces displayed in the last tick, to the record."""
     words = Floats(host.buffer, host.words)
     number, size, m, d = host.written + 1.0, host.loop_size, host.size, host.dimensions
     slot = Floats(host.buffer, host.words + host.loop_first + size * (int(number) % SLOTS))

@@ -1,4 +1,4 @@
-"""Contact forces of another simulator divided into push and squeeze, in one kernel: merge, split, gains, fade."""
+"""Division of another simulator's contact forces into push and squeeze by one kernel: merge, split, gains, fade."""
 
 from __future__ import annotations
 
@@ -22,14 +22,15 @@ class Shown(NamedTuple):
     """Forces on the operator, scaled by the gains.
 
     Attributes:
-        push: Net force of the object on the hand, for one device, (d,) [N].
+        push: Net force of the object on the hand, for a device with one channel, (d,) [N].
         moment: Net moment about the reference point, (3,), or (1,) in the plane [N m].
-        grip: Mean over the touching fingers of the internal force along the normal into the object [N]; positive closes
-            the hand, so a grasp that presses on an object gives a negative grip, which opens the operator's fingers.
-        fingers: Force on each finger, for a device with one channel per finger (n, d) [N]: `external` + `internal`.
+        grip: Mean over the touching fingers of the internal force along the normal into the object [N]. A positive grip
+            closes the hand. A grasp that presses on an object therefore has a negative grip, which opens the operator's
+            fingers.
+        fingers: Force on each finger, (n, d) [N], for a device with one channel per finger: `external` + `internal`.
         external, internal: The two parts of `fingers`, (n, d) [N].
         touching: Mask of the fingers that touch, (n,).
-        message: Statement that forces fade to zero, if there is no contact; empty otherwise.
+        message: Message that forces fade to zero if there is no contact; otherwise empty.
     """
 
     push: FloatArray
@@ -111,7 +112,10 @@ def divide_contacts(block: NDArray[np.float64]) -> None:
 
 @kernel
 def divide_sample(state: ContactSplitState) -> int:
-    """Merge contacts, divide forces, apply gains and fade changes; return 1 if `is_sound` rejects the values."""
+    """Merge contacts, divide forces, apply gains and fade changes.
+
+    Return 1 if `is_sound` rejects the values, else 0.
+    """
     if not is_sound(state):
         state.faulty = True
         return 1
@@ -128,7 +132,7 @@ def divide_sample(state: ContactSplitState) -> int:
 
 @kernel
 def is_sound(state: ContactSplitState) -> bool:
-    """Tell whether all given values are finite and no force is implausibly large."""
+    """Return whether all given values are finite and no force is implausibly large."""
     most = 0.0
     sums = state.time + state.reference.x + state.reference.y + state.reference.z
     for j in range(state.contacts):
@@ -146,8 +150,8 @@ def is_sound(state: ContactSplitState) -> bool:
 def merge(state: ContactSplitState) -> None:
     """Compute each finger's total contact force, at the mean contact point weighted by the size of the forces.
 
-    The contact point of a finger without force is the mean of its points; a finger without contacts keeps its last
-    contact point.
+    The contact point of a finger without force is the mean of the finger's points; a finger without contacts keeps its
+    last contact point.
     """
     d = state.dimensions
     for i in range(state.fingers):
@@ -207,7 +211,10 @@ def divide_fingers(state: ContactSplitState) -> None:
 
 @kernel
 def find_inward(state: ContactSplitState) -> None:
-    """Set the reference point and the unit normals; without normals, these point to the mean of the others' points."""
+    """Set the reference point and the unit normals.
+
+    Without given normals, the normal of a finger points to the mean of the other fingers' points.
+    """
     n = state.touching
     centre = Vector(0.0, 0.0, 0.0)
     for i in range(state.fingers):
@@ -229,7 +236,7 @@ def find_inward(state: ContactSplitState) -> None:
 
 @kernel
 def remember(state: ContactSplitState) -> bool:
-    """Tell whether contacts of fingers were made or broken; if so, store the present forces on the operator."""
+    """Return whether a finger has made or broken contact; if it has, store the present forces on the operator."""
     changed = False
     for i in range(state.fingers):
         changed = changed or state.touched[i] != state.touched_before[i]
@@ -245,7 +252,7 @@ def remember(state: ContactSplitState) -> bool:
 
 @kernel
 def apply_gains(state: ContactSplitState) -> Vector:
-    """Multiply external and internal forces by their gains, compute the grip, and return the moment times its gain."""
+    """Apply the gains to external and internal forces, and compute the grip; return the moment times its gain."""
     moment = Vector(0.0, 0.0, 0.0)
     for j in range(state.contacts):  # f_v = G f (eq. 2), with the contacts' own torques
         point = row_of(state.point, j)
@@ -275,10 +282,12 @@ def scaled(gain: Table, v: Vector) -> Vector:
 
 @kernel
 def fade(state: ContactSplitState, moment: Vector, changed: bool) -> None:
-    """Add the remainder of the last change: the forces before the change minus the forces of the new contacts.
+    """Add the remainder of the last change of contacts to the forces on the operator.
 
-    After the last change, the remainder decreases to zero linearly in time. Each new change starts from the present
-    forces, so the remainder decreases even if contacts change in every sample.
+    The remainder is the difference between the forces before the change and the forces of the new contacts.
+
+    The remainder decreases to zero linearly in time. Each new change starts from the present forces, so the remainder
+    decreases even if contacts change in every sample.
     """
     left = max(1.0 - (state.time - state.changed) / state.fade, 0.0)
     if changed:

@@ -35,22 +35,22 @@ class Feedback(Carded):
         f = f_e + f_i,   f_e = P f,   f_i = (I - P) f                      (Kawai and Yoshikawa, eq. 3)
         fingers = Kp f_e + Ks f_i,   push = Kp sum_i f_e,i,   grip = mean_i n_i.(Ks f_i,i)
 
-    f are the forces of all fingers, and n_i is the unit normal of finger i into the object. The sum of the fingers'
-    forces does not contain the squeeze, and the sum of their magnitudes has no direction. `Feedback` therefore
-    separates the squeeze, and scales it by its own gain. P is computed as by `graspfx.divide` (pseudoinverse, hard
-    contacts).
+    Here f contains the forces of all fingers, P is the projector on external forces, and n_i is the unit normal of
+    finger i into the object. The sum of the fingers' forces does not contain the squeeze, and the sum of their
+    magnitudes has no direction. `Feedback` therefore separates the squeeze, and scales it by a separate gain. P is
+    computed as by `graspfx.divide` (pseudoinverse, hard contacts).
 
     `forces` act from the object on the fingers; results are forces on the operator. With the opposite sign, the
-    feedback would be positive: a hand that closes on an object would be pulled closed further.
+    feedback would be positive: a hand that closes on an object would be closed further.
 
-    When a finger makes or breaks contact, the split changes at once, but the displayed forces stay continuous: the
+    When a finger makes or breaks contact, the split changes at once, but the displayed forces are continuous. The
     difference from the previous forces decreases linearly to zero within `fade`.
 
     Args:
         push_gain: Gain Kp of the external forces: a number, or a matrix (d, d).
         squeeze_gain: Gain Ks of the internal forces: a number, or a matrix (d, d).
-        moment_gain: Gain of the moment; by default `push_gain` if that is a number, else 1.
-        fingers: Number n of fingers; by default the largest number in any sample so far.
+        moment_gain: Gain of the moment. If None, `push_gain` is used if it is a number, else 1.
+        fingers: Number n of fingers. If None, the largest number in any sample so far is used.
         fade: Time over which the jump of forces at a change of contacts is faded out [s].
         largest: Largest plausible component of a contact force [N].
         engine: "auto", "compiled" or "interpreted".
@@ -101,14 +101,14 @@ class Feedback(Carded):
         Args:
             points: Contact points (m, d) [m]; (0, d) without contacts.
             forces: Forces of the object on the fingers at these points, (m, d) [N].
-            time: Time of the sample on the host's clock [s], which must increase.
-            normals: Normals into the object (m, d), of any length; by default the vectors from each finger's point to
-                the mean of the other fingers' points.
+            time: Time of the sample on the host's clock [s]; it must increase from call to call.
+            normals: Normals into the object (m, d), of any length. If None, the vectors from each finger's point to the
+                mean of the other fingers' points are used.
             torques: Torques of the object on the fingers, (m, 3), or (m,) in the plane [N m]; `moment` includes them.
-            finger: Index of the finger of each contact, (m,); a finger may have several contacts. If not given,
-                contact j belongs to finger j.
-            reference: Reference point of the moment, (d,) [m], such as the object's present centre; the mean of the
-                fingers' points if not given. It holds for this sample only.
+            finger: Index of the finger of each contact, (m,); a finger may have several contacts. If None, contact j
+                belongs to finger j.
+            reference: Reference point of the moment in this sample, (d,) [m], such as the object's present centre. If
+                None, the mean of the fingers' points is used.
 
         Returns:
             Forces on the operator.
@@ -168,9 +168,9 @@ class Feedback(Carded):
         return Shown(out[:d], moment, grip, felt, external, internal, touching, "" if m else NO_CONTACT)
 
     def _refuse(self, f: FloatArray, p: FloatArray) -> None:
-        """Raise an InputError for the value that cannot be used."""
+        """Raise an InputError that names the invalid value."""
         finite("points", p, do="the simulator has diverged, or a contact has no values")
-        finite("forces", f, do="the simulator has diverged; the device goes to zero force")
+        finite("forces", f, do="the simulator has diverged; the forces of the device become zero")
         if abs(f).max(initial=0.0) > self.largest:
             raise InputError(
                 "forces", float(abs(f).max()), f"forces of at most {self.largest:g} N per component",
@@ -220,14 +220,14 @@ class Feedback(Carded):
         self._bind(state, block)
 
     def _views(self) -> dict[str, FloatArray]:
-        """Return views of each finger's forces, and of whether it touches, by name."""
+        """Return views, by name, of the fingers' forces and of the marks of touching fingers."""
         assert self._state is not None
         names = ("touched", "external", "internal", "external_offset", "internal_offset")
         views = {name: self._state.array(getattr(ContactSplitState, name)) for name in names}
         return {name: each if name == "touched" else each.reshape(-1, 3) for name, each in views.items()}
 
     def _bind(self, state: ContactSplitState, block: FloatArray) -> None:
-        """Store views of the block, and the kernel bound to it."""
+        """Store views of the block, and the kernel bound to the block."""
 
         def table(name: str) -> FloatArray:
             return state.array(getattr(ContactSplitState, name)).reshape(-1, 3)
@@ -251,7 +251,7 @@ class Feedback(Carded):
         self._compute = lambda: source(view)
 
     def connect(self, name: str, *, timeout: float = 10.0) -> HostLink:
-        """Connect to the real-time loop of a scene whose `[host]` has this name; use the link in a `with` block.
+        """Connect to the real-time loop of the scene with this `host.name`; use the link in a `with` block.
 
         Args:
             name: Name of the record, `host.name` of the scene.

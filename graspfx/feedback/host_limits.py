@@ -1,4 +1,4 @@
-"""Largest gains of the loop of operator, device, bridge and a linear environment, from an exact sampled model."""
+"""Largest stable gains of the loop of operator, device, bridge and linear environment, from an exact sampled model."""
 
 from __future__ import annotations
 
@@ -27,10 +27,11 @@ class GainLimits(Carded):
     """Gains up to which the loop is stable.
 
     Attributes:
-        push: Largest push gain; inf if none is too large.
-        squeeze: Largest squeeze gain; inf if none is too large.
-        stiffness: Largest felt stiffness of a finger, gain times environment's stiffness, for either port [N/m].
-        delay: Delay, within the range, at which the stiffness limit occurs [ticks].
+        push: Largest stable push gain; inf if every gain is stable.
+        squeeze: Largest stable squeeze gain; inf if every gain is stable.
+        stiffness: Largest stable stiffness that a finger feels, the gain times the environment's stiffness, for either
+            port [N/m].
+        delay: Delay, within the given range, at which this stiffness is the limit [ticks].
         frequency: Frequency of the oscillation at the limit [Hz].
     """
 
@@ -67,25 +68,25 @@ def gain_limits(
 
         m x'' + (b + b_h) x' + k_h x = f,    f held over T,    f_j = -g k y_j
 
-    The host samples the operator at ticks R i; tick j uses the sample of tick s = R floor((j - D)/R). Then y_j is x_s
-    ("hold"), x_s + (x_s - x_(s-R)) a/R at a ticks after the sample's arrival ("linear"), or (1 - r) x_s + r x_j, with
-    a model of r times the environment's stiffness ("model"). Over R ticks the loop is a linear map of x, x' and the
-    samples on the delay line; the gain is increased until an eigenvalue leaves the unit circle.
+    Here x is the position of the finger, f_j the force in tick j, and k the environment's stiffness. The host samples
+    the operator at ticks R i, and tick j uses the sample of tick s = R floor((j - D)/R). Then y_j is x_s ("hold"), x_s
+    + (x_s - x_(s-R)) a/R at a ticks after the sample's arrival ("linear"), or (1 - r) x_s + r x_j, with a model of r
+    times the environment's stiffness ("model"). Over R ticks the loop is a linear map of x, x' and the samples on the
+    delay line; the gain is increased until an eigenvalue leaves the unit circle.
 
-    Every constant delay of a range is considered, but not delays that change between samples. The first loss of
-    stability is searched for at 60 gains per decade, then bisected to rounding.
+    Every constant delay of a range is considered, but not delays that change between samples. The smallest unstable
+    gain is located on a grid of 60 gains per decade, and then refined by bisection.
 
     Args:
-        mass: Device's mass m at a finger [kg].
-        damping: Device's viscous damping b [N s/m].
+        mass: Mass m of the device at a finger [kg].
+        damping: Viscous damping b of the device [N s/m].
         period: Period T of the loop [s].
         host_ticks: Number R of ticks from one sample of the host to the next.
-        delay: Delay D from the operator's reading to the tick that displays the answer [ticks], or its range (least,
-            most); with a real host at least 1, because an answer follows the tick to which it refers.
-        push_stiffness, squeeze_stiffness: Environment's stiffness k at one finger for a gain of 1, if all fingers move
-            together (push), or close (squeeze) [N/m].
-        hand_stiffness, hand_damping: Stiffness and damping of the operator's finger to ground [N/m, N s/m].
-        predict: "hold", "linear" or "model".
+        delay: Delay D from the tick that reads the operator's position to the tick that displays the host's answer to
+            it [ticks], or a range (least, most) of this delay. With a real host, the delay is at least 1.
+        push_stiffness, squeeze_stiffness: Stiffness k of the environment at one finger [N/m], for a gain of 1, if all
+            fingers move together (push) or towards each other (squeeze).
+        hand_stiffness, hand_damping: Stiffness [N/m] and damping [N s/m] between the operator's finger and ground.
         model: Ratio r of the model's stiffness to g k; only for "model".
 
     Raises:
@@ -123,7 +124,7 @@ def _lifted(E: FloatArray, R: int, D: int, linear: bool, r: float, stiffness: fl
         E: Map of (x, x', f) to (x, x') over a tick, (2, 3).
         R: Ticks from one sample to the next.
         D: Delay [ticks].
-        linear: Whether forces follow the slope of the last two samples.
+        linear: Whether forces are extrapolated from the last two samples.
         r: Fraction of the force that follows the position immediately.
         stiffness: Felt stiffness g k [N/m].
     """
@@ -142,14 +143,14 @@ def _lifted(E: FloatArray, R: int, D: int, linear: bool, r: float, stiffness: fl
 
 
 def _radius(matrix: FloatArray) -> tuple[float, float]:
-    """Compute the largest |z| of a map's eigenvalues, and the angle of that eigenvalue [rad]."""
+    """Compute the largest |z| of the eigenvalues z of a map, and the angle of this eigenvalue [rad]."""
     values = np.linalg.eigvals(matrix)
     z = values[np.argmax(np.abs(values))]
     return float(abs(z)), float(abs(np.angle(z)))
 
 
 def _first_loss(loop: Callable[[float], FloatArray], unit: float) -> tuple[float, float]:
-    """Find the stiffness at which a loop first loses stability [N/m], or inf, and the eigenvalue's angle [rad]."""
+    """Find the smallest stiffness at which a loop is unstable [N/m], or inf, and the angle of the eigenvalue [rad]."""
     low = 0.0
     for power in np.linspace(*DECADES, int((DECADES[1] - DECADES[0]) * PER_DECADE) + 1).tolist():
         high = unit * 10.0**power

@@ -1,4 +1,4 @@
-"""The host's side of the bridge: the state of the operator, and the forces to display."""
+"""Host's side of the bridge: reading of the operator's state, and writing of the forces to display."""
 
 from __future__ import annotations
 
@@ -45,10 +45,10 @@ class Operator(NamedTuple):
         position: Positions of the device's fingers, (n, d) [m].
         velocity: Velocities of the device's fingers, (n, d) [m/s].
         force: Forces on the operator that were displayed in the previous tick, (n, d) [N].
-        age: Age of the host's last sample that the loop has received [s].
-        push_tank, squeeze_tank: Energies of the tanks [J]; if a tank is empty, the forces of its port are zero, unless
-            `host.tank` of the scene is 0, which switches the tanks off.
-        lost, late: Counts of the host's samples that were lost, and of those that arrived after a newer one.
+        age: Age of the last host sample that the loop has received [s].
+        push_tank, squeeze_tank: Energies of the tanks [J]. If a tank is empty, the forces of its port are zero. If
+            `host.tank` of the scene is 0, the tanks are not used.
+        lost, late: Number of the host's samples that were lost, and number of those that arrived after a newer sample.
     """
 
     time: float
@@ -68,15 +68,15 @@ class Operator(NamedTuple):
 
     @property
     def aperture(self) -> float:
-        """Twice the fingers' mean distance from their centre [m]; with two fingers, their distance."""
+        """Twice the mean distance of the fingers from their centre [m]; for two fingers, the distance between them."""
         return float(2.0 * np.sqrt(((self.position - self.centre) ** 2).sum(axis=1)).mean())
 
 
 class HostLink:
-    """Link from a host program to the loop of a scene whose `[host]` has this name; a context manager.
+    """Link from a host program to the loop of the scene with this `host.name`; a context manager.
 
-    At the end of the block, even after an exception, the loop is told that the host has ended, and all forces fade to
-    zero.
+    At the end of the `with` block, also after an exception, the link reports to the loop that the host has ended, and
+    all forces fade to zero.
 
     Args:
         name: Name of the record, `host.name` of the scene.
@@ -87,7 +87,7 @@ class HostLink:
         dimensions: Number of dimensions d.
 
     Raises:
-        DeviceError: If no loop with this name runs, or its record has another version.
+        DeviceError: If no loop with this name runs, or if the record of the loop has another version.
     """
 
     def __init__(self, name: str, *, timeout: float = 10.0) -> None:
@@ -118,8 +118,8 @@ class HostLink:
         """Read the state of the operator.
 
         Args:
-            time: Time on the host's clock [s]; the call waits until the loop's clock shows it. Both clocks are aligned
-                at the first read with a time. By default the call returns immediately.
+            time: Time on the host's clock [s]. The call waits until the loop has reached this time; the clocks of host
+                and loop are aligned at the first call with a time. If None, the call does not wait.
 
         Raises:
             DeviceError: If the loop has ended, has a fault, or writes no samples.
@@ -141,7 +141,7 @@ class HostLink:
         raise DeviceError(f"host.name {self.name!r}: the loop writes no samples")
 
     def _wait(self, time: float) -> None:
-        """Wait until the loop has reached the host's time."""
+        """Wait until the loop has reached a time on the host's clock [s]."""
         if self._ahead is None:
             self._ahead = self.read().time - time
         end, last = monotonic() + DEAD, -1.0
@@ -157,23 +157,23 @@ class HostLink:
     def show(self, shown: Shown, time: float) -> None:
         """Display forces to the operator.
 
-        A device with one finger displays the push. A device with two fingers displays each finger's force if `shown`
-        has forces of two fingers, otherwise the push and the grip. A device with more fingers displays each finger's
-        force; fingers without a counterpart in `shown` get zero force.
+        A device with one finger displays the push. If `shown` has forces of two fingers, a device with two fingers
+        displays these forces; otherwise it displays the push and the grip. A device with more fingers displays each
+        finger's force; fingers without a counterpart in `shown` get zero force.
 
         Args:
-            shown: Result of `Feedback.update`, computed for the operator's state of the last `read`.
+            shown: Result of `Feedback.update` for the operator's state that the last `read` returned.
             time: Time on the host's clock [s].
 
         Raises:
             DeviceError: If the loop has ended, or has a fault.
-            InputError: If the number of dimensions differs, or if `shown` has more fingers than a device of more than
-                two fingers.
+            InputError: If the number of dimensions differs from the device's, or if the device has more than two
+                fingers and `shown` has more fingers than the device.
         """
         external, internal = self._external, self._internal
         n, count = self.fingers, len(shown.external)
         if shown.push.shape != (self.dimensions,):
-            raise InputError("shown", shown.push.shape, f"a push of {self.dimensions} coordinates, as the device has")
+            raise InputError("shown", shown.push.shape, f"a push of {self.dimensions} coordinates, like the device's")
         if n == 1:
             external[0], internal[0] = shown.push, 0.0
         elif count == n:
@@ -188,12 +188,12 @@ class HostLink:
             external[:], internal[:] = 0.0, 0.0
             external[:count], internal[:count] = shown.external, shown.internal
         else:
-            raise InputError("shown.fingers", count, f"forces on at most {n} fingers, as many as the device has")
+            raise InputError("shown.fingers", count, f"forces on at most {n} fingers, the number of the device")
         self._require_running()
         self._write(time, 0.0)
 
     def stop(self) -> None:
-        """Tell the loop that the host has ended."""
+        """Report to the loop that the host has ended."""
         if self._words[STATE] == RUNNING:
             self._sample[SAMPLE:] = 0.0
             self._write(self._head[1], float(HOST_ENDED))

@@ -1,4 +1,4 @@
-"""The record in shared memory between a host program and the loop: its layout, creation and discovery by name.
+"""Record in shared memory between a host program and the loop: layout, creation, and search by name.
 
 All words are float64 in the machine's byte order. With n fingers of d coordinates, a header of 64 words is followed by
 8 slots of the host and 8 slots of the loop:
@@ -13,9 +13,9 @@ All words are float64 in the machine's byte order. With n fingers of d coordinat
             [J], 5 samples lost, 6 samples that came late, then n d positions [m], n d velocities [m/s], n d forces on
             the operator [N], and the sum
 
-Sample k is in slot k mod 8. Write the slot first and its number into the header last. A reader uses a slot if its first
-word is the number in the header and its last word is the sum of the others, added in order; otherwise the reader tries
-again.
+Sample k is in slot k mod 8. A writer writes the slot first, and then the slot's number into the header. A reader uses a
+slot if its first word is the number in the header and its last word is the sum of the other words, added in order.
+Otherwise the reader reads again.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class HostRecord:
             )
 
     def close(self) -> None:
-        """Tell the host that the loop has ended, and remove the name."""
+        """Report to the host that the loop has ended, and remove the name."""
         if self.words[STATE] == RUNNING:
             self.words[STATE] = ENDED
         self.shared.close()
@@ -101,9 +101,9 @@ def find_record(name: str) -> FloatArray | None:
 
 
 def reason(code: int, silence: float) -> str:
-    """Return the reason why the host's forces are zero."""
+    """Return the message for a code that makes the host's forces zero."""
     text = {
-        SILENT: f"the host sent no new sample for more than host.silence, {silence:g} s: it has died or hangs",
+        SILENT: f"the host sent no new sample for more than host.silence, {silence:g} s: it has ended or is blocked",
         HOST_ENDED: "the host has ended",
         NOT_FINITE: "the host sent a force that is not finite: its simulation has diverged",
         TOO_LARGE: "the host sent a force above host.largest: check for impacts with stiff contacts and wrong units",

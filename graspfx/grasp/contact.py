@@ -28,7 +28,7 @@ UNIT = 1e-8  # tolerance for orthonormal frames, and for a frame's last axis to 
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """n contacts in d dimensions and their m force components, ordered by contact, forces before moments.
+    """n contacts in d dimensions, and m force components of the contacts, ordered by contact, forces before moments.
 
     | model | line | plane | space |
     |---|---|---|---|
@@ -76,7 +76,7 @@ def contacts(
 
     Args:
         points: Contact points, (n, d) [m] with d = 1, 2 or 3, or many sets of points, (..., n, d).
-        normals: Normals into the object of any non-zero length, (n, d) or (..., n, d). Without frames, they are
+        normals: Normals into the object of any non-zero length, (n, d) or (..., n, d). Without frames, normals are
             required for frictionless contacts, and for soft contacts in space.
         model: Name or selection matrix, one for all contacts or one per contact.
         frames: Axes of each contact as orthonormal columns, (n, d, d) or (..., n, d, d); the last column is the normal
@@ -84,7 +84,7 @@ def contacts(
 
     Raises:
         InputError: If shapes are inconsistent, values are not finite, a normal is missing or zero, frames are not
-            orthonormal, or their last axis is not the normal.
+            orthonormal, or the last axis of a frame is not the normal.
         UnknownNameError: If no model has that name.
     """
     p = contact_points(points)
@@ -139,7 +139,10 @@ def point_contacts(points: FloatArray, normals: FloatArray | None = None) -> Con
 
 
 def _stacked(rows: Sequence[FloatArray]) -> FloatArray:
-    """Stack arrays of row vectors (..., k, d) along k; each is given per set of contacts, or once for all sets."""
+    """Stack arrays of row vectors (..., k, d) along k.
+
+    An array without leading axes applies to all sets of contacts.
+    """
     sets = np.broadcast_shapes(*(each.shape[:-2] for each in rows))
     return np.concatenate([np.broadcast_to(each, (*sets, *each.shape[-2:])) for each in rows], axis=-2)
 
@@ -183,12 +186,15 @@ def _selection(selection: Model, d: int, name: str) -> FloatArray:
         raise InputError(name, S.tolist(), "rows of forces before rows of moments")
     error = np.abs(S @ S.T - np.eye(len(S))).max()
     if error > UNIT:
-        raise InputError(name, S.tolist(), "orthonormal rows", f"they are off by {error:.1e}")
+        raise InputError(name, S.tolist(), "orthonormal rows", f"the largest error is {error:.1e}")
     return S
 
 
 def _selected(S: FloatArray, d: int, own: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return directions and axes like `_components`, for a selection matrix and the contact's axes as rows."""
+    """Return directions of forces and axes of moments, as `_components` does, for a selection matrix.
+
+    The rows of `own` are the axes of the contact.
+    """
     forces = np.abs(S[:, :d]).max(axis=1) > 0.0
     return S[forces, :d] @ own, S[~forces, d:] @ (own if d == 3 else np.eye(MOMENTS[d]))
 
@@ -225,7 +231,8 @@ def _axes(frames: ArrayLike, unit: FloatArray | None, shape: tuple[int, ...]) ->
     error = np.abs(np.swapaxes(axes, -1, -2) @ axes - np.eye(d)).max(axis=(-1, -2))
     if error.max() > UNIT:
         i = _place(error, np.argmax)
-        raise InputError(_name("frames", i), axes[i].tolist(), "orthonormal columns", f"they are off by {error[i]:.1e}")
+        do = f"the largest error is {error[i]:.1e}"
+        raise InputError(_name("frames", i), axes[i].tolist(), "orthonormal columns", do)
     if unit is not None:
         error = np.abs(axes[..., -1] - unit).max(axis=-1)
         if error.max() > UNIT:

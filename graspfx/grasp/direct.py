@@ -1,8 +1,8 @@
-"""Eq. (4) for point contacts on a free object, by the best-fitting rigid motion instead of G, G^+ and P.
+"""Eq. (4) for point contacts on a free object, from the best-fitting rigid motion, without G, G^+ or P.
 
-f = s + P d with s = K_ip e + K_id e', d = (K_ep - K_ip) e + (K_ed - K_id) e' and scalar gains. P d is the rigid motion
-that fits the field d best: the mean of d, and a rotation about the centroid. Weights are equal, and all translations
-and rotations are free. The rank is determined with a tolerance, without a blend.
+The forces are f = s + P d with s = K_ip e + K_id e', d = (K_ep - K_ip) e + (K_ed - K_id) e' and scalar gains. P d is
+the rigid motion that fits the field d best: the mean of d, and a rotation about the centroid. Weights are equal, and
+all translations and rotations are free. The rank of G is determined with a tolerance, and rotations have no blend.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ class PointGrasp(Record):
 
     @property
     def stiffness(self) -> float:
-        """The difference kep - kip [N/m], by which the field d contains e."""
+        """Factor kep - kip of e in the field d [N/m]."""
         return self.external_stiffness - self.internal_stiffness
 
     @property
     def damping(self) -> float:
-        """The difference ked - kid [N s/m], by which the field d contains e'."""
+        """Factor ked - kid of e' in the field d [N s/m]."""
         return self.external_damping - self.internal_damping
 
 
@@ -93,7 +93,7 @@ def external_alone(grasp: PointGrasp) -> None:
 
 @kernel
 def shifted(grasp: PointGrasp) -> None:
-    """Compute the forces if P d is the mean: on a line, or for coincident contacts."""
+    """Compute the forces if P d is the mean of d, as it is on a line and for coincident contacts."""
     k, c, a, b = grasp.internal_stiffness, grasp.internal_damping, grasp.stiffness, grasp.damping
     e, rate, f = grasp.displacement, grasp.rate, grasp.force
     n, d = grasp.count, grasp.dimensions
@@ -108,7 +108,7 @@ def shifted(grasp: PointGrasp) -> None:
 
 @kernel
 def between_two(grasp: PointGrasp) -> None:
-    """Compute the forces of two contacts: P d is d itself across their line, and the mean of d along it."""
+    """Compute the forces of two contacts, where P d is d across the line through them and the mean of d along it."""
     k, c, a, b = grasp.internal_stiffness, grasp.internal_damping, grasp.stiffness, grasp.damping
     p, e, rate, f = grasp.points, grasp.displacement, grasp.rate, grasp.force
     d = grasp.dimensions
@@ -134,7 +134,7 @@ def between_two(grasp: PointGrasp) -> None:
 
 @kernel
 def in_plane(grasp: PointGrasp) -> None:
-    """Compute the forces in the plane: P d is the mean and a rotation about the centroid."""
+    """Compute the forces in the plane, where P d is the mean of d plus a rotation about the centroid."""
     k, c, a, b = grasp.internal_stiffness, grasp.internal_damping, grasp.stiffness, grasp.damping
     p, e, rate, f = grasp.points, grasp.displacement, grasp.rate, grasp.force
     n = grasp.count
@@ -164,14 +164,15 @@ def in_plane(grasp: PointGrasp) -> None:
 
 @kernel
 def in_space(grasp: PointGrasp, modes: Table | None) -> None:
-    """Compute the forces in space: P d is the mean and a rotation, in a frame along the line through two contacts.
+    """Compute the forces in space, where P d is the mean of d plus a rotation about the centroid.
 
-    If `modes` is given, write the rotations into it instead.
+    The rotation is computed in a frame along the line through two contacts. If `modes` is given, the rotations are
+    written to `modes`, and no forces are computed.
 
     q points from the first contact to the farthest contact. Let x be the coordinate along which q is longest, and
-    u = (1, t, s) = q / q_x. Rotations are about u, y and z. The arms about u depend only on v = y - t x and
-    w = z - s x, which are computed in pairs of floats, so small arms are as accurate as large arms. The 3 x 3 matrix of
-    moments is graded. Elimination of y and z before u therefore loses no accuracy as contacts approach a line.
+    u = (1, t, s) = q / q_x. Rotations are about u, y and z. The arms about u depend only on v = y - t x and w = z - s
+    x, which are computed in pairs of floats, so small arms are as accurate as large arms. The 3 x 3 matrix of moments
+    is graded, so elimination of y and z before u loses no accuracy as contacts approach a line.
     """
     p = grasp.points
     origin = vector_at(p, 0)
@@ -232,11 +233,12 @@ class Moments:
 
 @dataclass(frozen=True, slots=True)
 class Pivots:
-    """Factors L D L' of the moments: inverses of D's entries for y and z, its entry for u or 0, and the entries of L.
+    """Factors L D L' of the moments: inverse entries of D for y and z, its entry for u (or 0), and entries of L.
 
-    The remaining entries are zero unless contacts lie on a line within the tolerance, but not exactly. They are then
-    the axis along the line, (1, y, z) about u, y and z; the inverse of its moment; and the unit vector of the motion
-    about this axis in terms of the orthonormal motions about y, z and u.
+    The remaining entries are zero unless contacts lie on a line up to the tolerance, but not exactly. In this case the
+    axis along the line is (1, `axis_y`, `axis_z`) about u, y and z; `loose` is the inverse of the moment about this
+    axis; and `slant` is the unit vector of the motion about this axis in terms of the orthonormal motions about y, z
+    and u.
     """
 
     y: float
@@ -253,7 +255,10 @@ class Pivots:
 
 @kernel
 def couple_about(grasp: PointGrasp, line: Line, noise: float, modes: Table | None) -> None:
-    """Compute the forces, or the modes; `noise` is the square of the coordinates' rounding error [m^2]."""
+    """Compute the forces if `modes` is None, else write the modes.
+
+    The square of the coordinates' rounding error is `noise` [m^2].
+    """
     centre = centre_of(grasp, line)
     moments = moments_of(grasp, line, centre)
     pivots = pivots_of(grasp, line, moments, noise)
@@ -281,7 +286,7 @@ def halves(x: float) -> tuple[float, float]:
 
 @kernel
 def centre_of(grasp: PointGrasp, line: Line) -> Centre:
-    """Compute x, v and w of all contacts in pairs of floats, and write them in place of the forces; return means."""
+    """Write x, v and w of all contacts, computed in pairs of floats, in place of the forces; return the means."""
     p, e, rate, f = grasp.points, grasp.displacement, grasp.rate, grasp.force
     a, b, ix, iy, iz, t, s = grasp.stiffness, grasp.damping, line.x, line.y, line.z, line.t, line.s
     x0, y0, z0 = p[ix], p[iy], p[iz]
@@ -484,7 +489,7 @@ def point_modes(grasp: PointGrasp, modes: Table) -> int:
 
 @kernel
 def across_two(grasp: PointGrasp, modes: Table) -> None:
-    """Write the relative motions of two contacts across the line through them."""
+    """Write the relative motions of two contacts across the line through them, unless the contacts coincide."""
     p, d = grasp.points, grasp.dimensions
     square = noise = 0.0
     for i in range(d):

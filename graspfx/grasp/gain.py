@@ -16,7 +16,7 @@ SYMMETRIC = 1e-9  # relative asymmetry up to which a matrix counts as symmetric
 
 
 def turned_gain(gain: Gain, R: FloatArray) -> Gain:
-    """Rotate each finger's matrix, R K R'; a full matrix by the block-diagonal matrix of the fingers' R."""
+    """Rotate a matrix gain to R K R'; for a full matrix, R is the block-diagonal matrix of the fingers' rotations."""
     K, d = np.asarray(gain), R.shape[-1]
     if K.ndim < 2:
         return gain

@@ -1,4 +1,4 @@
-"""Grasp: contacts on an object, the grasp matrix, its split, and quality measures."""
+"""Grasp: contacts on an object, grasp matrix, split of contact forces, and quality measures."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ MOST = 6  # largest number of points shown on a card
 
 
 class Grasp(Carded, GraspMatrix):
-    """Contacts on an object: f_v = G f, G (w, m), column j = [a_j; (c_i - o) x a_j] for a force, [0; a_j] for a moment.
+    """Contacts on an object, f_v = G f; column j of G is [a_j; (c_i - o) x a_j] for a force, and [0; a_j] for a moment.
 
-    w = 1 on the line (f), 3 in the plane (f_x, f_y, t_z) and 6 in space (force, then moment), minus the number of
-    locked degrees of freedom. f is the force of the fingers on the object, a_j the unit direction or axis of its
-    component j, and c_i the point of that component's contact. Columns are ordered contact by contact, forces before
-    moments. Leading axes of `points` index many sets of n contacts with the same models and degrees of freedom. G is
-    then (..., w, m), and each set is split independently.
+    G is (w, m), where w is 1 on the line (f), 3 in the plane (f_x, f_y, t_z) and 6 in space (force, then moment), minus
+    the number of locked degrees of freedom. The vector f contains the forces of the fingers on the object, a_j is the
+    unit direction or axis of component j, c_i is the point of that component's contact, and o is the origin. Columns
+    are ordered contact by contact, forces before moments. Leading axes of `points` index many sets of n contacts with
+    the same models and degrees of freedom. G is then (..., w, m), and each set is split independently.
 
     Args:
         points: Contact points, (n, d) or (..., n, d) [m].
@@ -38,13 +38,14 @@ class Grasp(Carded, GraspMatrix):
         frames: Axes of each contact as columns, the last one the normal, (n, d, d) or (..., n, d, d); the world's axes
             if None.
         origin: Reference point o of moments, (d,), or one point for each set [m]; zero if None.
-        free: Mask of the 1, 3 or 6 degrees of freedom, True where the object can move; rows of the others are omitted.
+        free: Mask of the 1, 3 or 6 degrees of freedom, True where the object can move; None if all are free. Rows of G
+            for locked degrees of freedom are omitted.
 
     Attributes:
         contacts: Checked contacts, with their components.
         finger_of_column: Index of the contact of each column, (m,).
         torsion_columns: Mask of the components that are moments [N m], (m,).
-        moment_rows: Mask of the rows that are moments of the wrench, (w,).
+        moment_rows: Mask of the rows of G that are moments, (w,).
 
     Raises:
         InputError: If an argument is invalid for `grasp.contact.contacts`, or the shape of the origin or mask is wrong.
@@ -121,7 +122,10 @@ class Grasp(Carded, GraspMatrix):
         about: ArrayLike | None = None,
         tolerance: float = 1e-3,
     ) -> Margin:
-        """Find the largest ball of wrenches that bounded pushes can exert; see `grasp.quality.margin.wrench_margin`."""
+        """Find the largest ball of wrenches that bounded pushing forces can exert.
+
+        See `grasp.quality.margin.wrench_margin`.
+        """
         from graspfx.grasp.quality.margin import wrench_margin
 
         self.require_one("margin")

@@ -66,21 +66,22 @@ class Impedance(Carded):
 class Coupling(Carded):
     """f = P (K_ep e + K_ed e') + (I - P) (K_ip e + K_id e') (Kawai and Yoshikawa, eq. 4), force on the object.
 
-    P is the split's projector on forces. With a metric M = L L, L symmetric, scalar gains enter as k M, and gains per
-    finger and (d, d) matrices as L K L. Contacts with a small weight therefore have a small force. Full matrices enter
-    as given.
+    Here e contains the displacements of the fingers from the contacts, e' the rates of the displacements, and P is the
+    split's projector on forces. If the split has a metric M = L L with a symmetric L, a scalar gain k enters as k M,
+    and gains K per finger and (d, d) matrices enter as L K L. Contacts with a small weight therefore have a small
+    force. Full matrices enter as given.
 
-    The form "literal" is eq. (4). Its stiffness is asymmetric if the gains do not commute with P. An asymmetric
-    stiffness creates energy on some closed motions. A warning states the energy, and is repeated whenever the energy
-    has grown tenfold. The form "symmetric", P K_ep P' + (I - P) K_ip (I - P)', never creates energy. The two forms
-    agree for scalar gains.
+    The form "literal" is eq. (4). The stiffness of this form is asymmetric if the gains do not commute with P. An
+    asymmetric stiffness creates energy on some closed motions. A warning states the energy, and is repeated whenever
+    the energy has grown tenfold. The form "symmetric", P K_ep P' + (I - P) K_ip (I - P)', never creates energy. The two
+    forms agree for scalar gains.
 
     If the external and internal stiffness are equal, then f = K e exactly, without P, in both forms (the conventional
-    method, eqs. 20-23). The same holds for the damping.
+    method, eqs. 20-23). The same is true of equal damping.
 
-    If the external impedance is an `ObjectImpedance`, K_ep is its stiffness distributed over these contacts, and P does
-    not change it. Then K = K_ep + (I - P) K_ip; in the form "symmetric", or if K_ip is a number, the internal part is
-    (I - P) K_ip (I - P)'.
+    If the external impedance is an `ObjectImpedance`, K_ep is the object's stiffness distributed over the contacts, and
+    P does not change K_ep. In this case, K = K_ep + (I - P) K_ip. In the form "symmetric", or if K_ip is a number, the
+    internal part is (I - P) K_ip (I - P)'.
 
     Args:
         external: Impedance with K_ep and K_ed.
@@ -113,19 +114,21 @@ class Coupling(Carded):
 
     @property
     def of_object(self) -> bool:
-        """True if the external impedance is an `ObjectImpedance`."""
+        """Whether the external impedance is an `ObjectImpedance`."""
         return isinstance(self.external, ObjectImpedance)
 
     @property
     def equal(self) -> bool:
-        """True if external and internal gains are equal: the conventional method, which needs no split."""
+        """Whether external and internal gains are equal: the conventional method, which needs no split."""
         if self.of_object:
             return False
         pairs: tuple[Pair, ...] = get_args(Pair)
         return all(equal_gains(*self._pair(pair)) for pair in pairs)
 
     def turned(self, R: ArrayLike) -> Coupling:
-        """Rotate matrix gains into the axes of the contact forces, R K R'. Scalar gains do not change.
+        """Return the coupling with matrix gains rotated into the axes of the contact forces, R K R'.
+
+        Scalar gains do not change.
 
         Args:
             R: Rotation from the axes of the gains, (d, d), or (n, d, d) with one per contact.
@@ -149,16 +152,17 @@ class Coupling(Carded):
         return self._matrix("damping", split)
 
     def force(self, split: Split, e: ArrayLike, de: ArrayLike | None = None) -> FloatArray:
-        """Compute contact forces on the object, (m,) or (..., m) [N]; scalar gains need one projection.
+        """Compute contact forces on the object, (m,) or (..., m) [N].
 
         With scalar gains, the kernels of `PointCoupling` compute forces of hard contacts on a free object in O(n),
-        without a matrix. Forces of many sets of contacts are then bit-identical to those of each set alone; in other
-        cases they agree up to rounding.
+        without a matrix. In this case, forces of many sets of contacts are bit-identical to the forces of each set
+        alone; in other cases they agree up to rounding errors.
 
         Args:
             split: Split of the contacts.
             e: Displacement of the fingers from their contacts, p - c [m]: (m,), or (n, d) if each contact has d forces.
-                Many displacements of one set are (..., n, d); those of many sets are (..., m) or (..., n, d).
+                Many displacements of one set have the shape (..., n, d), and displacements of many sets (..., m) or
+                (..., n, d).
             de: Rate of the displacement [m/s], with the shape of e; zero if None.
         """
         _require_split(split)
@@ -184,10 +188,10 @@ class Coupling(Carded):
         return None
 
     def rule(self, pair: Pair) -> Literal["equal", "literal", "symmetric"]:
-        """Return the rule for combining a pair of gains.
+        """Return the rule that combines the external and the internal gain of a pair.
 
-        The rule is "equal" if the gains are equal, "literal" if both are numbers, otherwise the form. With an
-        `ObjectImpedance` it is "symmetric" if the internal gain is a number, otherwise the form.
+        The rule is "equal" if the gains are equal, "literal" if both are numbers, and otherwise the coupling's `form`.
+        With an `ObjectImpedance`, the rule is "symmetric" if the internal gain is a number, and otherwise `form`.
         """
         outer, inner = self._pair(pair)
         if self.of_object:
@@ -235,7 +239,10 @@ class Coupling(Carded):
         return K
 
     def warn_if_active(self, pair: Pair, K: FloatArray) -> None:
-        """Warn of a stiffness or damping that can create energy: once, and again when the energy has grown tenfold."""
+        """Warn if a stiffness or damping can create energy.
+
+        The warning is repeated when the energy has grown tenfold.
+        """
         limit = GROWN * self._warned.get(pair, 0.0)
         if limit > 0.0 and float(np.linalg.norm(K - transposed(K))) <= 2.0 * limit:
             return  # this bound is at least the spectral norm, and cheap
@@ -258,13 +265,13 @@ class Coupling(Carded):
         if faults:
             self._warned[pair] = worst
             log.warn(
-                f"the {pair} of eq. (4) can create energy: {' and '.join(faults)}; form='symmetric' cannot",
+                f"the {pair} of eq. (4) can create energy: {' and '.join(faults)}; use form='symmetric', which cannot",
                 ActiveCouplingWarning,
             )
 
 
 def spread(gain: Gain, split: Split) -> FloatArray:
-    """Expand a gain to a matrix (m, m) on the split's components, with its metric: k M, L K L', or the full matrix.
+    """Expand a gain to a matrix (m, m) on the components of a split: k M, L K L (metric M = L L), or the full matrix.
 
     Raises:
         InputError: If the gain's shape is wrong for these contacts.

@@ -17,7 +17,7 @@ FloatArray = NDArray[np.float64]
 Pair = tuple[FloatArray, FloatArray]
 
 HARD = "hard"
-CARRIED = "give it, because the contacts carry moments"
+CARRIED = "it is required, because the contacts carry moments"
 SPLITTER = 134217729.0  # 2^27 + 1 splits a double into two halves whose products are exact
 NEXT, LAST = [1, 2, 0], [2, 0, 1]  # the other two coordinates of a cross product
 
@@ -113,7 +113,10 @@ class GraspMatrix:
 
     @property
     def forces_of_each(self) -> int:
-        """Number of forces of each contact; 0 if the contacts differ, or transmit moments."""
+        """Number of forces of each contact.
+
+        The result is 0 if this number is not the same for all contacts, or if they transmit moments.
+        """
         if self.point_contacts:
             return self.dimensions
         counts = np.bincount(self.finger_of_column, minlength=self.fingers)
@@ -122,7 +125,7 @@ class GraspMatrix:
 
     @cached_property
     def moment_rows(self) -> NDArray[np.bool_]:
-        """Mask of the rows that are moments of the wrench, (w,)."""
+        """Mask of the rows of G that are moments, (w,)."""
         d = self.dimensions
         moments: NDArray[np.bool_] = np.arange(d + MOMENTS[d]) >= d
         return moments[self.free]
@@ -136,12 +139,12 @@ class GraspMatrix:
         return transposed(rows)[..., self.free, :]
 
     def unit_free(self) -> tuple[FloatArray, FloatArray]:
-        """Return a matrix (..., w, m) with the row space of G after torsion columns are scaled by R [m], and R (...).
+        """Return a matrix (..., w, m) with the row space of G after scaling of torsion columns by R, and R (...) [m].
 
-        The rows are the object's free motions at the contacts: translations, and rotations about the contacts' centroid
-        divided by R, the rms distance of the contacts from their centroid. R is 1 if that distance is zero, or if no
-        rotation is free. If a translation is locked, a rotation's row includes the motion of the centroid in the locked
-        direction, so that a knob rotates about its own axis.
+        The rows are the object's free motions at the contacts: translations, and rotations about the contacts'
+        centroid, divided by R. R is the rms distance of the contacts from their centroid, or 1 if this distance is zero
+        or no rotation is free. If a translation is locked, a rotation's row includes the motion of the centroid in the
+        locked direction, so that a knob rotates about its own axis.
         """
         d, free = self.dimensions, self.free
         a = self.contacts.force_axes
@@ -166,7 +169,7 @@ class GraspMatrix:
         return np.concatenate([shifts, turns[..., free[d:], :]], axis=-2), size
 
     def require_one(self, function: str) -> None:
-        """Require one set of contacts.
+        """Raise an error if there are several sets of contacts.
 
         Raises:
             InputError: If there are several sets of contacts.

@@ -1,4 +1,4 @@
-"""Stiffness and damping of an object relative to the fingers, and their distribution over contacts."""
+"""Stiffness and damping of an object relative to the fingers, and distribution of both over the contacts."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ ROUNDING = 1e-13  # relative bound below which eigenvalues of the unheld stiffne
 class ObjectImpedance(Carded):
     """Spring and damper between fingers and object: a rigid displacement x of the fingers exerts the wrench K_o x.
 
-    As the external part of a `Coupling`, stiffness and damping are distributed over the contacts so that the object's
-    stiffness is the given one for any number of fingers. With N spanning the null space of G', the split's metric M,
-    and X = M G'(G M G')^+,
+    As the external part of a `Coupling`, stiffness and damping are distributed over the contacts so that the object has
+    the given stiffness for any number of fingers. Let N span the null space of G', let M be the metric of the split,
+    and let X = M G'(G M G')^+. Then
 
         K_c = K_o - K_o N (N' K_o N)^+ N' K_o,    K_ep = X K_c X'.
 
-    In K_c, degrees of freedom that the contacts cannot hold are eliminated by static condensation, so that neither the
-    unit of moments nor the reference point matters. Then P K_ep = K_ep = K_ep P' and G K_ep G' = K_c, which equals K_o
-    if G has full rank. K_ep is symmetric and creates no energy. The internal part adds nothing to the object's
-    stiffness.
+    In K_c, degrees of freedom that the contacts cannot hold are eliminated by static condensation, so that the result
+    depends neither on the unit of moments nor on the reference point. Therefore P K_ep = K_ep = K_ep P' and G K_ep
+    G' = K_c, which equals K_o if G has full rank. K_ep is symmetric and creates no energy. The internal part adds
+    nothing to the object's stiffness.
 
     K_o is the stiffness at zero squeeze. Squeezing adds the geometric stiffness of the contact forces, which
     a certificate includes.
 
     Args:
-        stiffness: Stiffness K_o in the axes of the contact points, (w, w), forces before moments [N/m, N, N m/rad]; its
-            diagonal (w,), or on a line a number. w is 1, 3 or 6, or the grasp's number of free degrees of freedom. Rows
-            and columns of locked degrees of freedom are omitted.
-        damping: Damping D_o [N s/m, N s, N m s/rad], in the same forms; zero if None.
+        stiffness: Stiffness K_o in the axes of the contact points, (w, w), forces before moments [N/m, N, N m/rad]; or
+            the diagonal of K_o, (w,), or on a line a number. The size w is 1, 3 or 6, or the number of free degrees of
+            freedom of the grasp. Rows and columns of locked degrees of freedom have no effect.
+        damping: Damping D_o [N s/m, N s, N m s/rad], in one of the same forms; zero if None.
         point: Point to which K_o and D_o refer, (d,) [m]; the origin of the grasp's moments if None.
 
     Raises:
@@ -58,7 +58,7 @@ class ObjectImpedance(Carded):
         K = _square("stiffness", stiffness)
         D = np.zeros_like(K) if damping is None else _square("damping", damping)
         if D.shape != K.shape:
-            raise InputError("damping", D.shape, f"a matrix {K.shape}, as the stiffness")
+            raise InputError("damping", D.shape, f"a matrix of shape {K.shape}, like the stiffness")
         where = None if point is None else finite("point", point)
         if where is not None and where.shape != (FREEDOMS.get(len(K)),):
             d = FREEDOMS.get(len(K))
@@ -79,7 +79,7 @@ class ObjectImpedance(Carded):
         return f"{gain_text(self.stiffness, 'N/m, N m/rad')}, {gain_text(self.damping, 'N s/m, N m s/rad')}"
 
     def turned(self, R: FloatArray) -> ObjectImpedance:
-        """Return the impedance in other axes; R (d, d) rotates from the present axes."""
+        """Return the impedance in other axes; R (d, d) rotates from the present axes to the other axes."""
         w = len(self.stiffness)
         d = FREEDOMS.get(w)
         if d is None or R.shape != (d, d):
@@ -92,7 +92,10 @@ class ObjectImpedance(Carded):
         return ObjectImpedance(even(T @ self.stiffness @ T.T), even(T @ self.damping @ T.T), point)
 
     def about(self, origin: ArrayLike) -> ObjectImpedance:
-        """Return the impedance S'K S, S'D S about a point (d,) [m]; a motion x there is the motion S x at `point`."""
+        """Return the impedance about another point (d,) [m], S'K S and S'D S.
+
+        A motion x at this point is the motion S x at `point`.
+        """
         if self.point is None:
             return self
         r, d = self.point - np.asarray(origin, dtype=float), len(self.point)
@@ -108,7 +111,7 @@ def object_gain(impedance: ObjectImpedance, pair: str, split: Split) -> FloatArr
     """Compute K_ep, or D_ep if `pair` is "damping", of a split's contacts, (..., m, m), symmetric to the last bit.
 
     Raises:
-        InputError: If the degrees of freedom of impedance and grasp differ.
+        InputError: If the impedance and the grasp have different degrees of freedom.
     """
     m, sets = split.components, split.sets
     grasp = split.grasp

@@ -29,16 +29,16 @@ ENGINES = ("auto", "compiled", "interpreted")
 class PointCoupling(Carded):
     """f = P (k_ep e + k_ed e') + (I - P) (k_ip e + k_id e') (Kawai and Yoshikawa, eq. 4), force on the object.
 
-    The coupling is for n hard fingers on a free object and scalar gains. P d is then the rigid motion that fits a field
-    d of displacements best, so neither G nor P is computed. The error is a few roundings of the largest force, even if
-    contacts lie nearly on a line, far from the origin, or close together.
+    The coupling is for n hard fingers on a free object and scalar gains. For these, P d is the rigid motion that fits a
+    field d of displacements best, so neither G nor P is computed. The error is a few rounding errors of the largest
+    force, even if contacts lie nearly on a line, far from the origin, or close together.
 
     Write `points`, `displacement` and `rate`, call `compute()`, and read `force`. All four are (n, d) views of one
     array and remain valid for the coupling's lifetime. A `rate` that is never written is zero. Non-finite inputs give
     NaN forces.
 
-    If contacts lie on a line, P excludes the rotation about it (rank 5 in space); if they coincide, P excludes all
-    rotations (rank 3 in space). The rank is determined in each call, without the blend of a run (scene key
+    If contacts lie on a line, P excludes the rotation about this line (rank 5 in space); if contacts coincide, P
+    excludes all rotations (rank 3 in space). The rank is determined in each call, without the blend of a run (scene key
     `coupling.blend`). For locked degrees of freedom, weights or torsion use `Grasp`, `Split` and `Coupling.force`.
 
     Args:
@@ -47,10 +47,9 @@ class PointCoupling(Carded):
         fingers: Number n of fingers.
         dimensions: Dimension d: 1, 2 or 3.
         tolerance: Largest rms distance of collinear contacts from their line, as a fraction of their rms distance from
-            the centroid (`Split`: 1e-6). Contacts are also collinear up to the rounding of their coordinates.
-        engine: "compiled", "interpreted", or "auto", which is "compiled" if the package contains the machine code or
-            llvmlite is installed. Compiling takes a second, once per machine. Both engines compute the same forces to
-            the last bit.
+            the centroid (the default of `Split` is 1e-6). Contacts that lie on a line up to the rounding of their
+            coordinates also count as collinear. Compiling takes a second, once per machine. Both engines compute the
+            same forces to the last bit.
 
     Attributes:
         compute: Callable without arguments that fills `force`; bind it to a local name in a loop.
@@ -125,7 +124,7 @@ class PointCoupling(Carded):
 
     @property
     def rank(self) -> int:
-        """Rank of the grasp matrix at the last `compute()`, d if equal gains need no rank; 0 before the first."""
+        """Rank of the grasp matrix at the last `compute()`; d if the gains are equal, and 0 before the first call."""
         return self._grasp.rank
 
 

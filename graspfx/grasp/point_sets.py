@@ -86,7 +86,7 @@ class Workspace:
             self._gains, self._tolerance = gains, tolerance
 
     def _run(self, kernel: KernelOnDemand, work: int, *arguments: Any) -> None:
-        """Run a kernel, whose arguments are always the same."""
+        """Run a kernel, which is always called with the same arguments."""
         run = self._bound.get(kernel)
         if run is None:
             machine = kernel.machine(work)
@@ -124,7 +124,7 @@ def _head_entries() -> list[int]:
 
 
 def new_block(n: int, d: int, gains: Numbers, tolerance: float) -> FloatArray:
-    """Make a block of n contacts."""
+    """Create a block for n contacts."""
     block = np.zeros(size_for(PointGrasp, count=n, dimensions=d))
     block[_head_entries()] = n, d, *gains, tolerance
     return block

@@ -1,4 +1,4 @@
-"""Rigid modes of weighted contacts, which define a sample's split, and their stiffness in contact frames."""
+"""Rigid modes of weighted contacts, which define the split in a sample, and gain matrix in contact frames."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Direction(Record):
 
 
 class Freedom(Record):
-    """The directions in which an object is free: translations first, then axes of rotation about its centre."""
+    """Directions in which an object is free to move: translations, then axes of rotation about the object's centre."""
 
     shifts: int  # number of free translations
     turns: int  # number of free rotations
@@ -51,7 +51,7 @@ class ModeMotion(Record):
 
 @inline
 def motion_of(mode: Floats, i: int, width: int) -> ModeMotion:
-    """Return finger i's part of a mode. A mode's row contains the blend, then `width` entries per finger."""
+    """Return the part of finger i in a mode, whose row contains the blend, then `width` entries per finger."""
     return ModeMotion(mode.buffer, mode.offset + (1 + width * i))
 
 
@@ -76,18 +76,19 @@ def rigid_modes(
     contacts: Many[Contact], freedom: Freedom, dimensions: int, low: float, high: float, width: int, whole: bool,
     modes: Table,
 ) -> tuple[int, int]:  # fmt: skip
-    """Compute the rigid modes q_k(i) = sqrt(w_i) (u_k + a_k x c_i) / norm, orthonormal, and their blend beta_k.
+    """Compute orthonormal rigid modes q_k(i) = sqrt(w_i) (u_k + a_k x c_i) / norm of contacts i, and their blends.
 
     A translation has the direction u_k, and a_k = 0. A rotation has the axis a_k, and u_k is the motion of the centroid
-    along locked directions. c_i is the contact relative to the weighted centroid.
+    along locked directions. The vector c_i is the contact point relative to the weighted centroid.
 
-    The external projector is P = sum_k beta_k q_k q_k' (eq. 3) on displacements scaled by sqrt(w). Rotations enter with
-    beta = smoothstep of their rms arm between `low` and `high` [m], translations with 1.
+    The external projector is P = sum_k beta_k q_k q_k' (eq. 3) on displacements scaled by sqrt(w). The blend of a
+    rotation is the smoothstep of its rms arm between `low` and `high` [m]; the blend of a translation is 1.
 
-    With `width` 4, a finger's part ends with the torsion about its normal in units of its patch length rho:
-    sqrt(w_i) rho_i a_k . n_i / norm; rho = 0 for a finger that exerts no torsion.
+    If `width` is 4, the last entry of finger i is the torsion about the normal n_i, times the patch length rho_i:
+    sqrt(w_i) rho_i a_k . n_i / norm. A finger that exerts no torsion has rho_i = 0.
 
-    With `whole`, the modes include rotations whose blend is zero, and therefore span all rigid motions of the contacts.
+    If `whole` is true, the modes include rotations whose blend is zero, and therefore span all rigid motions of the
+    contacts.
 
     Returns:
         The number of modes, and the number of rotations with an arm above `NO_ARM` whose blend is less than 1.
@@ -147,7 +148,10 @@ def write_rotation(
 def keep_rotations(
     freedom: Freedom, root: float, low: float, high: float, whole: bool, modes: Table
 ) -> tuple[int, int]:
-    """Scale the rotations that `rigid_modes` keeps to unit length, move them after the translations, and count."""
+    """Scale the rotations that `rigid_modes` retains to unit length, and move them to the rows after the translations.
+
+    Return the number of modes and the number of blended rotations.
+    """
     count, blended = freedom.shifts, 0
     for k in range(freedom.shifts, freedom.shifts + freedom.turns):
         mode = modes[k]
@@ -187,7 +191,7 @@ def gain_matrix(
 ) -> None:  # fmt: skip
     """Add sqrt(W) [k_i I + (k_e - k_i) P] sqrt(W) in contact frames to the matrix `square` (eq. 4, scalar gains).
 
-    `row` (6 entries) is work space. With four coordinates, modes and frames include torsion.
+    `row` (6 entries) is workspace. If `coordinates` is 4, modes and frames include torsion.
     """
     width = 4 if coordinates > 3 else 3
     for i, contact in enumerate(contacts):
@@ -209,5 +213,5 @@ def gain_matrix(
 
 @inline
 def component(contact: FramedContact, motion: ModeMotion, a: int) -> float:
-    """Compute a motion's component along contact coordinate a: the normal, a tangent, or torsion."""
+    """Compute the component of a motion along coordinate a of a contact: normal, tangents or torsion."""
     return motion.twist if a > 2 else dot(contact.frame.row(a), motion.shift)

@@ -40,35 +40,37 @@ class Split(Carded):
     forces, and its transpose Q = G'(G M G')^+ G M on displacements. M Q and M (I - Q) are symmetric and positive
     semidefinite, G M (I - Q) = 0, and P = P' = Q for M = I.
 
-    P depends on G only through its row space. It does not depend on the origin or unit of moments, nor on the object's
+    P depends on G only through its row space. P depends neither on the origin or unit of moments nor on the object's
     frame. A `Grasp` is therefore factored with moments about the contacts' centroid, in units of the contacts' rms
     radius R, so that the rank depends on lengths alone. Rotations are in radians, and translations and torsion of a
     contact in units of R. A unit motion of the object is external if the rms displacement of the contacts exceeds
-    `tolerance` R. With the default, if contacts lie within 1e-6 R of a line, the rotation about that line is internal.
-    The rank does not depend on the metric. (If a translation is locked, rotations are about the object's axis.)
+    `tolerance` R. With the default tolerance, the rotation about a line is internal if all contacts lie within 1e-6 R
+    of this line. The rank does not depend on the metric. If a translation is locked, rotations are about the object's
+    axis.
 
-    Without a metric, the kernels of `PointCoupling` split hard contacts on a free object. A rotation about the line
-    through the contacts is then external only if it also moves the contacts by more than the rounding of their
-    coordinates.
+    Without a metric, the kernels of `PointCoupling` split hard contacts on a free object. In this case, a rotation
+    about the line through the contacts is external only if it also moves the contacts by more than the rounding of
+    their coordinates.
 
-    Many sets of contacts, or a stack of matrices (..., w, m), are split in one call, each independently. `rank` and
-    `condition` are then arrays (...), `external` and `internal` (..., m, m).
+    Many sets of contacts, or a stack of matrices (..., w, m), are split in one call, each independently. In this case,
+    `rank` and `condition` are arrays (...), and `external` and `internal` are (..., m, m).
 
     Contacts with moments need a metric that relates radians to metres (`Grasp.metric`). Without a metric, M = I equates
     1 rad with 1 m, so the result depends on the unit of length, and a warning is given.
 
     Args:
         G: `Grasp`, or matrix (w, m) or (..., w, m). The rank of a matrix is the number of singular values above
-            `tolerance` times the largest.
+            `tolerance` times the largest singular value.
         metric: Metric M on contact displacements: None for I, a diagonal (m,), a symmetric positive definite matrix (m,
             m), or for a `Grasp` a weight per finger (n,).
         tolerance: Relative tolerance of the rank, as described above.
-        kind: Name of the metric: "pseudoinverse", M = I (the paper's); "mass" and "weights", a number per finger,
-            `weights` over their mean; "stiffness", the springs of the fingers and their pads, `stiffness` over its
-            mean. All are conservative as couplings. `graspfx.divide` supports one more kind, for analysis.
+        kind: Name of the metric: "pseudoinverse" for `metric` (by default I, as in the paper); "mass" or "weights" for
+            `weights` over their mean, a number per finger; "stiffness" for `stiffness` over its mean, the springs of
+            the fingers and their pads. A coupling with any of these metrics is conservative. `graspfx.divide` supports
+            one more kind, for analysis.
         weights: Device masses [kg], or numbers of any unit, one per finger (n,), for "mass" and "weights".
         stiffness: Stiffness of each finger and its pad in series, one per finger (n,) for contacts without moments, one
-            per component (m,), or a matrix (m, m) [N/m, N m/rad], for "stiffness". It is never the stiffness of the
+            per component (m,), or a matrix (m, m) [N/m, N m/rad], for "stiffness". This is not the stiffness of the
             coupling, which depends on P.
 
     Attributes:
@@ -124,7 +126,7 @@ class Split(Carded):
 
     @cached_property
     def condition(self) -> Any:
-        """Ratio of the largest to the smallest singular value above the tolerance, (...); 1 if there is none."""
+        """Ratio of the largest to the smallest singular value above the tolerance, (...); 1 if no value is above it."""
         values = self._values if self.of_points else self._spectrum[1]
         if not values.shape[-1]:
             return np.ones(self.sets) if self.sets else 1.0
@@ -143,7 +145,7 @@ class Split(Carded):
 
     @cached_property
     def modes(self) -> FloatArray:
-        """Orthonormal motions (..., m, rank) in the metric's own coordinates, L x with M = L L."""
+        """Orthonormal motions (..., m, rank) in the coordinates L x of the metric M = L L."""
         if self._root is None and (self.grasp is None or self.of_points or not self.grasp.torsion_columns.any()):
             return self._motions
         Q = np.linalg.qr(transposed(self.stretch(transposed(self._motions))))[0]
@@ -243,7 +245,7 @@ class Split(Carded):
         if self.sets:
             ranks = np.unique(rank)
             if len(ranks) > 1:
-                expected = "sets of contacts of one rank"
+                expected = "sets of contacts with equal ranks"
                 raise InputError("rank", ranks.tolist(), expected, "split the sets of each rank separately")
             rank = int(ranks[0])
         return np.linalg.qr(self._motions[..., :rank], mode="complete")[0][..., rank:]
@@ -255,7 +257,7 @@ class Split(Carded):
             names: Names of the fingers, in the order of the contacts; "1", "2", ... if None.
 
         Raises:
-            InputError: If the split is that of a matrix, or the names are invalid.
+            InputError: If the split is of a matrix instead of a `Grasp`, or the names are invalid.
         """
         from graspfx.grasp.quality.internal import internal_coordinates
 
@@ -267,7 +269,7 @@ class Split(Carded):
     def divide(self, force: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Divide contact forces (m,) or (..., m) into external and internal parts, whose sum is the force.
 
-        For many sets of contacts, forces are (..., m), one for each set or one for all.
+        For many sets of contacts, forces are (..., m), with one force for each set or one force for all sets.
         """
         f = finite("force", force)
         if f.shape[-1:] != (self.components,) or not fits(f.shape[:-1], self.sets):
@@ -282,7 +284,7 @@ class Split(Carded):
         return np.asarray(self._project_rows(force[..., None, :])[..., 0, :])
 
     def _project_rows(self, forces: FloatArray) -> FloatArray:
-        """Project rows (..., k, m) of each set."""
+        """Compute P f for rows of forces (..., k, m) of each set of contacts."""
         U = self.modes
         if self._root is None:
             return np.asarray((forces @ U) @ transposed(U))
@@ -318,9 +320,9 @@ class Split(Carded):
             moments = self.grasp.torsion_columns.any() and self.grasp.moment_rows.any()
             if moments and (metric is None or per_finger):
                 log.warn(
-                    "the contacts have moments, and there is no metric: 1 rad of torsion is equated with 1 m, so "
-                    "that the split depends on the unit of length; pass metric=grasp.metric(torsion_length=...) "
-                    "with the radius of a contact patch",
+                    "the contacts have moments, and no metric relates them to forces: 1 rad of torsion is equated "
+                    "with 1 m, so that the split depends on the unit of length; pass "
+                    "metric=grasp.metric(torsion_length=...) with the radius of a contact patch",
                     UnitDependentSplitWarning,
                 )
         if M.shape not in ((m,), (m, m)):
@@ -350,7 +352,7 @@ class Split(Carded):
 def metric_of(
     G: object, kind: str, metric: ArrayLike | None, weights: ArrayLike | None, stiffness: ArrayLike | None
 ) -> ArrayLike | None:
-    """Return the metric of a kind of split, with mean 1 over forces; for "pseudoinverse", the argument `metric`.
+    """Return the metric of a kind of split, with mean 1 over force components; for "pseudoinverse", return `metric`.
 
     Raises:
         InputError: If a metric is given for a kind that defines one, weights or stiffness are missing or given for
@@ -450,7 +452,7 @@ def divide(
         External and internal forces, with the shape of `force`.
 
     Raises:
-        InputError: If an argument is invalid for `Split`, or is not used by the kind.
+        InputError: If an argument is invalid for `Split`, or if an argument is given that the kind does not use.
         UnknownNameError: If the kind is unknown.
     """
     if kind not in get_args(AnyKind):

@@ -47,7 +47,7 @@ def test_a_force_without_meaning_is_a_fault_that_names_the_gain(case: str, engin
     name, overrides, gain = CASES[case]
     rec = gx.run(name, {**overrides, "engine": engine}, duration=0.6)
     (fault,) = rec.faults
-    assert "above coupling.force_bound = 10000 N: mostly by " + gain in fault.message
+    assert "above coupling.force_bound = 10000 N: the largest contribution is " + gain in fault.message
     assert np.abs(rec.finger_force).max() <= 1e4
     assert not rec.finger_force[fault.tick :].any() and not rec.wrench[fault.tick :].any()
     assert "force_bound" in repr(rec) and rec.summary()["faults"] == 1

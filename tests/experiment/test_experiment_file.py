@@ -65,7 +65,7 @@ def test_every_fault_at_once_with_its_line() -> None:
         (COMPARED, "least = 0.05, most = 0.5, count = 12 }\nthreshold", "least = 0.5, most = 0.05 }\nthreshold",
          "staircase.increments.most", "more than `least`"),
         (COMPARED, "reference = 50.0 }", "reference = 50.0, increments = [0.1] }\nanswer = 'first'",
-         "condition.0.answer", "omit it"),
+         "condition.0.answer", "omit the answer"),
         (COMPARED, '"coupling.internal.stiffness", ref', '"coupling.internal.stifness", ref',
          "condition.0.compare.key", "did you mean 'stiffness'"),
         (COMPARED, 'kind = "psychometric"', 'kind = "psychometrick"', "observer.kind", "expected 'psychometric'"),

@@ -88,7 +88,9 @@ def test_a_start_that_was_cut_short_says_what_to_do(tmp_path: Path, way: str) ->
     table = table_of(tmp_path)
     for path in (table, *table.parent.glob("*_events.*")):
         path.unlink()
-    said = r"_beh\.json: exists already, but its table does not.*--resume continues it, --run N .*or remove this file"
+    said = (
+        r"_beh\.json: exists already, but its table does not.*--resume continues it, and --run N .*or remove this file"
+    )
     with pytest.raises(RecordingError, match=said):
         plain.run(tmp_path, lambda shown: "soft")
     if way == "remove":
@@ -128,7 +130,7 @@ def test_what_was_broken_off_goes_on_as_it_would_have(tmp_path: Path, whole: lis
 
 def test_a_session_of_another_experiment_does_not_go_on(tmp_path: Path) -> None:
     breaking_off(experiment(PLAIN), tmp_path, 2)
-    with pytest.raises(RecordingError, match="is of another experiment, scene or mode"):
+    with pytest.raises(RecordingError, match="this session has another experiment, scene or mode"):
         experiment(PLAIN, ("seed = 3", "seed = 4")).run(tmp_path, resume=True)
     table = table_of(tmp_path)
     text = table.read_text("utf-8")

@@ -142,7 +142,7 @@ def test_stacks_of_matrices() -> None:
     split = gx.Split(G)
     assert split.rank.tolist() == [3, 3, 2, 3, 3, 3]
     np.testing.assert_allclose(split.external, np.linalg.pinv(G) @ G, rtol=0, atol=1e-13)
-    with pytest.raises(InputError, match="sets of contacts of one rank"):
+    with pytest.raises(InputError, match="sets of contacts with equal ranks"):
         split.internal_basis  # noqa: B018 # an attribute that is computed
     basis = gx.Split(G[3:]).internal_basis
     assert basis.shape == (3, 8, 5)

@@ -23,7 +23,9 @@ ROUNDS = 200
 
 
 class PushingWrenches:
-    """Wrenches of n contacts with normal force f_n = 1 within their friction cones; moments are divided by a length.
+    """Wrenches of forces in the friction cones of n contacts with normal force f_n = 1.
+
+    Moments are divided by a length.
 
     | contact | forces | source |
     |---|---|---|
@@ -86,9 +88,10 @@ class PushingWrenches:
         self.grasp = grasp
 
     def reach(self, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Find each contact's largest u.w at f_n = 1, (k, n), for directions u (k, w), and its forces (k, n, d + 1).
+        """Find each contact's largest u.w at f_n = 1 for k directions u, (k, w), and the forces that attain it.
 
-        The entries of a force are those along the world's axes and the torsion.
+        The values have the shape (k, n). The forces have the shape (k, n, d + 1): components along the world's axes,
+        then the torsion.
         """
         d = self.normals.shape[1]
         v = np.einsum("kw,wnc->knc", directions, self.maps)
@@ -106,7 +109,7 @@ class PushingWrenches:
         return normal + whole, forces
 
     def wrenches(self, forces: FloatArray) -> FloatArray:
-        """Compute each contact's wrench (k, n, w) for forces (k, n, d + 1)."""
+        """Compute the wrench of each contact, (k, n, w), for forces (k, n, d + 1)."""
         return np.asarray(np.einsum("wnc,knc->knw", self.maps, forces))
 
     def components(self, forces: FloatArray) -> FloatArray:
@@ -123,11 +126,11 @@ class ForceClosure:
     """Whether pushing contacts can exert every wrench, with the proof.
 
     Attributes:
-        closed: True if it is proved that the contacts can exert every wrench.
-        squeeze: Primal proof if closed, else None: contact forces (m,) with zero wrench, strictly inside their cones;
-            the normal forces sum to 1 N.
-        separating: Dual proof if not closed, else None: a wrench direction u (w,), forces before moments divided by the
-            length, with u.w <= 0 for every wrench of the contacts. Also None if 200 rounds prove neither answer.
+        closed: Whether it is proved that the contacts can exert every wrench.
+        squeeze: Primal proof if `closed`, otherwise None: contact forces (m,) with zero wrench that lie strictly inside
+            their cones and whose normal forces sum to 1 N.
+        separating: Dual proof against closure: a wrench direction u (w,), forces before moments divided by the length,
+            with u.w <= 0 for every wrench w of the contacts. None if `closed`, or if 200 rounds prove neither answer.
         share: Fraction of the squeeze that can be spread evenly over the cones, in (0, 1]; 0 if not closed.
     """
 
@@ -152,17 +155,18 @@ def force_closure(
     """Test force closure: G(C) is the whole wrench space, where C is the product of the friction cones.
 
     Equivalently, G is onto and some f in the interior of C has G f = 0 (Murray, Li and Sastry 1994, prop. 5.3;
-    Prattichizzo and Trinkle 2016). The test solves linear programs over wrenches g_j of forces in the cones; the first
-    p are spread evenly over each cone:
+    Prattichizzo and Trinkle 2016). The test solves two linear programs over wrenches g_j of forces in the cones, of
+    which the first p are spread evenly over each cone:
 
         max t,  sum_j a_j g_j = 0,  sum_j a_j <= 1,  a_j >= t/p for j <= p, else a_j >= 0,
         max r,  g_j.u + r |g_j| <= 0,  |u_k| <= 1.
 
-    t > 0 proves closure by forces in the true cones. Otherwise u, the centre of the directions that separate the g_j,
-    is tested in closed form against the cones themselves. If no wrench of the cones has u.w > 0, u disproves closure.
-    Otherwise the most violating wrenches are added to the g_j and the test is repeated, usually a few times (Elzinga
-    and Moore 1975). Both answers therefore hold for second-order cones without linearisation. A grasp within 1e-7 of
-    the boundary counts as not closed. The answer does not depend on scale, reference point or units.
+    A solution t > 0 proves closure by forces in the true cones. Otherwise u, the centre of the directions that separate
+    the g_j, is tested in closed form against the cones themselves. If u.w <= 0 for every wrench w of the cones, u
+    disproves closure. Otherwise the most violating wrenches are added to the g_j and the test is repeated, usually a
+    few times (Elzinga and Moore 1975). Both answers therefore hold for second-order cones without linearisation. A
+    grasp within 1e-7 of the boundary counts as not closed. The answer does not depend on scale, reference point or
+    units.
 
     A contact with friction 0 pushes only along its normal. For two contacts (hard in the plane, soft in space) the test
     reduces to Nguyen's rule (1988): the line between them lies inside both cones.
@@ -179,7 +183,7 @@ def force_closure(
 
 
 def closure_of(cones: PushingWrenches) -> tuple[ForceClosure, FloatArray]:
-    """Run the test; return its result and the wrenches (k, w) that it used."""
+    """Test force closure; return the answer and the wrenches (k, w) that the test used."""
     from scipy.optimize import linprog
 
     w = len(cones.maps)
@@ -234,5 +238,5 @@ def closure_of(cones: PushingWrenches) -> tuple[ForceClosure, FloatArray]:
 
 
 def _safe(x: FloatArray) -> FloatArray:
-    """Return the divisors, with 1 in place of zero (the dividend is zero there too)."""
+    """Replace zero divisors by 1; their dividends are also zero."""
     return np.where(x > 0.0, x, 1.0)

@@ -50,8 +50,9 @@ class InternalCoordinates:
 
     Tensions come first. The set is chosen so that the tension of every other pair is a combination of the chosen
     tensions with coefficients of at most 1. Tensions span the internal forces of point contacts, unless the contacts
-    lie on a line, or four or more lie in a plane in space. Then (d - a)(n - a - 1) bendings complete them, where a is
-    the dimension of the contacts' span. Sources: Murray, Li and Sastry 1994, ch. 5; Williams and Khatib 1993.
+    lie on a line, or four or more lie in a plane in space. In these cases, (d - a)(n - a - 1) bendings complete the
+    tensions, where a is the dimension of the contacts' span. Sources: Murray, Li and Sastry 1994, ch. 5; Williams and
+    Khatib 1993.
 
     Attributes:
         names: Name of each coordinate.
@@ -68,7 +69,7 @@ class InternalCoordinates:
     _reader: FloatArray
 
     def of(self, force: ArrayLike) -> FloatArray:
-        """Compute y, (..., m - rank), for contact forces (..., m); the split defines their internal part."""
+        """Compute the coordinates y, (..., m - rank), of the internal part of contact forces (..., m)."""
         return self._split.divide(force)[1] @ self._reader.T
 
     def force(self, coordinates: ArrayLike) -> FloatArray:
@@ -97,7 +98,8 @@ def internal_coordinates(
         split: Split of the contact forces.
         rank: Rank of G.
         names: Names of the fingers; "1", "2", ... if None.
-        pairs: Pairs of fingers, counted from 0, whose tensions are used; a well-conditioned choice if None.
+        pairs: Pairs of fingers, counted from 0, whose tensions are used. If None, a well-conditioned set of pairs is
+            chosen.
 
     Raises:
         InputError: If the names or pairs are invalid, or the tensions of the pairs are dependent or incomplete.
@@ -128,7 +130,7 @@ def internal_coordinates(
 
 
 def components(contacts: Contacts, finger: int, force: FloatArray) -> FloatArray | None:
-    """Express a contact's force (d,) in components (m,); None if the contact cannot transmit it."""
+    """Express a force (d,) of a contact in components (m,); return None if the contact cannot transmit the force."""
     own = (contacts.finger == finger) & ~contacts.moment
     axes = contacts.force_axes[own]
     x = axes @ force
@@ -156,7 +158,7 @@ def _tensions(contacts: Contacts, fingers: list[str], pairs: Sequence[tuple[int,
 
 
 def _bendings(contacts: Contacts, fingers: list[str]) -> Candidates:
-    """List forces l_i u of contacts i with sum_i l_i = 0 and sum_i l_i c_i = 0, u normal to the contacts' span."""
+    """List forces l_i u of contacts i, with sum_i l_i = 0, sum_i l_i c_i = 0, and u normal to the contacts' span."""
     n, d = contacts.points.shape
     arms = contacts.points - contacts.points[0]
     arms = arms - arms.mean(axis=0)
@@ -214,7 +216,7 @@ def _torsions(grasp: GraspMatrix, A: FloatArray, units: FloatArray, fingers: lis
 
 
 def _circuits(grasp: GraspMatrix, A: FloatArray, units: FloatArray, rank: int, fingers: list[str]) -> Candidates:
-    """List components of one contact, each balanced by `rank` others; they always span the null space."""
+    """List single components, each balanced by `rank` other components; together they span the null space of G."""
     pivots = _pivots(A, rank)
     candidates: Candidates = []
     for j in range(len(units)):
@@ -230,7 +232,11 @@ def _circuits(grasp: GraspMatrix, A: FloatArray, units: FloatArray, rank: int, f
 
 
 def _extended(rows: Candidates, candidates: Candidates, target: int, units: FloatArray) -> Candidates:
-    """Select the candidates of largest volume; exchange them until every other candidate has coefficients <= 1."""
+    """Append independent candidates to `rows` until there are `target` rows.
+
+    The selected candidates are exchanged until every other candidate is a combination of them with coefficients of at
+    most 1.
+    """
     want = target - len(rows)
     if want <= 0 or not candidates:
         return rows
@@ -247,7 +253,7 @@ def _extended(rows: Candidates, candidates: Candidates, target: int, units: Floa
 
 
 def _exchanged(X: FloatArray, picks: list[int]) -> list[int]:
-    """Find columns of locally largest volume: every other column is a combination with coefficients <= 1."""
+    """Exchange picked columns until every other column is a combination of them with coefficients of at most 1."""
     coefficients = np.linalg.lstsq(X[:, picks], X, rcond=None)[0]
     for _ in range(10 * X.shape[1]):
         row, column = np.unravel_index(int(np.abs(coefficients).argmax()), coefficients.shape)
@@ -281,7 +287,7 @@ def _check_pairs(
 ) -> None:
     if independent < count:
         raise InputError(
-            "pairs", count, "tensions that are independent of one another", f"only {independent} of them are"
+            "pairs", count, "tensions that are linearly independent", f"only {independent} are independent"
         )
     most = len(_extended([], _tensions(grasp.contacts, fingers, None), target, units))
     if independent < most:
@@ -307,7 +313,7 @@ def _direction(u: FloatArray) -> str:
 
 
 def _tidy(u: FloatArray) -> FloatArray:
-    """Return the direction or its opposite, so that its largest component is positive."""
+    """Return u or -u, whichever has a positive component of largest magnitude."""
     return u if u[int(np.abs(u).argmax())] > 0.0 else -u
 
 
@@ -323,27 +329,30 @@ def _fingers(names: Sequence[str] | None, n: int) -> list[str]:
 class VirtualLinkage:
     """Split f = P f + (I - P) f of a linkage with a spherical joint at each contact and actuators between contacts.
 
-    Only forces exert a wrench, f_F = W_F^+ w. The contacts' moments are joint torques and therefore internal (Williams
-    and Khatib 1993). With G = [W_F W_T], the columns of forces and of moments,
+    Only contact forces exert the wrench w: f_F = W_F^+ w. The contacts' moments are joint torques and therefore
+    internal (Williams and Khatib 1993). With G = [W_F W_T], where W_F contains the columns of forces and W_T the
+    columns of moments,
 
         P = [W_F^+ (I - W_T H); H] G,    H = (N' W_T)^+ N',    N' W_F = 0.
 
     H is zero unless forces cannot exert some wrench (two contacts cannot rotate the object about the line through
-    them). The moments then exert only that wrench. The internal forces are E t and tau - W_F^+ W_T tau. t = E^+ f_F are
-    the tensions of the actuators, with a column [.. u_ij .. -u_ij ..] of E for each, and tau the torques of the joints.
+    them). In this case the moments exert only this wrench. The internal forces are E t and tau - W_F^+ W_T tau. Here
+    t = E^+ f_F contains the tensions of the actuators, E has a column [.. u_ij .. -u_ij ..] for each actuator, and tau
+    contains the torques of the joints.
 
-    Without moments P = G^+ G. For frictionless and hard contacts this is the split of `grasp.split.Split` without a
-    metric, for any choice of actuators, because E spans the null space of G and W_F^+ is orthogonal to it. With moments
-    the linkage's split is the limit of that split as the torsion length goes to zero; the difference is proportional to
-    (torsion length / contacts' radius)^2. The linkage needs no torsion length and does not depend on the unit of
-    length. P is then not symmetric: use it for analysis, not for a coupling.
+    Without moments, P = G^+ G. For frictionless and hard contacts this is the split of `grasp.split.Split` without a
+    metric, for any choice of actuators, because E spans the null space of G, and W_F^+ is orthogonal to this null
+    space. With moments the linkage's split is the limit of that split as the torsion length goes to zero; the
+    difference is proportional to (torsion length / contacts' radius)^2. The linkage needs no torsion length and does
+    not depend on the unit of length. With moments, P is not symmetric; use the linkage for analysis, not for a
+    coupling.
 
     Actuators alone form a linkage unless the contacts lie on a line, or four or more lie in a plane in space. In these
     cases `coordinates` adds bendings.
 
     Args:
         grasp: Contacts.
-        actuators: Pairs of fingers, counted from 0; a well-conditioned choice if None.
+        actuators: Pairs of fingers, counted from 0. If None, a well-conditioned set of pairs is chosen.
         tolerance: Relative tolerance of the rank, as for `Split`.
 
     Attributes:

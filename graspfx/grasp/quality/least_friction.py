@@ -37,7 +37,8 @@ def least_friction(grasp: GraspMatrix, wrench: ArrayLike | None = None, *, norma
 
     Args:
         grasp: Grasp of hard contacts with normals.
-        wrench: Wrench w of the fingers on the object, (w,), about the grasp's origin [N, N m]; -W balances a weight W.
+        wrench: Wrench w of the fingers on the object, (w,), about the grasp's origin [N, N m]. To balance a weight W, w
+            is -W.
         normal_force: Bound L of the normal forces [N], required with a wrench; None without one.
 
     Returns:
@@ -45,7 +46,8 @@ def least_friction(grasp: GraspMatrix, wrench: ArrayLike | None = None, *, norma
         infinite if no coefficient suffices.
 
     Raises:
-        InputError: If contacts are not hard or have no normals, or the wrench has the wrong size or no bound.
+        InputError: If contacts are not hard or have no normals, if the wrench has the wrong size, or if a wrench is
+            given without a bound.
     """
     grasp.require_one("least_friction")
     if any(model != "hard" for model in grasp.contacts.models):
@@ -80,7 +82,7 @@ def least_friction(grasp: GraspMatrix, wrench: ArrayLike | None = None, *, norma
 
 
 def _by_normals(normals: FloatArray, G: FloatArray, wrench: FloatArray) -> bool:
-    """True if normal forces in [0, 1] exert the wrench."""
+    """Return whether normal forces in [0, 1] alone can exert the wrench."""
     from scipy.optimize import linprog
 
     n, d = normals.shape
@@ -89,7 +91,7 @@ def _by_normals(normals: FloatArray, G: FloatArray, wrench: FloatArray) -> bool:
 
 
 def _bisected(holds: Callable[[float], bool]) -> float:
-    """Find the least coefficient for which a monotone condition holds."""
+    """Find, by bisection, the least coefficient for which a monotone condition holds."""
     if holds(LEAST):
         return 0.0
     low, high = LEAST, 1.0
@@ -104,7 +106,7 @@ def _bisected(holds: Callable[[float], bool]) -> float:
 
 
 class _Pushes:
-    """Contact forces of one wrench, f = f_0 + Z y, in units of the largest normal force."""
+    """Contact forces f = f_0 + Z y that exert one wrench, in units of the bound on the normal forces."""
 
     def __init__(self, normals: FloatArray, G: FloatArray, wrench: FloatArray) -> None:
         n, d = normals.shape
@@ -120,7 +122,7 @@ class _Pushes:
         self.tangent0 = np.einsum("nab,nb->na", across, base.reshape(n, d))
 
     def has_slack(self, mu: float, least: float) -> bool:
-        """True if |f_t|/mu <= f_n + s and f_n <= 1 + s for some s of at most `least`."""
+        """Return whether |f_t|/mu <= f_n + s and f_n <= 1 + s for some s of at most `least`."""
         k = self.normal.shape[1]
         unit = np.zeros(k)
         unit[-1] = 1.0
@@ -181,6 +183,6 @@ class _Barrier:
         return x
 
     def holds(self, x: FloatArray) -> bool:
-        """True if x is strictly inside."""
+        """Return whether x is strictly inside the cones and half-spaces."""
         a, t = self.a @ x + self.a0, self.t @ x + self.t0
         return bool((a > np.linalg.norm(t, axis=1)).all() and (self.b @ x + self.b0 > 0.0).all())

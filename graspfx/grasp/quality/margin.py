@@ -29,7 +29,7 @@ class Margin:
         guaranteed: Lower bound: radius of the largest ball in a polytope of wrenches that the contacts can exert [N].
         reached: Upper bound: the largest wrench of the contacts along `weakest`, exact for the cones [N].
         weakest: Unit direction (w,) in which the contacts' largest wrench is smallest, forces before moments divided by
-            the length; zero if there is neither closure nor a proof against it.
+            the length; zero if force closure is neither proved nor disproved.
         length: Length that divides moments [m].
     """
 
@@ -53,16 +53,18 @@ def wrench_margin(
 ) -> Margin:
     """Compute epsilon = min over |u| = 1 of max over w in W of u.w, for the set W of wrenches of forces in the cones.
 
-    Normal forces are bounded. With `bound` "sum" these forces sum to at most 1 N, and W is the convex hull of the
-    contacts' wrenches. With "each" every normal force is at most 1 N, and W is the Minkowski sum (both: Ferrari and
-    Canny 1992). The support function of W is known in closed form for the cones. The nearest facet of a polytope of
-    points of W bounds epsilon from below (Barber, Dobkin and Huhdanpaa 1996). The support of W along the normal of that
-    facet bounds epsilon from above. The point of W that attains this support is added to the polytope. These steps are
-    repeated until the bounds agree. A final descent on the sphere lowers the upper bound to a local minimum. No linear
-    program finds epsilon, because minimisation over the sphere is not convex. The bounds stay further apart for a
-    smooth W that is weak along a family of directions, because such a W needs many points.
+    Normal forces are bounded. If `bound` is "sum", they sum to at most 1 N, and W is the convex hull of the contacts'
+    wrenches. If `bound` is "each", every normal force is at most 1 N, and W is the Minkowski sum of the contacts'
+    wrenches (both: Ferrari and Canny 1992). The support function of W is known in closed form for the cones. The
+    nearest facet of a polytope of points of W bounds epsilon from below (Barber, Dobkin and Huhdanpaa 1996). The
+    support of W along the normal of that facet bounds epsilon from above. The point of W that attains this support is
+    added to the polytope. These steps are repeated until the bounds agree. A final descent on the sphere lowers the
+    upper bound to a local minimum. A linear program cannot find epsilon, because minimisation over the sphere is not
+    convex. The bounds remain further apart if W is smooth and weak along a family of directions, because the polytope
+    then needs many points.
 
-    A grasp without force closure has margin 0. Unlike closure, epsilon depends on the length and the reference point.
+    A grasp without force closure has margin 0. Unlike force closure, epsilon depends on the length that divides moments
+    and on the reference point.
 
     Args:
         grasp, friction, torsion, limit, length, about: As for `grasp.quality.closure.force_closure`.
@@ -138,7 +140,10 @@ def _reach(cones: PushingWrenches, directions: FloatArray, bound: Bound) -> tupl
 
 
 def _descended(cones: PushingWrenches, start: FloatArray, bound: Bound) -> tuple[float, FloatArray]:
-    """Descend to a local minimum on the unit sphere: min sum s, s_i >= u.w_i, one s for all contacts or one each."""
+    """Find a local minimum of the support of W on the unit sphere, from the direction `start`.
+
+    The problem is to minimise sum s with s_i >= u.w_i, where s is one number for all contacts or one for each contact.
+    """
     from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
     n, w = len(cones.normals), len(start)

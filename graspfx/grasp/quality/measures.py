@@ -18,9 +18,9 @@ FloatArray = NDArray[np.float64]
 class Measures:
     """Ellipsoid of the wrenches that contact forces with |f| <= 1 N can exert (Yoshikawa and Nagai 1991).
 
-    Let G_s be the grasp matrix with its moments divided by a length L and its torsion columns multiplied by a length l.
-    Its singular values sigma_1 >= ... >= sigma_w are the half axes of the ellipsoid [N per N], one for each degree of
-    freedom of the object. Degrees of freedom in which the grasp can exert no wrench have the value zero.
+    Let G_s be the grasp matrix with rows of moments divided by a length L, and torsion columns multiplied by a length
+    l. The singular values sigma_1 >= ... >= sigma_w of G_s are the half axes of the ellipsoid [N per N], one for each
+    degree of freedom of the object. Degrees of freedom in which the grasp can exert no wrench have the value zero.
 
     Attributes:
         singular_values: Half axes, (w,), in descending order.
@@ -42,7 +42,9 @@ class Measures:
 
     @property
     def volume(self) -> float:
-        """Manipulability sqrt(det(G_s G_s')) = sigma_1 ... sigma_w, the ellipsoid's volume over the unit ball's."""
+        """Manipulability sqrt(det(G_s G_s')) = sigma_1 ... sigma_w.
+
+        This is the volume of the ellipsoid divided by that of the unit ball."""
         return float(np.prod(self.singular_values))
 
     @property

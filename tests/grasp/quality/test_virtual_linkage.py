@@ -112,7 +112,7 @@ def test_actuators_may_be_chosen():
     assert np.abs(linkage.external - grasp.virtual_linkage().external).max() == 0.0
     with pytest.raises(InputError, match="5 pairs"):
         _ = grasp.virtual_linkage(pairs[:4]).coordinates
-    with pytest.raises(InputError, match="only 5 of them"):
+    with pytest.raises(InputError, match="only 5 are independent"):
         _ = grasp.virtual_linkage([*pairs, (1, 3)]).coordinates
     with pytest.raises(InputError, match="two different finger indices"):
         _ = grasp.virtual_linkage([(0, 4)]).coordinates
