@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from websockets.http11 import Request, Response
 
 PATIENCE = 5.0  # timeout of handshakes, and interval and timeout of pings [s]
+FAREWELL = 1.0  # timeout of closing handshakes [s]
 SILENCE = 0.5  # silence of a client after which its items are released [s]
 LOOK = 0.05  # interval between checks for silence [s]
 TURN = 32  # messages of one client before other clients get a turn
@@ -197,14 +198,16 @@ class ClaimServer:
 
         server = serve(
             self._attend, sock=self.line, process_request=self._answer, compression=None, max_size=self._terms.longest,
-            max_queue=QUEUE, open_timeout=PATIENCE, close_timeout=1.0, ping_interval=PATIENCE, ping_timeout=PATIENCE,
-            server_header=None, logger=SILENT,
+            max_queue=QUEUE, open_timeout=PATIENCE, close_timeout=FAREWELL, ping_interval=PATIENCE,
+            ping_timeout=PATIENCE, server_header=None, logger=SILENT,
         )  # fmt: skip
-        async with server:
+        async with server as serving:
             watch = asyncio.create_task(self._watch())
             self._ready.set()
             await self._stopping.wait()
             watch.cancel()
+            for each in serving.connections:  # a client that does not read never takes the closing frame
+                self._loop.call_later(FAREWELL, each.transport.abort)
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | Awaitable[Response] | None:
         """Answer a request with a page or a refusal; None accepts a WebSocket."""
