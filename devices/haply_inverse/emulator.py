@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import select
 import socket
 import threading
 from collections.abc import Iterator, Mapping, Sequence
@@ -30,7 +31,7 @@ class InverseWire(Wire):
     """A service whose devices are moved by tests only; a force persists until another force is set.
 
     This is the worst case: the real service's behaviour after the death of a program is unknown. Answers omit
-    coordinates that are exactly zero.
+    coordinates that are exactly zero. A client that does not read loses answers.
 
     Args:
         devices: Ids of the devices.
@@ -176,8 +177,10 @@ class InverseWire(Wire):
                     while unread:
                         due += self.answer(unread.pop(0))
                     while due and due[0][0] <= self.clock.now():
-                        line.send(due.pop(0)[1], text=True)
-        except (ConnectionClosed, OSError):
+                        answer = due.pop(0)[1]
+                        if select.select([], [line.socket], [], 0.0)[1]:  # otherwise the client does not read
+                            line.send(answer, text=True)
+        except (ConnectionClosed, OSError, ValueError):  # the last: `select` of a closed socket
             return
         finally:
             self._lines.discard(line)

@@ -208,7 +208,11 @@ class Controller:
         raise DeviceError(f"nothing at {self.port.path} answers {kind.name} like a rig's controller")
 
     def _messages(self, deadline: float) -> Iterator[bytes]:
-        """Yield messages until a deadline of the port's clock [s], skipping damaged messages."""
+        """Yield messages until a deadline of the port's clock [s], skipping damaged messages.
+
+        After the deadline the bytes that have arrived are read once, because the sender may never pause.
+        """
+        is_last = False
         while True:
             frame, end, rest = self._buffer.partition(b"\0")
             if end:
@@ -217,6 +221,9 @@ class Controller:
                 if message is not None:
                     yield message
                 continue
+            if is_last:
+                return
+            is_last = self.port.now() > deadline
             data = self.port.receive(deadline)
             if not data:
                 return

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from websockets.http11 import Request, Response
 
 PATIENCE = 5.0  # timeout of handshakes, and interval and timeout of pings [s]
+FAREWELL = 1.0  # timeout of closing handshakes [s]
 SILENCE = 0.5  # silence of a client after which its items are released [s]
 LOOK = 0.05  # interval between checks for silence [s]
 TURN = 32  # messages of one client before other clients get a turn
@@ -88,6 +89,7 @@ class Client:
 
     Attributes:
         number: Number of the client, from 1, in the order of connections.
+        abort: Function that ends its connection without a closing handshake.
         last: Number of its last valid order; a later order must have a larger number.
         silence: Time since its last valid order [s].
         dropped: Number of orders that were dropped.
@@ -98,8 +100,9 @@ class Client:
         sent: Version of the newest frame sent to the client.
     """
 
-    def __init__(self, number: int, budget: Bucket) -> None:
+    def __init__(self, number: int, abort: Callable[[], object], budget: Bucket) -> None:
         self.number, self.last, self.silence, self.dropped, self.reason = number, 0, 0.0, 0, ""
+        self.abort = abort
         self.budget = budget
         self.news = asyncio.Event()
         self.news.set()
@@ -197,14 +200,16 @@ class ClaimServer:
 
         server = serve(
             self._attend, sock=self.line, process_request=self._answer, compression=None, max_size=self._terms.longest,
-            max_queue=QUEUE, open_timeout=PATIENCE, close_timeout=1.0, ping_interval=PATIENCE, ping_timeout=PATIENCE,
-            server_header=None, logger=SILENT,
+            max_queue=QUEUE, open_timeout=PATIENCE, close_timeout=FAREWELL, ping_interval=PATIENCE,
+            ping_timeout=PATIENCE, server_header=None, logger=SILENT,
         )  # fmt: skip
         async with server:
             watch = asyncio.create_task(self._watch())
             self._ready.set()
             await self._stopping.wait()
             watch.cancel()
+            for client in self._clients.values():  # one that does not read never takes the closing frame
+                self._loop.call_later(FAREWELL, client.abort)
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | Awaitable[Response] | None:
         """Answer a request with a page or a refusal; None accepts a WebSocket."""
@@ -231,7 +236,8 @@ class ClaimServer:
         if line is not None:
             line.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, self._terms.unsent)
         number, turn = next(self._numbers), 0
-        client = self._clients[number] = Client(number, Bucket(self._terms.rate, self._terms.burst))
+        budget = Bucket(self._terms.rate, self._terms.burst)
+        client = self._clients[number] = Client(number, connection.transport.abort, budget)
         sender = asyncio.create_task(self._send_news(connection, client))
         try:
             async for data in connection:

@@ -342,16 +342,18 @@ class SerialWire(Wire):
 
     def _heard(self) -> bytes:
         """Wait for bytes, at most for `IDLE`."""
-        wait = IDLE if not self._late else max(0.0, min(IDLE, self._late[0][0] - self.clock.now()))
         with self._lock:
             master = self._master
+            wait = IDLE if not self._late else max(0.0, min(IDLE, self._late[0][0] - self.clock.now()))
         if master < 0 or self._damage.kind == "blocked":
             self.clock.sleep(IDLE)
             return b""
         with suppress(OSError, ValueError):  # the cable was unplugged in the meantime
-            if select.select([master], [], [], wait)[0]:
-                return os.read(master, MOST)
-            terminal.release_terminal(self._slave)  # releases the claim of a dead user, as unplugging a board does
+            has_bytes = bool(select.select([master], [], [], wait)[0])
+            with self._lock:  # the number `master` may belong to another file by now
+                if has_bytes:
+                    return os.read(self._master, MOST)
+                terminal.release_terminal(self._slave)  # releases the claim of a dead user, as unplugging a board does
         return b""
 
 

@@ -560,3 +560,24 @@ def test_a_silent_peer_is_no_service(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(DeviceError):
         WebSocket(f"ws://127.0.0.1:{server.getsockname()[1]}").open()
     server.close()
+
+
+@pytest.mark.parametrize("ending", ["blocked", "unplugged", "close"])
+def test_an_emulated_service_whose_client_does_not_read_can_fail_and_end(ending: Any) -> None:
+    """Its answers are more than the system takes for a client: some 18 MB."""
+    with InverseWire([f"{i:04X}" for i in range(50)]) as wire, socket.socket() as client:
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        client.connect(("127.0.0.1", int(wire.url.rpartition(":")[2])))
+        client.sendall(
+            b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+            b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+        )
+        client.sendall(3000 * b"\x81\x82\0\0\0\0{}")
+        count = -1
+        while count < len(wire.messages):  # until all are answered, or an answer waits for the client
+            count = len(wire.messages)
+            time.sleep(1.0)
+        acting = threading.Thread(target=wire.close if ending == "close" else lambda: wire.fail(ending), daemon=True)
+        acting.start()
+        acting.join(20.0)
+        assert not acting.is_alive()

@@ -412,6 +412,29 @@ def test_settings_are_refused_by_name() -> None:
         connect_(port="x").read()
 
 
+class Pouring(Line):
+    """A port at which another program's bytes never end."""
+
+    def __init__(self, data: bytes) -> None:
+        super().__init__(RigWire.__new__(RigWire))
+        self.wire.clock, self.wire.failure, self.data, self.reads = VirtualClock(), None, data, 0
+
+    def send(self, frame: bytes) -> None:
+        pass
+
+    def receive(self, deadline: float) -> bytes:
+        self.reads += 1
+        assert self.reads < 10_000
+        self.wire.clock.sleep(0.001)
+        return self.data
+
+
+@pytest.mark.parametrize("data", [b"\0", b"\1\0", b"no frame", short_frame(Kind.STOP)])
+def test_a_port_whose_bytes_never_end_is_no_rig(data: bytes) -> None:
+    with pytest.raises(DeviceError, match="answers HELLO like a rig's controller"):
+        Controller(Pouring(data), 0.0025).open(0.06, 0.005)
+
+
 def test_a_message_of_another_length_is_none() -> None:
     assert state_in(b"\x90" + bytes(40)) is not None and state_in(b"\x90" + bytes(39)) is None
     assert state_in(b"\x91" + bytes(40)) is None

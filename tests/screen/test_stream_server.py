@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import socket
+import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -11,6 +13,7 @@ from typing import Any
 import pytest
 
 from graspfx.errors import InputError
+from graspfx.screen import claim_server
 from graspfx.screen.claim_server import LOOK, MOST_CLIENTS, SILENCE
 from graspfx.screen.gate import NAMES, StreamGate, listen
 from graspfx.screen.stream_server import BURST, LONGEST, SOCKET, Bounds, StreamOrder, StreamServer, read_stream_order
@@ -197,6 +200,26 @@ def test_a_slow_client_gets_the_newest_and_delays_nobody() -> None:
             while json.loads(slow.recv(PATIENCE))["number"] != 199:
                 seen += 1
             assert seen < 30
+
+
+def test_a_client_that_never_reads_does_not_hold_up_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A page that sleeps does not take the closing frame either; pings, which end a lost one, do not come here."""
+    monkeypatch.setattr(claim_server, "PATIENCE", 600.0)
+    with streaming() as stream, socket.socket() as line:
+        line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        line.connect(stream.server.line.getsockname())
+        line.sendall(
+            f"GET {SOCKET}?token={TOKEN} HTTP/1.1\r\nHost: {stream.host}\r\nUpgrade: websocket\r\n"
+            "Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+            .encode()
+        )  # fmt: skip
+        until(lambda: stream.server.clients)
+        stream.server.show("x" * 20_000_000)  # more than the system takes
+        time.sleep(0.3)
+        ending = threading.Thread(target=stream.server.__exit__, daemon=True)
+        ending.start()
+        ending.join(20.0)
+        assert not ending.is_alive()
 
 
 def test_there_is_room_for_some_clients() -> None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -203,7 +205,7 @@ class LoggedRun:
     def press(self, size: float = 0.03) -> None:
         """Wait until its finger feels a force [N]."""
         wait_until(lambda: any(each.size > size for each in self.log) or self._has_ended)
-        assert not self._has_ended, self.process.communicate()
+        assert not self._has_ended, self.end()
 
     @property
     def _has_ended(self) -> bool:
@@ -238,4 +240,6 @@ class LoggedRun:
     def __exit__(self, *exc: object) -> None:
         if self.process.poll() is None:
             self.process.kill()
+            with suppress(OSError, ValueError):  # there may be none
+                os.kill(self.servo, signal.SIGKILL)  # a deaf one has its pipes
             self.process.communicate()

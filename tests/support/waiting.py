@@ -48,7 +48,7 @@ def finish(process: subprocess.Popen[str], patience: float = 60.0) -> tuple[str,
     ended = comes(lambda: process.poll() is not None, patience)
     if not ended:
         process.kill()
-    texts = process.communicate()
+    texts = process.communicate(timeout=patience)  # another process may hold its pipes
     assert ended, (f"no end within {patience:g} s", *texts)
     return texts
 

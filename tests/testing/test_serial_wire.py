@@ -16,6 +16,7 @@ import pytest
 from graspfx.devices.rig.controller import Kind, short_frame
 from graspfx.devices.rig.emulator import PATIENCE, RigWire
 from graspfx.testing.wire import SerialWire, Wire, compiler
+from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="terminals of POSIX")
 
@@ -92,6 +93,61 @@ def test_a_board_whose_line_is_full_can_be_unplugged() -> None:
         assert not failing.is_alive() and closes(wire)
     finally:
         os.close(line)
+
+
+def test_a_board_reads_no_file_that_has_got_the_number_of_its_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bytes have come when the cable is unplugged; another file has that number when the board reads them."""
+    wire, has_bytes, goes_on = Echo(), threading.Event(), threading.Event()
+    whole, number = select.select, wire._master
+
+    def slow(*arguments: Any) -> Any:
+        ready = whole(*arguments)
+        if ready[0] and threading.current_thread() is wire._thread:
+            has_bytes.set()
+            goes_on.wait(20.0)
+        return ready
+
+    monkeypatch.setattr(select, "select", slow)
+    empty, other = os.pipe()
+    line = os.open(wire.port, os.O_RDWR | os.O_NOCTTY)
+    try:
+        wait_until(lambda: os.write(line, b"abc") and has_bytes.wait(0.1))  # the first may come before `slow`
+        wire.fail("unplugged")
+        os.dup2(empty, number)
+        goes_on.set()
+        assert closes(wire)
+    finally:
+        for each in (line, empty, other, number):
+            os.close(each)
+
+
+def test_a_board_whose_late_answers_are_dropped_goes_on() -> None:
+    """The cable is unplugged between the board's looks whether there are late answers, and when they are due."""
+    wire, is_unplugged = Echo(), threading.Event()
+
+    class Late(list[tuple[float, bytes]]):
+        def __bool__(self) -> bool:
+            is_empty = len(self) == 0
+            if not is_empty:
+                is_unplugged.wait(0.2)
+            return not is_empty
+
+    wire._late = Late()
+    try:
+        wire.fail("late", 60.0)
+        line = os.open(wire.port, os.O_RDWR | os.O_NOCTTY)
+        os.write(line, b"abc")
+        wait_until(lambda: len(wire._late))
+        wire.fail("unplugged")
+        os.close(line)
+        is_unplugged.set()
+        wire.heal()
+        line = os.open(wire.port, os.O_RDWR | os.O_NOCTTY)
+        os.write(line, b"abc")
+        assert own_is_ready(line)
+        os.close(line)
+    finally:
+        wire.close()
 
 
 @pytest.mark.skipif(compiler() is None, reason="no C compiler")

@@ -184,6 +184,7 @@ class Guard(Thread):
         self._head, self._place = -1, 0  # number of ticks, and the running call, at the last check
         self._since, self._step = 0.0, 0  # time of the last change of either, and number of steps taken
         self._sent = Lock()
+        self._is_killed = False
 
     @property
     def pid(self) -> int:
@@ -198,6 +199,8 @@ class Guard(Thread):
             self.messages.put((DEATH, ""))
             return
         self._watched = process_end.watched(self.process)
+        if self._is_killed:  # by an interruption before there was a process
+            self.kill()
         self.messages.put(("begun",))
         set_fifo(GUARD)
         try:
@@ -230,7 +233,8 @@ class Guard(Thread):
         self._signal(number)
 
     def kill(self) -> None:
-        """Terminate the process at once; the force of open hardware is then removed."""
+        """Terminate the process at once, or as soon as it has started; the force of open hardware is then removed."""
+        self._is_killed = True
         self._signal(process_end.KILL)
 
     def _signal(self, number: int) -> None:

@@ -96,9 +96,15 @@ def quench_all(each: Sequence[Quencher]) -> list[str]:
     def act(i: int) -> None:
         texts[i] = each[i].act()
 
-    threads = [Thread(target=act, args=(i,), daemon=True) for i in range(len(each))]
-    for thread in threads:
-        thread.start()
+    threads = list[Thread]()
+    for i in range(len(each)):
+        thread = Thread(target=act, args=(i,), daemon=True)
+        try:
+            thread.start()
+        except RuntimeError:  # the system grants no more threads
+            act(i)
+        else:
+            threads.append(thread)
     end = time.monotonic() + PATIENCE
     for thread in threads:
         thread.join(max(0.0, end - time.monotonic()))

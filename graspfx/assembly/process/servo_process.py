@@ -334,8 +334,8 @@ def servo_process(
     watchdog = period * guards_of(parts.scene, parts.wires).late
     guard = Guard(ring, quenchers(parts), period, names=names, watchdog=watchdog)
     remote = ServoProcess(guard, ring, layout, Exits())
-    guard.start()
     try:
+        guard.start()
         remote.expect("begun")
         guard.send(errand)
         (remote.engine,) = remote.expect("ready")

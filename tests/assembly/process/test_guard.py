@@ -28,6 +28,7 @@ from graspfx.loop.realtime.ring import Phase, Ring, Word, create
 from graspfx.recording import recorder as recorders
 from graspfx.recording import sink
 from graspfx.recording.record import Recording
+from graspfx.system import child_process
 from tests.support.hardware import VirtualClock, driver
 from tests.support.logged import LoggedRun, write_logged
 from tests.support.servo_wires import BUSY, PATIENT, PRESSED, SMALL, Assault, board, boards_scene, servo_of, settled
@@ -114,6 +115,29 @@ def test_a_driver_that_never_returns_is_ended_and_quenched(tmp_path: Path) -> No
     assert code == 3
     assert "`read` of the device of finger0 (Logged) has not returned for " in messages
     assert "the servo's process was ended by SIGKILL" in messages
+
+
+def test_a_program_that_is_killed_while_a_driver_never_returns_can_be_left(tmp_path: Path) -> None:
+    """The servo's process has the program's pipes: a test that fails meanwhile does not wait for their end."""
+    with LoggedRun(tmp_path, "deaf") as run:
+        run.await_entry("hang")
+        servo = run.servo
+    wait_until(lambda: not Path(f"/proc/{servo}").exists())
+
+
+def test_a_servo_is_killed_before_it_has_a_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As Ctrl-C does while the process is started."""
+
+    def spawn(*arguments: Any) -> Any:
+        guard.kill()
+        return whole(*arguments)
+
+    whole = child_process.spawn
+    monkeypatch.setattr(child_process, "spawn", spawn)
+    guard = Guard(Ring(create(1), 1, 1), [], 0.001)
+    guard.start()
+    guard.join(60.0)
+    assert not guard.is_alive() and guard.process is not None and guard.process.returncode == -signal.SIGKILL
 
 
 @pytest.mark.parametrize("how", ["hangs in open", "deaf in open"])
@@ -324,6 +348,23 @@ def test_every_device_is_quenched_whatever_another_one_does(monkeypatch: pytest.
     assert texts[5] == "the force of five could not be removed within 0.2 s; its watchdog removes it"
     assert texts[6] == f"the force of six {silent}: SystemExit: 5"
     assert sorted(calls) == ["fail", "fail", "two"]
+
+
+def test_every_device_is_quenched_without_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The system grants one thread and no more."""
+
+    class Last(threading.Thread):
+        def start(self) -> None:
+            if calls:
+                raise RuntimeError("can't start new thread")
+            super().start()
+            self.join()
+
+    calls: list[str] = []
+    monkeypatch.setattr(quenching, "Thread", Last)
+    texts = quench_all([Quencher(name, partial(calls.append, name), None) for name in ("one", "two", "three")])
+    assert calls == ["one", "two", "three"]
+    assert all("was removed in" in text for text in texts)
 
 
 @pytest.mark.stress
