@@ -1,4 +1,4 @@
-"""Rows of a plan about devices: safety chain, servo loop, late forces, moments."""
+"""Rows of a plan about devices: safety chain, servo loop, delayed forces, and moments that are not displayed."""
 
 from __future__ import annotations
 
@@ -62,7 +62,15 @@ def _soft_start(limits: SafetyLimits) -> Row:
 
 
 def _each(step: str, values: FloatArray, unit: str, more: str, none: str) -> Row:
-    """Return the row of a limit per finger, or the reason why there is none."""
+    """Return the row of a step that limits a quantity of each finger.
+
+    Args:
+        step: Name of the step.
+        values: Limit of each finger; inf if the finger has none.
+        unit: Text after the limits, which begins with their unit.
+        more: Text at the end.
+        none: Text of the row if no finger has a limit.
+    """
     if not np.isfinite(values).any():
         return step, False, none
     low, high = float(values.min()), float(values.max())
@@ -78,7 +86,7 @@ def _workspace(limits: SafetyLimits) -> Row:
 
 
 def loop_rows(parts: Parts) -> Iterator[Row]:
-    """Yield rows about the servo loop, the servo's process, and the removal of forces if that process dies."""
+    """Yield rows about the servo loop, its process, and how forces are removed if the process ends unexpectedly."""
     if not parts.hardware:
         return
     yield "loop", True, _loop(parts)
@@ -102,7 +110,7 @@ def loop_rows(parts: Parts) -> Iterator[Row]:
 
 
 def _loop(parts: Parts) -> str:
-    """Return the kind of the servo loop, with the reason."""
+    """Return a description of the servo loop: which code and which thread run it, and why."""
     scene = parts.scene
     stations = [DeviceWiring(wire.device, wire.fingers, wire.fitting) for wire in parts.wires]
     why = why_python(stations, scene.finger_names, scene.engine, scene.period, None)
@@ -113,7 +121,7 @@ def _loop(parts: Parts) -> str:
 
 
 def lateness_rows(parts: Parts) -> Iterator[Row]:
-    """Yield a row for each device with late forces: the time from a motion to its force, in ms and in samples."""
+    """Yield a row for each device with delayed forces. The delay is the time from a motion to its force."""
     for wire, late in late_wires(parts):
         names = ", ".join(parts.scene.finger_names[i] for i in wire.used)
         share = late / parts.scene.period
@@ -125,7 +133,7 @@ def lateness_rows(parts: Parts) -> Iterator[Row]:
 
 
 def moment_rows(scene: Scene) -> Iterator[Row]:
-    """Report the torsion of soft fingers; operators do not feel torsion, because devices display forces only."""
+    """Yield a row about the torsion of soft fingers. Operators do not feel it, because devices display only forces."""
     soft = [finger for finger in scene.finger if finger.model == "soft"]
     if not soft:
         return

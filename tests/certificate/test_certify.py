@@ -445,7 +445,7 @@ def test_dynamics_of_a_plug_in_are_certified_with_the_integrator_that_they_tell(
             changes = {"object.dynamics": str(file), "object.integrator": ignored}
             (found,) = gx.certify(gx.load("paper-spring", changes))
             assert [row.limit for row in found.limits] == pytest.approx([row.limit for row in native.limits], rel=1e-9)
-            assert any("do not state their integrator: semi-implicit" in text for text in found.assumed) is (not told)
+            assert any("is semi-implicit, because `INTEGRATOR` is not stated" in text for text in found.assumed) is (not told)
     file.write_text(BODY.format(told="INTEGRATOR = 'implicit'"))
     with pytest.raises(InputError, match=r"INTEGRATOR of the dynamics .* expected one of explicit, semi-implicit"):
         gx.certify(gx.load("paper-spring", {"object.dynamics": str(file)}))
