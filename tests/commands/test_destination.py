@@ -80,7 +80,7 @@ def test_where_there_are_no_links_a_file_names_the_latest(
 def test_a_folder_of_ones_own_called_latest_stays(capsys: pytest.CaptureFixture[str]) -> None:
     (OUT / LATEST).mkdir(parents=True)
     assert main(QUICK) == 0
-    said = "note: out/latest cannot point to reference-1dof: a folder has that name\n"
+    said = "note: out/latest cannot point to reference-1dof: it is a folder\n"
     assert capsys.readouterr().err == said
     assert (OUT / LATEST).is_dir() and not (OUT / LATEST).is_symlink()
 

@@ -158,7 +158,7 @@ def test_a_short_arm_has_a_note() -> None:
     gains = {"object_stiffness": [60.0, 60.0, 60.0, 0.09, 0.09, 0.09]}
     scene = gx.load("sphere-three-fingers", {"coupling.external": gains, "coupling.blend": [0.001, 0.05]})
     [note] = blend_notes(resolve(scene))
-    assert "21.2 mm arm" in note and "at most 12 N/m" in note and "up to 66.7 N/m" in note
+    assert "an arm of 21.2 mm" in note and "at most 12 N/m" in note and "up to 66.7 N/m" in note
     assert gx.load("sphere-three-fingers", {"coupling.external": gains}).coupling.blend == (0.001, 0.01)
 
 
