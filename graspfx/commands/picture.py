@@ -26,7 +26,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_overrides(parser)
     add_options(
         parser,
-        ("--time S", "time of the instant [s] (default: when most fingers touch, with the largest forces)", float),
+        ("--time S", "time of the instant [s] (default: largest forces while most fingers touch)", float),
     )
     parser.add_argument(
         "--view",

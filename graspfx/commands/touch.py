@@ -67,7 +67,7 @@ def execute(options: Namespace) -> int:
 
 
 def _invite(line: socket, gate: Gate) -> None:
-    """Print the address of the page. With --lan, it contains a token for one screen and is printed also as a QR code."""
+    """Print the address of the page; with --lan, it contains a token for one screen and is also shown as a QR code."""
     from graspfx.screen.gate import code, url
 
     if not gate.locked:

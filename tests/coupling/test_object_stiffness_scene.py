@@ -222,5 +222,5 @@ def test_the_squeeze_adds_its_geometric_stiffness() -> None:
     wanted = np.diag([0.0, 0.0, added])
     np.testing.assert_allclose(geometric, wanted, rtol=0.0, atol=1e-6 * added)
     [note] = gx.certify(scene)[0].notes
-    assert f"add {added:+.3g} N m/rad to rotations" in note
+    assert f"add {added:+.3g} N m/rad in rotations" in note
     assert linearise(gx.load("paper-waving"), "squeezed").geometric == (None,)
