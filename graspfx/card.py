@@ -18,7 +18,7 @@ class Card(NamedTuple):
     Attributes:
         title: First line.
         rows: Pairs of a label and a text; a row with an empty text is not shown.
-        calls: Attributes and methods of the object that a user may want next, as text.
+        calls: Useful attributes and methods of the object, as text.
     """
 
     title: str

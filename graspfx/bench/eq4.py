@@ -207,12 +207,7 @@ class GraspMatrix:
 
 
 def relative_error(forces: FloatArray, exact: FloatArray) -> float:
-    """Return the largest error of N grasps, each relative to the largest force component of the grasp.
-
-    Args:
-        forces: Computed forces (N, n, 3) [N].
-        exact: Exact forces (N, n, 3) [N].
-    """
+    """Return the largest error of forces (N, n, 3), each relative to the largest force component of its grasp."""
     return float((np.abs(forces - exact).max(axis=(1, 2)) / np.abs(exact).max(axis=(1, 2))).max())
 
 

@@ -203,12 +203,12 @@ def trade_off(scene: Scene, *, duration: float | None = None, quick: bool = Fals
     """Measure the run time per simulated second, and the error, of a scene with different numerical options.
 
     The error is the largest distance of an object or a finger from its position in a reference motion (`converge`).
-    The periods are multiples of the scene's period, from a quarter (or half if `quick`) of it to four times (or twice).
+    The periods are 4, 2, 1, 1/2 and 1/4 times the scene's period; if `quick`, only 2, 1 and 1/2 times.
 
     Args:
         scene: Scene to measure.
         duration: Simulated duration [s]. If None, the duration of the scene is used, but at most two seconds.
-        quick: Whether to use three periods instead of five, and to time each choice three times instead of seven.
+        quick: Whether to use fewer periods, and to time each choice three times instead of seven.
 
     Raises:
         InputError: If the duration is less than twice the longest period.
@@ -279,8 +279,8 @@ def attempt(scene: Scene, choice: Choice, duration: float, instant: float, round
 def converge(scene: Scene, duration: float, instant: float, *, small: float = SMALL) -> Reference:
     """Compute a reference motion of a scene by halving the period until the estimated error of the motion is small.
 
-    At least three halvings are made if possible, and at most ten; fewer if a run would exceed 400 000 ticks. Objects of
-    the native engine use the exact integrator. If the scene's first object uses PyBullet or MuJoCo, all objects do.
+    The period is halved three to ten times, unless a run would exceed 400 000 ticks. Native objects use the exact
+    integrator. If the scene's first object uses PyBullet or MuJoCo, all objects do.
 
     Args:
         scene: Scene to run.
@@ -310,8 +310,8 @@ def estimate(changes: Sequence[float]) -> tuple[float, float | None]:
     """Return the estimated error of a motion, and its order of convergence, from its changes as the period is halved.
 
     If the error at period h is C h^q, where q is the order, the last halving changed the motion by
-    d = C h^q (2^q - 1), and the remaining error is d / (2^q - 1). The last two ratios of changes each give an order. If
-    these orders differ by more than 0.3, or the last is below 0.7, the error is estimated as d, and the order is None.
+    d = C h^q (2^q - 1), and the remaining error is d / (2^q - 1). The ratio of two successive changes gives an order.
+    If the last two orders differ by more than 0.3, or the last is below 0.7, the estimate is d, and the order is None.
 
     Args:
         changes: Change of the motion by each halving, in the order of the halvings.

@@ -64,12 +64,7 @@ class _Starter:
     def method(self, name: str, *arguments: str, cold: bool = False) -> Method:
         """Return a method that starts Python with these arguments and waits for its exit.
 
-        If Python exits with an error, the method raises a ValueError with the last line of the error output.
-
-        Args:
-            name: Name of the method.
-            arguments: Arguments of Python; each `FOLDER` is replaced by a new folder.
-            cold: Whether each process starts with an empty cache instead of the cache that the others share.
+        Each argument `FOLDER` is replaced by a new folder. If `cold`, each process has a new, empty cache.
         """
 
         def call() -> None:

@@ -112,10 +112,7 @@ QUICK = Effort(rounds=7, batch=500_000, most=100_000_000, singles=200)
 
 
 def each(function: Callable[..., object], inputs: Iterable[Any]) -> Callable[[], object]:
-    """Return a function that calls `function` with each input, and that returns the last result.
-
-    In a `Method`, its number of `calls` is the number of inputs.
-    """
+    """Return a function that calls `function` with each input, and that returns the last result."""
     arguments = tuple(inputs)
 
     def call() -> object:
@@ -160,10 +157,7 @@ def measure(case: Case, effort: Effort) -> list[Row]:
 
 
 def check(case: Case, method: Method) -> Row:
-    """Compute the error of a method, and return the method's row without a time.
-
-    The state of the row is "timed" if the error is within the bound, so that the method can be timed.
-    """
+    """Return the row of a method before it is timed; the state is "timed" if the error is within the bound."""
     row = Row(case.benchmark, case.name, method.name, None, None, method.note, case.unit)
 
     def refused(state: str, why: str, error: float | None = None) -> Row:

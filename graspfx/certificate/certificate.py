@@ -23,8 +23,8 @@ MOST_GRIPS = 8  # largest number of fingers whose margins are shown one by one
 ROUNDING = 1e-11  # excess of |z| over 1 that rounding causes in a motion of constant size
 PLACES = {
     "squeezed": "squeezed",
-    "recorded": "at rest, at the end of the recording",
-    "provisional": "provisional, squeezed by one step from the start",
+    "recorded": "in the state at the end of the recording",
+    "provisional": "provisional, in a state approximated by one step from the start",
     "start": "at the start, not squeezed",
 }
 UNITS = {  # names of fields in plain data, with their units
@@ -122,7 +122,7 @@ class Certificate(Carded):
         limits = [f"{row.mode} {row.text}" for row in self.limits]
         more = [f"and {len(limits) - MOST} more in .limits"] if len(limits) > MOST else []
         rows = [
-            ("at", self.at if self.at != "provisional" else "provisional: one step from the start, not at rest"),
+            ("at", self.at if self.at != "provisional" else "provisional: approximated by one step from the start"),
             ("limits", "\n".join([*limits[:MOST], *more])),
             ("assumed", "; ".join(self.assumed)),
             ("notes", "\n".join(self.notes)),
@@ -194,7 +194,7 @@ def lines(certificate: Certificate) -> Iterator[str]:
         checked = f"; the whole loop has the same limits to {max(differences):.0e}" if differences else ""
         yield f"  internal and external limits from separate modes{checked}; pushing limits from the whole loop"
     elif certificate.limits:
-        yield "  limits from the whole loop, each for one gain with the others fixed; pushing: remaining stiffness"
+        yield "  limits from the whole loop, each for one gain with the others fixed; pushing limits for all gains"
     if any(row.limit == 0.0 for row in certificate.limits):
         yield (
             "  limit 0: with the other gains as they are, no value of this gain is stable; change several gains and "

@@ -84,9 +84,9 @@ def certify(
 
     The loop is linearised about an equilibrium of the grasp, which is reached when the hands close slowly and neither
     move nor rotate. Contacts that slide while the hands close are assumed to stick where they stop. In a run, hands
-    close faster, so that forces in equilibrium may differ by a few per cent if contacts slide. To use the equilibrium
-    of a run, pass its `recording`. Each limit is computed for one gain; the contact forces in equilibrium and the other
-    gains stay constant.
+    close faster; if contacts slide, the forces in the equilibrium of the run may therefore differ by a few per cent. To
+    use the equilibrium of a run, pass its `recording`. Each limit is computed for one gain; the contact forces in
+    equilibrium and the other gains stay constant.
 
     Args:
         scene: Scene, name of a built-in scene, or path of a scene file.
@@ -201,11 +201,11 @@ def _passive(scene: Scene, loop: Linearised) -> tuple[CouplingLimits | None, str
     dampings = [number_of(part.damping) for part in (coupling.external, coupling.internal)]
     obstacles = (
         (linear.ground is not None, "the object stands on an obstacle"),
-        (np.isnan(dampings).any(), "its damping is given by matrices"),
-        (loop.pads is not None, "its fingertips are compliant"),
-        (loop.compliance.any(), "its damping grows with depth and is not at its full value here"),
-        (linear.delay.any() or linear.latency.any(), "its devices display forces with a delay"),
-        (linear.integrator != "exact", f"it requires an object with the integrator exact, not {linear.integrator}"),
+        (np.isnan(dampings).any(), "the damping is given by matrices"),
+        (loop.pads is not None, "fingertips are compliant"),
+        (loop.compliance.any(), "the damping grows with depth and is below its full value here"),
+        (linear.delay.any() or linear.latency.any(), "devices display forces with a delay"),
+        (linear.integrator != "exact", f"the object has the integrator {linear.integrator}, not exact"),
     )
     for is_there, why in obstacles:
         if is_there:

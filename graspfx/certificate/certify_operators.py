@@ -128,17 +128,18 @@ class OperatorCertificate(Carded):
 
     @property
     def sentence(self) -> str:
-        """Sentence that states for which of the judged operators the scene is stable, and who is the worst."""
+        """Sentence that states for which of the judged operators the scene is stable, and which is the worst."""
         row = self.worst.worst
         has = f"has {'no gain' if row is None else row.text}"
-        has = {"apart": "brings no finger to an object", "": "comes to no rest"}.get(self.worst.at, has)
+        has = {"apart": "brings no finger to an object", "": "reaches no equilibrium"}.get(self.worst.at, has)
         worst = f"the worst operator ({numbers(self.worst.values)}) {has}"
         if self.stable:
-            sure = "by passivity" if self.is_passive else f"at least {100 * self.share.low:.3g} % of the population"
-            return f"stable in every hand of {self.judged} judged, {sure}; {worst}"
+            share = f"and in at least {100 * self.share.low:.3g} % of the population"
+            return f"stable in all {self.judged} hands judged, {'by passivity' if self.is_passive else share}; {worst}"
         if self.share.count == 0:
-            return f"NOT stable in any hand of the {self.share.total} drawn; {worst}"
-        drawn = "every hand drawn" if self.share.count == self.share.total else f"{self.share.text} of the hands"
+            return f"NOT stable in any of {self.share.total} random hands; {worst}"
+        is_all = self.share.count == self.share.total
+        drawn = f"all {self.share.total} random hands" if is_all else f"{self.share.text} of the hands"
         return f"stable in {drawn}, NOT in all; {worst}"
 
     def margins(self, mode: str | None = None) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -204,7 +205,7 @@ class OperatorCertificate(Carded):
         coupling = self._made_of.coupling
         present = coupling.external.stiffness, coupling.internal.stiffness
         if not all(isinstance(gain, int | float) and gain > 0.0 for gain in present):
-            raise InputError("coupling", present, "gains that are positive numbers, for a map over the gains")
+            raise InputError("coupling", present, "positive numbers as gains, because the region is computed over them")
         if not 2 <= points <= MOST_POINTS or not span > LEAST:
             raise InputError("points, span", (points, span), f"from 2 to {MOST_POINTS} points and a span above {LEAST}")
         factors = np.linspace(LEAST, 1.0, points) * span
@@ -253,11 +254,11 @@ class OperatorCertificate(Carded):
             yield f"  in the worst hands, {weakest.text}"
         loose, restless, apart = (sum(one.at == place for one in self.population) for place in ("start", "", "apart"))
         if loose:
-            yield f"  {loose} of {self.share.total} leave a real device's finger off its object: judged at the start"
+            yield f"  {loose} of {self.share.total} leave a finger on hardware off the object: judged at the start"
         if restless:
-            yield f"  {restless} of {self.share.total} do not come to rest, and are counted as not stable"
+            yield f"  {restless} of {self.share.total} hands do not come to rest, and are counted as not stable"
         if apart:
-            yield f"  {apart} of {self.share.total} bring no finger to an object, and are counted as not stable"
+            yield f"  {apart} of {self.share.total} hands bring no finger to an object, and are counted as not stable"
         yield f"  {self.guarantee}"
 
     @property

@@ -23,7 +23,7 @@ from graspfx.system.child_process import is_possible
 Row = tuple[str, bool, str]
 FloatArray = NDArray[np.float64]
 
-BACK = "; generates energy when it limits, which passivity = 'control' removes"
+BACK = "; a limited force generates energy, which passivity = 'control' removes"
 
 
 def safety_rows(parts: Parts) -> Iterator[Row]:
@@ -57,20 +57,12 @@ def safety_rows(parts: Parts) -> Iterator[Row]:
 def _soft_start(limits: SafetyLimits) -> Row:
     if limits.soft_start == 0.0:
         return "soft start", False, "soft_start = 0: stiffness and damping have their values from the first tick"
-    why = "so that the first force is zero, on both sides"
+    why = "so that the first force on fingers and objects is zero"
     return "soft start", True, f"stiffness and damping grow over {limits.soft_start:g} s, {why}"
 
 
 def _each(step: str, values: FloatArray, unit: str, more: str, none: str) -> Row:
-    """Return the row of a step that limits a quantity of each finger.
-
-    Args:
-        step: Name of the step.
-        values: Limit of each finger; inf if the finger has none.
-        unit: Text after the limits, which begins with their unit.
-        more: Text at the end.
-        none: Text of the row if no finger has a limit.
-    """
+    """Return the row of a step that limits a quantity of each finger to a value; `none` is the text without limits."""
     if not np.isfinite(values).any():
         return step, False, none
     low, high = float(values.min()), float(values.max())
@@ -142,5 +134,5 @@ def moment_rows(scene: Scene) -> Iterator[Row]:
     low, high = float(np.min(levers)), float(np.max(levers))
     size = f"{high:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
     bound = f", up to mu rho = {size} N mm per newton of normal force" if high > 0.0 else ", without a bound"
-    text = f"torsion of {len(soft)} soft fingers{bound}: the object feels it, the operators do not"
-    yield "displayed moments", False, f"{text}; finger_moment records it"
+    text = f"torsion of {len(soft)} soft fingers{bound}: it acts on the object and is not displayed"
+    yield "displayed moments", False, f"{text}; the column finger_moment records it"

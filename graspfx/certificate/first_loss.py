@@ -459,12 +459,8 @@ def _late_edge(family: Family, before: float, lost: float) -> tuple[float, compl
 
     First, bisection by the number of eigenvalues outside the unit circle narrows the bracket. Then, the factor at which
     an eigenvalue near the circle crosses it is computed. This factor is the limit if the loop is stable slightly below
-    it and unstable slightly above it; otherwise, bisection continues.
-
-    Args:
-        family: Loop as a function of the factor.
-        before: Stable factor.
-        lost: Unstable factor above `before`.
+    it and unstable slightly above it; otherwise, bisection continues. The loop must be stable at the factor `before`
+    and unstable at `lost`.
     """
     low, high = _halved(family, before, lost, NARROW)
     crossing = _followed(family, low, high)

@@ -288,8 +288,8 @@ def ground_under(parts: Parts, index: int, grip: Grip, *, lower: float = 0.0) ->
 
     The stiffness matrix is K_g = sum c k J'J over the supporting points. J (d, r) is the Jacobian of the point's
     position, k the contact stiffness of the world, and c the share of k that belongs to the point. The damping matrix
-    is the same sum with the damping of a contact, b = 2 sqrt(k m), instead of k. The result is also None if the object
-    is not native, or an obstacle is neither a half-space nor a plane.
+    is the same sum with b = 2 sqrt(k m) instead of k, where m is the mass of the object. The result is also None if the
+    object is not native, or an obstacle is neither a half-space nor a plane.
 
     Args:
         parts: Parts of the scene.

@@ -51,8 +51,8 @@ STIFFEST = 1e-6  # relative to the largest stiffness: smaller effects of a prelo
 class Linearised:
     """Grasped objects of a scene with their fingers, linearised about an equilibrium.
 
-    The n fingers have m = n d coordinates, along the principal axes of their devices' masses. These are the world axes
-    unless the mass of a device depends on direction.
+    The n fingers have m = n d coordinates, along the principal axes of their devices' masses. The principal axes are
+    the world axes unless the mass of a device depends on direction.
 
     Attributes:
         linear: Matrices of the loop.
@@ -272,7 +272,7 @@ def _matrices(
     elif rules.contact != "attached" and d > 1:
         assumed.append("contacts stick")
     if rules.contact != "attached":
-        assumed.append("no finger lets go")
+        assumed.append("all fingers stay in contact")
     law = part.law
     if rules.axes != "world":
         law = law.turned(R[:d, :d] if rules.axes == "object" else contact_axes(g, R))
@@ -286,7 +286,7 @@ def _matrices(
         forces = np.arange(n * g.state.coordinates) % g.state.coordinates < d  # without the torsion of soft fingers
         of_object = tuple(turn @ each[np.ix_(forces, forces)] @ turn.T for each in g.object_gains())
         if g.soft:
-            assumed.append("the torsion that K_o gives to soft fingers is unchanged while K_o is scaled")
+            assumed.append("the torsion that object_stiffness gives to soft fingers is not scaled with the gains")
     gains = ScaledGains(law, split, n, normals, pads, compliance, of_object)
     if np.isinf(compliance).any():
         assumed.append("unloaded contacts have no damping, which grows with depth")
@@ -346,11 +346,8 @@ def _matrices(
 def _unsqueezed(grip: Grip, K: FloatArray, contacts: FloatArray, R: FloatArray) -> FloatArray:
     """Compute the stiffness G K G' (r, r) that an object has without contact forces, including soft fingers' torsion.
 
-    Args:
-        grip: Object with its fingers; the grasp matrix G is that at the contacts.
-        K: Stiffness matrix of the fingers, (m, m) [N/m].
-        contacts: Contact points relative to the object's centre in world axes, (n, d) [m].
-        R: Rotation matrix of the object.
+    G is the grasp matrix of the contacts (n, d) relative to the object's centre, K (m, m) the stiffness matrix of the
+    fingers, and R the rotation matrix of the object.
     """
     g, G = grip.grasped, grip.wrenches(contacts)
     if not g.soft:

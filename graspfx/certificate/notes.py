@@ -78,12 +78,12 @@ def depth_notes(scene: Scene) -> list[str]:
 
 
 def unsettled(parts: Parts) -> list[str]:
-    """Return a warning for each oscillation that would grow from sample to sample.
+    """Return a warning for each oscillation that would grow from sample to sample, with the name of a finger.
 
-    Two oscillations are examined for each of the n fingers on an object, as if all n fingers were equal to it. In the
-    first, the finger oscillates against a fixed object; the springs are kip and the grip of the hand. In the second,
-    all n fingers oscillate together with the object; the springs are kep and the arm of the hand. A warning names the
-    finger with the fastest growth.
+    Two oscillations of each of the n fingers on an object are examined, as if all n fingers were equal. In the first,
+    the finger oscillates against a fixed object; the springs are kip and the grip of the hand. In the second, all n
+    fingers oscillate together with the object; the springs are kep and the arm of the hand. For each object, only the
+    finger with the fastest growth is reported.
 
     Velocities are backward differences, and delays of forces and rotations are ignored. Therefore, a loop can be
     unstable without a warning. Devices that do not state their mass, plug-in hands, plug-in dynamics, and gains that

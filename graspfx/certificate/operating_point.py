@@ -39,7 +39,10 @@ ON_SURFACE = 1e-9  # rounding of a finger that starts on the surface [m]
 MOST_GRIPS = 60  # largest number of iterations for the grip force and the stiffness that depends on it
 SAME_GRIP = 1e-8  # relative difference of the forces of two iterations at convergence
 UNFORCED = "contacts are those of the start, without forces: "
-SLID = "contacts slid while the hands closed slowly; a run's rest may differ by a few per cent: certify its recording"
+SLID = (
+    "contacts slid while the hands closed slowly; forces in the equilibrium of a run may differ by a few per cent: "
+    "certify its recording"
+)
 
 
 class NotGraspingError(InputError):
@@ -158,7 +161,8 @@ def squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) ->
     """Find the equilibrium of a grasp with closed hands.
 
     For hands that stiffen with the grip force, the search is repeated until the stiffness of the hands agrees with the
-    forces in equilibrium. If only fingers on hardware do not touch the object in equilibrium, the start is returned.
+    forces in equilibrium. If all fingers that do not touch the object in equilibrium are on hardware, the start is
+    returned.
 
     Raises:
         NoRestError: If no equilibrium is found, or a finger that is not on hardware does not touch in equilibrium.
@@ -306,13 +310,7 @@ def operating_point(name: str, grip: Grip, point: OperatingPoint) -> OperatingPo
 def no_rest_error(
     name: str, why: str, do: str = "run the scene until it rests, and certify its recording"
 ) -> NoRestError:
-    """Return the error for a grasp of the object `name` whose equilibrium was not found.
-
-    Args:
-        name: Name of the object.
-        why: Reason.
-        do: What the user can do.
-    """
+    """Return the error for a grasp whose equilibrium was not found, with the reason and what the user can do."""
     return NoRestError("object", name, "a grasp that comes to rest", f"{why}; {do}")
 
 

@@ -49,8 +49,8 @@ class OperatorRange:
     |---|---|
     | log | logarithm of the value uniform: as many values from 50 to 100 as from 500 to 1000 |
     | uniform | uniform |
-    | normal | normal, with 95 % of the values in the range before it is truncated at the ends of the range |
-    | lognormal | logarithm of the value normal, with 95 % of the values in the range before it is truncated |
+    | normal | normal, truncated at the ends of the range; 95 % of the untruncated distribution lies in the range |
+    | lognormal | logarithm of the value normal, truncated in the same way |
 
     Attributes:
         key: Dotted key of the scene.
@@ -278,13 +278,10 @@ def _has(table: object, name: str) -> bool:
 
 
 def _alike(scene: Scene, keys: list[str], factors: tuple[float, float] | None) -> Iterator[OperatorRange]:
-    """Yield default ranges for keys with values above zero. Numbers in keys are replaced by `*`, so that keys coincide.
+    """Yield default ranges for keys with values above zero, with numbers in the keys replaced by `*`.
 
-    Args:
-        scene: Scene.
-        keys: Keys with numbers.
-        factors: Ends of a range, relative to the scene's value; keys that coincide have a range only if their values
-            are equal. If None, the range is that of the stiffness of an operator's fingers.
+    `factors` are the ends of a range relative to the scene's value. A range is omitted if keys that differ only in the
+    number have different values. If `factors` is None, the ends are `STIFFNESS`.
     """
     groups: dict[str, list[float]] = {}
     for key in keys:

@@ -68,7 +68,7 @@ def _rows(parts: Parts) -> Iterator[Row]:
         if scene.obstacle or "world" in scene.model_fields_set or len(scene.object) > 1:
             yield _of_object(scene, thing, "meet"), *meeting(scene, thing)
     if scene.obstacle:
-        yield "fingers on obstacles", False, "fingers pass through obstacles; only objects touch them"
+        yield "fingers on obstacles", False, "fingers pass through obstacles; only objects touch obstacles"
     yield _hand(scene)
     yield "record", True, "one row per recorded tick, written to disk in blocks outside the tick"
     yield "packages", True, f"{', '.join(packages(scene))}, and imports of the drivers"
@@ -271,7 +271,7 @@ def _projection(scene: Scene) -> Row:
         each_mu = ", ".join(f"{mu:g}" for mu in dict.fromkeys(scene.coefficients))
         law = "by Coulomb's law, or the associated law if that has no solution"
         why = f"fingers only push; friction mu = {each_mu} {law}"
-        return "letting go", True, f"{why}; the recording marks which (law)"
+        return "letting go", True, f"{why}; the column law of the recording states which of them"
     law = "holds where it touched" if scene.coupling.friction == "stick" else "slips freely"
     return "letting go", True, f"fingers only push, eqs. (24)-(26); a touching finger {law}"
 

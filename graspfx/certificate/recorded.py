@@ -174,9 +174,9 @@ def differences(
 
 
 def exchange_times(recording: Recording) -> tuple[float, float] | None:
-    """Return percentiles (1 % and 99 %) of the time from the start that is scheduled for a tick to the end of writing.
+    """Return the 1st and 99th percentile of the time from a tick's scheduled start to the end of its writing [s].
 
-    The time [s] is the sum of the delay of the tick's start, the reading of devices, and the writing to devices. It
+    The time is the sum of the delay of the tick's start and of the times of reading from and writing to devices. It
     does not include the computation between reading and writing, which is not recorded. If a recording lacks the
     columns `late` and `io`, both values are the round trip in its header. The result is None without hardware.
     """

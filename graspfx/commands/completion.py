@@ -71,15 +71,10 @@ def answers(words: Sequence[str], commands: Sequence[str]) -> Iterator[str]:
 
 
 def _choices(actions: Sequence[Action], before: Sequence[str], begun: str) -> Iterator[str]:
-    """Yield candidates for the next word of a command line.
+    """Yield candidates for the word that follows the words `before` and begins with `begun`.
 
-    They are the values of the option that is the last word of `before`; if this is not an option with values, the names
-    of options if `begun` begins with a hyphen, and otherwise the possible values of the arguments.
-
-    Args:
-        actions: Arguments and options of the command.
-        before: Words before the next word.
-        begun: Beginning of the next word.
+    The candidates are the values of the preceding option if this has values. Otherwise, they are options if `begun`
+    begins with a hyphen, and values of the command's arguments if not.
     """
     by_name = {name: each for each in actions for name in each.option_strings}
     action = by_name.get(before[-1])

@@ -47,11 +47,6 @@ def file_in(options: Namespace, home: Path, name: str) -> Path:
 def require_room(options: Namespace, files: Sequence[Path], option: str = "--out") -> None:
     """Check that output files can be written: none is a folder, and none exists unless --overwrite is given.
 
-    Args:
-        options: Parsed arguments with `overwrite`.
-        files: Output files.
-        option: Option that selects the output files, for the message.
-
     Raises:
         RecordingError: If a file is a folder, or exists although --overwrite is not given.
     """
@@ -149,14 +144,7 @@ def drawing(picture: Path, otherwise: str = "") -> Iterator[Path]:
 
 
 def draw(recordings: Sequence[Recording], picture: Path, otherwise: str = "", **options: Any) -> None:
-    """Draw a figure of recordings, and save it at the path `picture`.
-
-    Args:
-        recordings: Recordings to draw.
-        picture: Path of the figure.
-        otherwise: Text that is appended to the error message if the figure cannot be written.
-        options: Further arguments of `graspfx.show.run_figures.sheet`.
-    """
+    """Draw recordings and save the figure; `options` are further arguments of `graspfx.show.run_figures.sheet`."""
     with drawing(picture, otherwise) as file:
         from graspfx.show.run_figures import sheet
         from graspfx.show.style import save

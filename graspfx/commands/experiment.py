@@ -125,13 +125,7 @@ def _run(
 
 
 def _farewell(done: int, total: int, reason: str) -> str:
-    """Return the message about a session that ended early.
-
-    Args:
-        done: Number of completed trials.
-        total: Number of trials of the session.
-        reason: Reason why the session ended.
-    """
+    """Return the message about a session that ended after `done` of `total` trials, for a reason."""
     where = f"after trial {done} of {total}" if done else f"before the first of {total} trials"
     return f"ended {where}: {reason}; the same command with --resume continues with trial {done + 1}"
 

@@ -138,12 +138,7 @@ def tell(text: str) -> None:
 
 
 def print_result(result: Any, lines: Iterable[str] | None = None) -> None:
-    """Print a result as lines of text or, with --json, the data that the result's method `to_dict` returns.
-
-    Args:
-        result: Result with the methods `lines` and `to_dict`.
-        lines: Lines to print; None for those that the method `lines` returns.
-    """
+    """Print lines or, if None, those of the result's method `lines`; with --json, print the data of `to_dict`."""
     if is_json():
         print_json(result.to_dict())
     else:
@@ -157,13 +152,7 @@ def print_json(value: object) -> None:
 
 
 def say_source(request: Path, file: Path, recording: Recording) -> None:
-    """Print a note if the file that was read is a part file, or if a part file of a later run exists.
-
-    Args:
-        request: Path that the user gave.
-        file: File that was read.
-        recording: Recording in this file.
-    """
+    """Print a note if the file that was read is a part file, or if a part file of a later run exists."""
     if is_part(file):
         instead = "" if request == file else f"; {file.name.removesuffix(PART)} does not exist yet"
         note([f"read {recording.end:g} s from {file}; the run has not finished or was killed{instead}"])

@@ -71,10 +71,7 @@ def execute(options: Namespace) -> int:
 def _serve(scene: Scene, guide: Literal["hands"] | None, options: Namespace) -> int:
     """Run a scene and serve a page until Ctrl-C or for the time of --seconds; return the exit code.
 
-    Args:
-        scene: Scene.
-        guide: "hands" if the page may move hands; None if not.
-        options: Parsed arguments.
+    The page may move hands if `guide` is "hands".
     """
     from graspfx.live.live_run import LiveRun
     from graspfx.live.sliders import live_keys, sliders

@@ -39,24 +39,12 @@ def emitted(text: str) -> bytes:
 
 
 def portable(text: str, triple: str, processor: str) -> bytes:
-    """Return position-independent machine code of a program, to be linked as a shared library.
-
-    Args:
-        text: LLVM text of the program.
-        triple: Target platform, as LLVM's triple.
-        processor: Target processor, as LLVM names it.
-    """
+    """Return machine code of a program for another platform and processor, to be linked as a shared library."""
     return _emitted(text, _target(triple, cpu=processor, opt=FULL, reloc="pic"), FULL)
 
 
 def small(text: str, triple: str, features: str) -> bytes:
-    """Return machine code of a program, optimised for size, to be linked without other code.
-
-    Args:
-        text: LLVM text of the program.
-        triple: Target platform, as LLVM's triple.
-        features: Features of the target, as LLVM names them.
-    """
+    """Return machine code of a program for another platform, optimised for size, to be linked without other code."""
     machine = _target(triple, features=features, opt=SMALL, reloc="static", codemodel="default")
     head = f'target triple = "{triple}"\ntarget datalayout = "{machine.target_data}"\n'
     return _emitted(head + text.replace(" nounwind {", " nounwind optsize {"), machine, SMALL)
@@ -163,7 +151,7 @@ def _machine() -> Any:
 def _define(libm: Iterable[str]) -> None:
     """Register the addresses of library functions that machine code calls.
 
-    Addresses are checked here, because LLVM does not report missing functions, and their calls would crash.
+    LLVM does not report missing functions; their calls would crash.
 
     Raises:
         MissingPackageError: If the C library lacks a function.

@@ -144,13 +144,7 @@ def exchange_text() -> str:
 
 
 def _fields(base: str, words: tuple[str, ...], pointers: tuple[str, ...]) -> str:
-    """Return instructions that load words into registers with the names of the words.
-
-    Args:
-        base: Register with the address of the first word.
-        words: Names of the words, in order.
-        pointers: Names of the words that are addresses.
-    """
+    """Return instructions that load words, from an address in `base`, into registers with the names of the words."""
     lines = []
     for k, name in enumerate(words):
         lines += [

@@ -54,8 +54,7 @@ class KernelOnDemand:
     def runner(self, work: float) -> Callable[..., object]:
         """Add `work` to the total work, and return a function that runs the kernel, as machine code or interpreted.
 
-        The arguments of the function are those of the lowered kernel: numbers, and an array and an offset for each
-        record or group of numbers.
+        The function takes the arguments of the lowered kernel; buffers are arrays.
         """
         machine = self.machine(work)
         return self.interpret if machine is None else machine.once

@@ -60,9 +60,9 @@ class Machine:
         return partial(bound.brief, *numbers) if numbers else bound.brief
 
     def on(self, *buffers: Any) -> Callable[..., float]:
-        """Return a function that runs the kernel on the given buffers and returns the first number of the result.
+        """Return a function of the kernel's numbers and offsets that runs the kernel on the given buffers.
 
-        The arguments of the function are the numbers and offsets of the kernel, without the buffers.
+        The function returns the first number of the kernel's result.
         """
         bound, results = self._on(buffers)
         run, result = bound.brief, results.data

@@ -80,9 +80,8 @@ class Source(NamedTuple):
 def closure_digest(*modules: str) -> str:
     """Return the digest of the source files of modules and of all files of the package that they import, recursively.
 
-    These files contain everything on which a kernel of the modules depends, because kernels refer to other kernels,
-    records, values and numbers only by import statements. If a module is outside the package, the digest is that of all
-    sources of the package.
+    A kernel of the modules depends on no other files, because kernels refer to other kernels, records, values and
+    numbers only by import statements. If a module is outside the package, the digest is that of all sources.
     """
     files, sources = _files(), _sources()
     roots = [files.get(module) for module in modules]
@@ -206,21 +205,15 @@ def identity(kernel: Callable[..., Any]) -> list[str]:
 
 
 def request_key(modules: Iterable[str], *parts: str) -> str:
-    """Return the key of a cached result that depends on the sources of modules, on the compiler, and on texts.
-
-    Args:
-        modules: Names of the modules.
-        parts: Further texts on which the result depends.
-    """
+    """Return the key of a cached result that depends on the sources of modules, on the compiler, and on `parts`."""
     digest = closure_digest(*sorted(set(modules)), *compiler_modules())
     return hashlib.sha256("\0".join([digest, *parts]).encode()).hexdigest()
 
 
 def recall(key: str) -> str | None:
-    """Return the result that `remember` has stored for a key, or None.
+    """Return the result that `remember` has stored for a key.
 
-    The result is None if there is no result, or if a third-party file or a number of a module has changed. Changes of
-    the sources of this package change the key.
+    The result is None if nothing is stored, or if a third-party file or a number of a module has changed.
     """
     content = disk.load(key)
     if content is None:

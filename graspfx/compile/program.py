@@ -74,13 +74,7 @@ class Program:
         return self._names[function]
 
     def add_text(self, text: str, namespace: Mapping[str, Any], arrays: Sequence[str] = ()) -> None:
-        """Add a function and the kernels that it calls.
-
-        Args:
-            text: Text that defines the function, whose parameters are numbers.
-            namespace: Kernels by the names in the text.
-            arrays: Names of buffers in the text. The buffers that are used become the first parameters.
-        """
+        """Add a function and the kernels that it calls; the arguments are those of `program_source`."""
         [tree] = ast.parse(text).body
         assert isinstance(tree, ast.FunctionDef)
         tree.args.args[:0] = map(ast.arg, arrays)

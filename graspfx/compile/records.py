@@ -52,7 +52,7 @@ def many(count: str, each: str = "") -> Any:
 
     Args:
         count: Number of records, as an expression of integer fields.
-        each: Number of entries of each record, as such an expression; needed if the size of the record class varies.
+        each: Number of entries of each record, as an expression of integer fields, if the size of the records varies.
     """
     return Extent(count, each)
 
@@ -329,12 +329,9 @@ def start_of(cls: type[Record], name: str) -> int:
 
 
 def entries_of(cls: type[Record], *names: str, at: int = 0) -> list[int]:
-    """Return the indices of the entries of fields in a block.
+    """Return the indices in a block of the entries of fields, for a record whose first entry has the index `at`.
 
-    Args:
-        cls: Class of the record.
-        names: Names of the fields, which must precede all fields of variable size.
-        at: Index of the record's first entry in the block.
+    The fields must precede all fields of variable size.
     """
     fields = [layout(cls)[name] for name in names]
     return [at + int(field.offset) + k for field in fields for k in range(int(field.size))]
@@ -370,13 +367,9 @@ Reader = Callable[[Any, int, tuple[int, ...]], Any]
 
 
 def view(kind: Any, buffer: Any, at: int, shape: tuple[int, ...] = ()) -> Any:
-    """Return the content of a buffer at an offset: a copy of a number or value, or a view of records or an array.
+    """Return a copy of a number or value, or a view of records or an array, at the index `at` of a buffer.
 
-    Args:
-        kind: Kind of the content.
-        buffer: Buffer.
-        at: Index of the first entry.
-        shape: Evaluated size of a group, an array or a table.
+    `shape` is the evaluated size of a group, an array or a table.
     """
     return _reader(kind)(buffer, at, shape)
 

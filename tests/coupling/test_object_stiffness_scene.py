@@ -195,7 +195,7 @@ def test_a_certificate_of_soft_fingers_is_that_of_the_run(damping: float, stable
     """A small turn of the bar about its axis dies away, or grows by the spectral radius in each sample, 0.5 %."""
     [certificate] = gx.certify(soft_pinch(damping))
     assert (certificate.spectral_radius < 1.0) == stable
-    assert any("torsion that K_o gives" in text for text in certificate.assumed)
+    assert any("torsion that object_stiffness gives" in text for text in certificate.assumed)
     rec = gx.run(soft_pinch(damping, **{"object.angular_velocity": [1e-7, 0.0, 0.0]}), duration=0.1)
     velocity = rec.objects["bar"].angular_velocity
     assert velocity is not None

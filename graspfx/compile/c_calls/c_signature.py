@@ -169,7 +169,7 @@ def read_calls(subject: str, text: object, size: int) -> tuple[CCall, ...]:
     Args:
         subject: Name of the argument that contained the text, for error messages.
         text: Text of the calls.
-        size: Number of entries of the block to which arguments may refer.
+        size: Number of entries of the block.
 
     Raises:
         InputError: If the text is invalid, a type is unknown, or an entry of the block is out of range.
@@ -253,10 +253,6 @@ def _require_one_size(reader: Reader, calls: Sequence[CCall]) -> None:
 
 def read_comparisons(subject: str, text: object) -> tuple[Comparison, ...]:
     """Parse comparisons that are separated by `or`, such as `< 0 or status[5] == 0`; the text may be empty.
-
-    Args:
-        subject: Name of the argument that contained the text, for error messages.
-        text: Text of the comparisons.
 
     Raises:
         InputError: If the text is invalid.

@@ -52,10 +52,10 @@ class ContextPlan:
     The first word is the address of the number of missed samples, and the second that of the estimator's state.
 
     Attributes:
-        functions: Word that contains the address of a C function, by name of the function.
-        settings: Type, and word that contains the value, by name of the setting.
-        buffers: Type, and first word, by name of the buffer.
-        values: Word of each fault condition, which receives the value that caused the fault.
+        functions: Word with the address of each C function.
+        settings: Type of each setting, and word with its value.
+        buffers: Type and first word of each buffer.
+        values: Word for each fault condition, in which the value that caused a fault is stored.
         size: Number of words.
     """
 
@@ -211,13 +211,9 @@ class Trampolines:
     # Fault conditions ----------------------------------------------------------------------------------------------
 
     def _judged(self, role: Role, call: CCall, result: str, verdict: str) -> str:
-        """Write the tests of a call's results, and return the operand that contains the new return value.
+        """Write the tests of a call's result, which is in the operand `result` (empty for none).
 
-        Args:
-            role: Function that contains the call.
-            call: Call.
-            result: Operand with the result of the call; empty if there is none.
-            verdict: Operand with the return value of the function before the tests.
+        The operands `verdict` and the returned one contain the return value of the function before and after the tests.
         """
         names = {each.name for each in call.arguments if each.kind == "buffer"}
         faults = [each for each in self._fault if (each.buffer in names if each.buffer else result)]
@@ -254,8 +250,7 @@ class Trampolines:
     def _failed(self, role: Role, call: CCall, says: str, value: str, bad: str, verdict: str) -> str:
         """Write the code for a failed call, and return the operand that contains the function's return value.
 
-        The function stores the compared value in the context. Then "stop" continues, and returns the code of the last
-        failure at its end; other functions return the code at once.
+        The compared value is stored in the context. Then "stop" continues; other functions return the failure's code.
         """
         self.faults.append((call.name, says))
         code, here, fine, end = -len(self.faults), *(self._name(kind)[1:] for kind in ("bad", "fine", "end"))

@@ -185,12 +185,10 @@ class Expressions:
         return self.meet(end, edges)
 
     def edge(self, number: Number) -> tuple[int, str, Number]:
-        """Reserve a line for the jump at the end of a branch with a value.
-
-        The line is written by `meet`, when the common type of all branches is known.
+        """Reserve a line for the jump at the end of a branch, which `meet` writes when all types are known.
 
         Returns:
-            Index of the line, label of the block, and value.
+            Index of the line, label of the branch's block, and value of the branch.
         """
         self.code.lines.append("")
         return len(self.code.lines) - 1, self.code.block, number

@@ -300,14 +300,8 @@ class Statements(Expressions):
         """Write a loop, and return whether its end is unreachable.
 
         The type of a variable may change in the body. The loop is therefore written again with wider types, until the
-        types of the variables at the end of the body are equal to those at the beginning.
-
-        Args:
-            body: Statements of the body.
-            scope: Types of the variables before the loop, which are updated to those after it.
-            test: Function that writes the condition, with the labels of the body and of the end of the loop.
-            enter: Function that writes statements before the body.
-            advance: Function that writes statements after the body.
+        types of the variables at the end of the body are equal to those at the beginning. The functions `test`, `enter`
+        and `advance` write the condition, and the statements before and after the body.
         """
         code = self.code
         mark, returns = len(code.lines), len(self.returns)

@@ -38,14 +38,14 @@ class _Definition(ctypes.Structure):
 def method_text(entry: str, arrays: int, numbers: Sequence[str]) -> str:
     """Return the LLVM text of two functions that read arguments from memory and call the entry of a program.
 
-    The function `graspfx_method` is called by Python. The first item of its argument `self`, which is a tuple, is a
-    bytes object with the addresses of the buffers. The function `graspfx_callback` is called by other machine code. Its
-    argument is the address of a table, with eight bytes for the address of each buffer and then for each number.
+    Python calls the function `graspfx_method`. The first item of its argument `self`, a tuple, is a bytes object with
+    the addresses of the buffers. Other machine code calls the function `graspfx_callback`. Its argument is the address
+    of a table, with eight bytes for the address of each buffer and then for each number.
 
     Args:
         entry: Name of the program's entry.
         arrays: Number of buffers.
-        numbers: LLVM types of the numbers that follow the buffers.
+        numbers: LLVM types of the numbers.
     """
     n = len(numbers)
     reading, operands = [], [f"ptr %p{k}" for k in range(arrays)]

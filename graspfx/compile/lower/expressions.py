@@ -347,14 +347,9 @@ class Expressions(Scratch):
         return result
 
     def passed(self, value: Lowered, kind: Any, arguments: Sequence[Lowered]) -> Lowered:
-        """Return an argument in the form that its parameter requires.
+        """Return an argument in the form that a parameter of a kind requires.
 
-        None is passed as a record or an array with a negative offset in the buffer of another argument.
-
-        Args:
-            value: Argument.
-            kind: Kind of the parameter; None if it is not known.
-            arguments: All arguments of the call.
+        None is passed as a record or an array with a negative offset, in the buffer of one of the call's arguments.
         """
         if isinstance(value, ast.Constant) and value.value is None and kind is not None:
             inner, _ = optional(kind)
@@ -368,14 +363,7 @@ class Expressions(Scratch):
     def inline(
         self, function: Any, arguments: Sequence[Lowered], node: ast.AST, keywords: Mapping[str, Lowered] | None = None
     ) -> Lowered:
-        """Inline a function that consists of assignments and a return, and return its value.
-
-        Args:
-            function: Function to inline.
-            arguments: Positional arguments.
-            node: Syntax tree of the call or operation, for error messages.
-            keywords: Keyword arguments; None for none.
-        """
+        """Inline a call of a function that consists of assignments and a return, and return its value."""
         tree = definition(function)
         self.files.add(function.__code__.co_filename)
         frame = Frame({}, function.__globals__, f"{self.temporary('i')}_", names_of(tree))

@@ -13,11 +13,9 @@ from graspfx.compile.records import SCALARS, Floats, Many, Record, Table, is_val
 
 @dataclass(frozen=True)
 class Bundle:
-    """Value of a value class, such as a vector.
+    """Value of a value class `kind`, such as a vector, and its fields.
 
     Attributes:
-        kind: Value class.
-        parts: Fields of the value.
         buffer: Name of the buffer that contains the value; empty if it is not in a buffer.
         offset: Index of the value's first entry in the buffer; None if it is not in a buffer.
     """
@@ -43,10 +41,8 @@ class Group:
 
     Attributes:
         kind: Class of the members.
-        buffer: Name of the buffer.
-        offset: Index of the first entry of the first member.
-        stride: Number of entries from one member to the next.
-        count: Number of members.
+        offset: Index of the first member's first entry in the buffer.
+        stride: Distance between the first entries of successive members.
     """
 
     kind: type
@@ -97,11 +93,7 @@ NOTHING = ast.Constant(-1)  # offset of a missing optional record
 
 
 def expressions(value: Lowered) -> Iterator[ast.expr]:
-    """Yield the numbers and buffers that represent a value in the arguments of a call.
-
-    Raises:
-        TypeError: If the value is a constant.
-    """
+    """Yield the numbers and buffers that represent a value in the arguments of a call."""
     if isinstance(value, ast.expr):
         yield value
     elif isinstance(value, Bundle | Pack):

@@ -56,14 +56,9 @@ def lowered(function: FunctionType) -> FunctionType:
 
 
 def _on_call(namespace: dict[str, Any], name: str, kernel: Any) -> Any:
-    """Return a function that, on its first call, lowers a kernel and replaces itself in a namespace.
+    """Return a function that, on its first call, lowers a kernel and replaces itself in the caller's namespace.
 
     Kernels are not lowered in advance, because a scene calls only few of the kernels to which its kernels refer.
-
-    Args:
-        namespace: Namespace of the calling kernel.
-        name: Name of the kernel in the namespace.
-        kernel: Kernel to lower.
     """
     original = getattr(kernel, LOWERED)
 
@@ -79,8 +74,7 @@ def lowered_text(function: FunctionType) -> tuple[str, dict[str, Any], tuple[str
     """Lower the original function of a kernel.
 
     Returns:
-        Text of the lowered function, functions that the text calls by names other than in the source (by these names),
-        and source files of the kernel and of inlined functions.
+        `text`, `callees` and `files` of a `Lowering`.
     """
     import ast  # only for a kernel that is not in the cache
 

@@ -98,13 +98,9 @@ class Scratch:
         return plus(at, field.start)
 
     def fixed_size(self, owner: Place, text: str) -> ast.expr:
-        """Return a size on which the offsets of a record's fields depend.
+        """Return a size, as `size` does, on which the offsets of a record's fields depend.
 
         If the record is a parameter of the kernel, the size is computed once, at the beginning of the kernel.
-
-        Args:
-            owner: Record.
-            text: Size as text, an expression of integer fields of the record.
         """
         if not (isinstance(owner.offset, ast.Name) and owner.offset.id in self.records):
             return self.size(owner, text)
@@ -169,14 +165,7 @@ class Scratch:
                 return name
 
     def require_other(self, name: str, value: Lowered, node: ast.AST, frame: Frame) -> None:
-        """Raise an error if a variable for a number of a value has a name that also occurs in the source.
-
-        Args:
-            name: Name of the value in the source.
-            value: Value whose numbers are variables.
-            node: Syntax tree for the error message.
-            frame: Names of the function.
-        """
+        """Raise an error if a variable for a number of the value `name` has a name that also occurs in the source."""
         for number in expressions(value):
             own = number.id.removeprefix(frame.prefix) if isinstance(number, ast.Name) else name
             if own != name and own in frame.written:

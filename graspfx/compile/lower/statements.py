@@ -206,15 +206,9 @@ class Body(Expressions):
         self.out.append(ast.If(test, body, otherwise))
 
     def joined(self, name: str, a: Lowered, b: Lowered, frame: Frame, node: ast.AST) -> Lowered:
-        """Return the value of a variable after an if statement, or raise an error if the branches disagree.
+        """Return the value of a variable after an if statement, from its values `a` and `b` after the two branches.
 
-        The numbers of both values must be the same variables or constants.
-
-        Args:
-            name: Name of the variable.
-            a, b: Values of the variable at the ends of the two branches.
-            frame: Names of the function.
-            node: Syntax tree for the error message.
+        An error is raised unless the numbers of both values are the same variables or constants.
         """
         if isinstance(a, Constant) and isinstance(b, Constant):
             if a.value is not b.value:
