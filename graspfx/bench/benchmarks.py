@@ -43,7 +43,7 @@ class Benchmark(Protocol):
 
 
 def benchmark(name: str) -> Benchmark:
-    """Import the benchmark with a name in `BENCHMARKS`."""
+    """Import and return the benchmark with this name, which must be a key of `BENCHMARKS`."""
     return cast(Benchmark, import_module(BENCHMARKS[name]))
 
 

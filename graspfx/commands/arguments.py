@@ -116,7 +116,7 @@ def picture_name(stem: str, options: Namespace) -> str:
 
 
 def scene(text: str) -> str:
-    """Return the name or path of a scene, as an argument type.
+    """Check and return an argument that is the name or path of a scene.
 
     Raises:
         ArgumentTypeError: If the text is the path of a recording or of a folder.
@@ -129,7 +129,7 @@ def scene(text: str) -> str:
 
 
 def recording(text: str) -> Path:
-    """Return the path of a recording or of its folder, as an argument type.
+    """Check an argument that is the path of a recording or of its folder, and return it as a `Path`.
 
     Raises:
         ArgumentTypeError: If the text is the name or path of a scene.

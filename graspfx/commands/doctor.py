@@ -1,4 +1,4 @@
-"""graspfx doctor: test whether this machine can run a real-time loop, also with a device or the hardware of a scene."""
+"""graspfx doctor: test whether this machine, and a device or the hardware of a scene, can run a real-time loop."""
 
 from __future__ import annotations
 

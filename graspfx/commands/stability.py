@@ -49,7 +49,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def diagram(text: str) -> str:
-    """Return the name of a diagram, as an argument type.
+    """Check and return an argument that is the name of a diagram.
 
     Raises:
         UnknownNameError: If no diagram has that name.

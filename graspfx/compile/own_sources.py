@@ -184,7 +184,7 @@ def _imports(content: bytes) -> list[str]:
 
 
 def _name(file: str) -> str:
-    """Return the path of a source file relative to the package, which does not depend on where it is installed."""
+    """Return the path of a source file relative to the package, so that keys do not depend on the installation."""
     package, *_ = folders = source_folders()
     folder = next(each for each in folders if file.startswith(each + os.sep))
     name = os.path.basename(folder) + file.removeprefix(folder)  # noqa: PTH119 (of hundreds of files)
