@@ -1,4 +1,4 @@
-"""Short descriptions of public objects: their `repr`, and a table in notebooks."""
+"""Short descriptions of public objects, for their `repr` and for tables in notebooks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,13 @@ MOST_SETTING = 60  # letters of a list or table that is shown in full
 
 
 class Card(NamedTuple):
-    """Description of an object: a title, rows of (label, text), and suggested calls."""
+    """Description of an object.
+
+    Attributes:
+        title: First line.
+        rows: Pairs of a label and a text; a row with an empty text is not shown.
+        calls: Useful attributes and methods of the object, as text.
+    """
 
     title: str
     rows: Sequence[tuple[str, str]] = ()
@@ -54,7 +60,7 @@ class Card(NamedTuple):
 
 
 class Carded:
-    """Base class of objects with a card: `repr`, notebook table, and a `dir` without private names."""
+    """Base class of objects that show a card as their `repr` and in notebooks, and list only public names in `dir`."""
 
     def _card(self) -> Card:
         raise NotImplementedError
@@ -75,7 +81,7 @@ def public_names(noun: object) -> list[str]:
 
 
 def listed(names: Iterable[object], most: int = MOST_NAMES) -> str:
-    """Join names with commas; of many names, show the first ones and the last."""
+    """Join names with commas. Of more than `most` names, only the first ones and the last are shown."""
     texts = [str(name) for name in names]
     if len(texts) > most:
         texts = [*texts[: most - 1], "...", texts[-1]]
@@ -91,12 +97,12 @@ def setting(key: str, value: object, form: Callable[[object], str] = repr) -> st
 
 
 def counted(number: int, noun: str) -> str:
-    """Return a count with its noun, such as `2 fingers`."""
+    """Return a number with its noun in the singular or plural, such as `2 fingers`."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def span(values: Iterable[float], unit: str) -> str:
-    """Return the range of values with their unit, such as `0.1 to 0.2 kg`; one number if all are equal."""
+    """Return the range of values with a unit, such as `0.1 to 0.2 kg`, or one number if all values are equal."""
     numbers = sorted(float(value) for value in values)
     if not numbers:
         return ""
@@ -120,7 +126,7 @@ def _folded(line: str, width: int) -> list[str]:
 
 
 def _fitting(lines: list[str]) -> str:
-    """Join lines, shortened to fit on a screen."""
+    """Join lines. Lines that are too long, and texts with too many lines or characters, are cut."""
     lines = [line if len(line) <= 2 * WIDTH else f"{line[: 2 * WIDTH - 3]}..." for line in lines]
     fitting: list[str] = []
     letters = 0

@@ -1,1 +1,1 @@
-"""Benchmarks: run time against error, for the numerical options of a scene and for frequently used calls."""
+"""Benchmarks of the numerical options of a scene and of frequently used calls: run time and numerical error."""

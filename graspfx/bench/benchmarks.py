@@ -1,4 +1,4 @@
-"""Benchmarks by name, and their measurements as text and as JSON, with the Pareto front of time and error."""
+"""Names of the benchmarks, and their results as text and as JSON, with the Pareto front of run time and error."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from graspfx.recording.header import machine, now, versions
 
 BENCHMARKS = {name: f"graspfx.bench.{name}" for name in ("startup", "ticks", "eq4")}
 BESIDE_TESTS = ("runs", "batches", "maps", "projection", "contact", "bodies", "creep")
-"""Comparisons with other programs, available in a checkout only: `make bench`."""
+"""Benchmarks that compare GraspFX with other programs. They are not installed; `make bench` in a checkout runs them."""
 
 CHECKOUT = "in a checkout of GraspFX: make bench, or python -m tests.bench"
 
@@ -26,25 +26,32 @@ class Benchmark(Protocol):
     """A module of benchmarks.
 
     Attributes:
-        TITLE: Title of the module's section in the report.
-        LIMITS: Limitations of the module's numbers.
+        TITLE: Title of the benchmark's section in the report.
+        LIMITS: Text about how the times and errors were measured, and what they do not show.
     """
 
     TITLE: str
     LIMITS: str
 
     def cases(self, quick: bool) -> Iterator[Case]:
-        """Yield the cases one by one, so that a case's memory is freed before the next is built."""
+        """Yield the cases one at a time, so that the memory of each case can be freed before the next case is built.
+
+        Args:
+            quick: Whether fewer or smaller cases are sufficient.
+        """
         ...
 
 
 def benchmark(name: str) -> Benchmark:
-    """Import a benchmark of the package."""
+    """Import and return the benchmark with this name, which must be a key of `BENCHMARKS`."""
     return cast(Benchmark, import_module(BENCHMARKS[name]))
 
 
 def measured(name: str, module: Benchmark, *, quick: bool) -> Iterator[Sequence[Row]]:
-    """Run a benchmark case by case; if the package of the benchmark's oracle is missing, one row states this."""
+    """Run a benchmark, and yield the rows of each case.
+
+    If a package that the benchmark itself needs is not installed, the last item is one row that names the package.
+    """
     try:
         for case in module.cases(quick):
             yield measure(case, QUICK if quick else FULL)
@@ -57,7 +64,7 @@ PACKAGES = ("scipy", "llvmlite", "numba", "jax", "clarabel", "control", "trimesh
 
 
 def by_case(rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """Group rows by case in the order of the cases, fastest first and untimed rows last."""
+    """Group rows by case. The rows of a case are sorted by time; methods that were not timed come last."""
     cases: dict[str, list[Row]] = {}
     for row in rows:
         cases.setdefault(row.case, []).append(row)
@@ -65,7 +72,10 @@ def by_case(rows: Sequence[Row]) -> dict[str, list[Row]]:
 
 
 def front(rows: Sequence[Row]) -> list[Row]:
-    """Return the rows of one case on the Pareto front, fastest first; without errors, the fastest row."""
+    """Return the rows of one case that lie on the Pareto front of time and error, fastest first.
+
+    If the rows have no errors, the front is the fastest row.
+    """
     best, least = list[Row](), float("inf")
     for row in sorted((row for row in rows if row.state == TIMED), key=_time):
         if (row.error or 0.0) < least:
@@ -75,7 +85,10 @@ def front(rows: Sequence[Row]) -> list[Row]:
 
 
 def lines(rows: Sequence[Row]) -> Iterator[str]:
-    """Yield cases as text, fastest method first; an asterisk marks the Pareto front."""
+    """Yield a table of each case as lines of text, with the fastest method first.
+
+    An asterisk marks the methods on the Pareto front.
+    """
     for case, ordered in by_case(rows).items():
         best = front(ordered)
         unit = next((row.unit for row in ordered if row.unit), "")
@@ -89,12 +102,12 @@ def lines(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def to_dict(rows: Sequence[Row], *, quick: bool) -> dict[str, Any]:
-    """Convert rows to data for JSON, with the date and the machine of the measurement."""
+    """Convert rows to data for JSON, together with the data of `stamp`."""
     return {"rows": [asdict(row) for row in rows], **stamp(quick=quick)}
 
 
 def stamp(*, quick: bool) -> dict[str, Any]:
-    """Return the date, the machine, the versions of compared packages, and whether the measurement was quick."""
+    """Return the date, the machine, its load, the versions of `PACKAGES`, and whether the measurement was quick."""
     load = round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None
     return {
         "date": now(),
@@ -107,7 +120,7 @@ def stamp(*, quick: bool) -> dict[str, Any]:
 
 
 def cpu() -> str:
-    """Describe the processor: its name and the number of cores available to this process."""
+    """Return the name of the processor and the number of cores that this process may use, as text."""
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -117,7 +130,7 @@ def cpu() -> str:
 
 
 def time_text(us: float | None) -> str:
-    """Format a time [us] with three digits and a unit; empty for a method that was not timed."""
+    """Format a time [us] with three digits and a suitable unit. The text is empty if the time is None."""
     if us is None:
         return ""
     for size, unit in ((1e6, "s"), (1e3, "ms"), (1.0, "µs")):
@@ -127,14 +140,14 @@ def time_text(us: float | None) -> str:
 
 
 def error_text(error: float | None) -> str:
-    """Format an error with two digits, 0 for identical bits; empty without an error."""
+    """Format an error with two digits, or as "0" if it is zero. The text is empty if the error is None."""
     if error is None:
         return ""
     return f"{error:.1e}" if error else "0"
 
 
 def ratio_text(ratio: float | None) -> str:
-    """Format a ratio with three digits; empty without a ratio."""
+    """Format a ratio with three digits. The text is empty if the ratio is None."""
     if ratio is None:
         return ""
     return f"{ratio:.0f}" if ratio >= 1000.0 else f"{ratio:.3g}"

@@ -1,4 +1,4 @@
-"""Benchmark of eq. (4) by the public calls and by numpy's pseudoinverse, with exact fractions as the oracle."""
+"""Benchmark of eq. (4): GraspFX and NumPy, with errors relative to a computation in exact fractions."""
 
 from __future__ import annotations
 
@@ -21,10 +21,11 @@ Pair = tuple[FloatArray, FloatArray]  # points and displacements of a grasp, (n,
 
 TITLE = "Eq. (4): forces of all contacts from their points and displacements"
 LIMITS = """
-Contacts change at every call, so each method starts from points, except in cases named "contacts fixed". A
-PointCoupling is created once; its kernels and those of a split were compiled before, as by `graspfx warmup`. Peers
-build G about the origin and use their library's tolerance for the rank. Weights are equal, fingers are hard and in
-space, and there is no damping.
+Each operation computes the contact forces from the contact points and displacements of one grasp. In cases named
+"contacts fixed", the points stay the same, and a method may compute from them in advance. The times include neither
+the creation of a PointCoupling nor the compilation of kernels. The NumPy methods compute moments about the origin and
+use NumPy's default tolerance for the rank of G. Contacts have equal weights, are hard and in space, and have no
+damping.
 """
 
 EXTERNAL, INTERNAL = 30.0, 70.0  # [N/m]
@@ -37,7 +38,7 @@ WRONG = 1e-3  # relative error of a force that is not due to rounding
 
 @dataclass(frozen=True)
 class ContactSet:
-    """Grasps of one kind: points and displacements (N, n, 3) [m], and their forces (N, n, 3) [N]."""
+    """N grasps of n contacts: points and displacements (N, n, 3) [m], and exact forces (N, n, 3) [N]."""
 
     name: str
     points: FloatArray
@@ -50,7 +51,7 @@ class ContactSet:
 
 
 def cases(quick: bool) -> Iterator[Case]:
-    """Yield the public calls and numpy's methods, for contacts that change and for fixed contacts."""
+    """Yield one case for each set of contacts; the contacts change at every operation except in the last case."""
     for contacts in contact_sets():
         yield Case("eq4", contacts.name, "relative", [*ours(contacts), *by_numpy(contacts)], WRONG)
     contacts = fixed(next(contact_sets()))
@@ -58,7 +59,7 @@ def cases(quick: bool) -> Iterator[Case]:
 
 
 def contact_sets() -> Iterator[ContactSet]:
-    """Draw the kinds of grasps, seeded: few fingers, many fingers, nearly collinear, far away."""
+    """Draw random grasps with a fixed seed: with few, many, nearly collinear, and distant contacts."""
     rng = np.random.default_rng(4)
     yield contact_set(rng, "5 fingers", RADIUS * _directions(rng, 5))
     yield contact_set(rng, "20 fingers", RADIUS * _directions(rng, 20))
@@ -67,23 +68,29 @@ def contact_sets() -> Iterator[ContactSet]:
 
 
 def contact_set(rng: np.random.Generator, name: str, points: FloatArray) -> ContactSet:
-    """Add random displacements to points, and compute the forces."""
+    """Draw random displacements of points (N, n, 3) [m], and compute the exact forces."""
     displacements = REACH * rng.normal(size=points.shape)
     forces = np.array([exact_force(p, e) for p, e in zip(points, displacements, strict=True)])
     return ContactSet(name, points, displacements, forces)
 
 
 def fixed(contacts: ContactSet) -> ContactSet:
-    """Use the points of the first grasp with the displacements of all grasps."""
+    """Return grasps that all have the points of the first grasp, with the displacements of `contacts`."""
     points = np.repeat(contacts.points[:1], GRASPS, axis=0)
     forces = np.array([exact_force(points[0], e) for e in contacts.displacements])
     return ContactSet(f"{contacts.name}, contacts fixed", points, contacts.displacements, forces)
 
 
 def exact_force(points: FloatArray, e: FloatArray) -> FloatArray:
-    """Compute f = k_i e + (k_e - k_i) P e for points that are not collinear (n, 3), in fractions; round once.
+    """Compute f = k_i e + (k_e - k_i) P e (n, 3) [N] in fractions, so that only the result is rounded.
 
-    P e is the rigid motion nearest to e: the mean, and a rotation w about the centroid with J w = sum r x e.
+    P e is the least-squares fit of a rigid motion to the displacements e. The motion consists of the mean of e and of a
+    rotation w about the centroid of the points. With the positions r relative to the centroid, w solves
+    J w = sum r x e, where J is the inertia matrix of points of unit mass.
+
+    Args:
+        points: Contact points, which must not be collinear, (n, 3) [m].
+        e: Displacements (n, 3) [m].
     """
     n = len(points)
     x, d = ([[Fraction(v) for v in row] for row in array.tolist()] for array in (points, e))
@@ -104,12 +111,12 @@ def exact_force(points: FloatArray, e: FloatArray) -> FloatArray:
 
 
 def force_method(name: str, force: Callable[[Any], FloatArray], contacts: ContactSet, note: str = "") -> Method:
-    """Return a method whose operation is force(points, displacements), for each grasp in turn."""
+    """Return a method whose operation is `force` of the pair (points, displacements) of one grasp."""
     return _method(name, force, contacts.pairs, contacts.forces, note)
 
 
 def ours(contacts: ContactSet) -> Iterator[Method]:
-    """Yield the public calls for contacts that change."""
+    """Yield GraspFX's methods for contacts that change at every operation."""
 
     def by_split(pair: Pair) -> FloatArray:
         return LAW.force(gx.Grasp(pair[0]).split(tolerance=1e-12), pair[1].ravel())
@@ -127,14 +134,14 @@ def ours(contacts: ContactSet) -> Iterator[Method]:
 
 
 def by_numpy(contacts: ContactSet) -> Iterator[Method]:
-    """Yield numpy's methods for contacts that change."""
+    """Yield NumPy's methods for contacts that change at every operation."""
     matrix = GraspMatrix(contacts.points.shape[1])
     for name, project in (("numpy pinv", by_pinv), ("numpy solve", by_solve)):
         yield force_method(name, partial(projected, project, matrix), contacts)
 
 
 def ours_fixed(contacts: ContactSet) -> Iterator[Method]:
-    """Yield the public calls for fixed contacts."""
+    """Yield GraspFX's methods for fixed contacts."""
     split = gx.Grasp(contacts.points[0]).split()
     flat = [e.ravel() for e in contacts.displacements]
     point_sets.warm()
@@ -152,7 +159,7 @@ def ours_fixed(contacts: ContactSet) -> Iterator[Method]:
 
 
 def by_numpy_fixed(contacts: ContactSet) -> Iterator[Method]:
-    """Yield the product with a known K."""
+    """Yield NumPy's method for fixed contacts: the product f = K e with a stiffness matrix K computed in advance."""
     flat = [e.ravel() for e in contacts.displacements]
     G = gx.grasp_matrix(contacts.points[0])
     P = np.linalg.pinv(G) @ G
@@ -161,13 +168,13 @@ def by_numpy_fixed(contacts: ContactSet) -> Iterator[Method]:
 
 
 def projected(project: Project, matrix: GraspMatrix, pair: Pair) -> FloatArray:
-    """Compute f by projection onto the row space of G."""
+    """Compute the forces f = k_i x + (k_e - k_i) P x (3 n,) of displacements x, with P x from `project(G, x)`."""
     x = pair[1].ravel()
     return INTERNAL * x + project(matrix(pair[0]), (EXTERNAL - INTERNAL) * x)
 
 
 def by_pinv(G: FloatArray, x: FloatArray) -> FloatArray:
-    """Compute P x with P = G^+ G (eq. 3) from the right, without forming P."""
+    """Compute P x = G^+ (G x) (eq. 3), without forming P."""
     return np.asarray(np.linalg.pinv(G) @ (G @ x))
 
 
@@ -181,10 +188,10 @@ SKEW[[1, 2, 3, 5, 6, 7], [2, 1, 2, 0, 1, 0]] = [-1.0, 1.0, 1.0, -1.0, -1.0, 1.0]
 
 
 class GraspMatrix:
-    """G of n points in space, (6, 3 n): forces, then moments about the origin (eq. 2), updated in place.
+    """Grasp matrix G of n points in space (6, 3 n), with moments about the origin (eq. 2).
 
-    The identity blocks (rows of forces) are constant; the rows of moments are one product of the points with a constant
-    matrix.
+    Every call computes the three rows of moments for new points, in one array that all calls share. The three rows of
+    forces are constant.
     """
 
     def __init__(self, n: int) -> None:
@@ -200,7 +207,7 @@ class GraspMatrix:
 
 
 def relative_error(forces: FloatArray, exact: FloatArray) -> float:
-    """Compute the largest error over grasps (N, n, 3), relative to the largest force of each grasp."""
+    """Return the largest error of forces (N, n, 3), each relative to the largest force component of its grasp."""
     return float((np.abs(forces - exact).max(axis=(1, 2)) / np.abs(exact).max(axis=(1, 2))).max())
 
 
@@ -223,7 +230,7 @@ def _directions(rng: np.random.Generator, n: int) -> FloatArray:
 
 
 def _near_line(rng: np.random.Generator, h: float) -> FloatArray:
-    """Place five points along a line through the origin, at distances from it of about h times their extent on it."""
+    """Draw five points (`GRASPS`, 5, 3) [m] near a line; their distances from the line are about h times `RADIUS`."""
     axes = np.linalg.qr(rng.normal(size=(GRASPS, 3, 3)))[0]
     along = np.linspace(-1.0, 1.0, 5) + 0.1 * rng.normal(size=(GRASPS, 5))
     local = np.concatenate([along[:, :, None], h * rng.normal(size=(GRASPS, 5, 2))], axis=2)

@@ -1,4 +1,4 @@
-"""Time per simulated second against error, over the choices of a scene: integrator, dynamics, period, engine."""
+"""Run time and error of a scene with different integrators, dynamics engines, periods, and engines of the ticks."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ ALIKE, LEAST_ORDER = 0.3, 0.7  # tolerance on the orders of two halvings, and sm
 
 @dataclass(frozen=True)
 class Choice:
-    """One choice: integrator or dynamics engine, period, and engine of the ticks.
+    """Numerical options with which a scene is run.
 
     Attributes:
-        body: Integrator of native bodies, "PyBullet" or "MuJoCo".
-        period: Sampling period T [s].
-        engine: "compiled" or "interpreted".
+        body: Integrator of native bodies, or the dynamics engine "PyBullet" or "MuJoCo".
+        period: Sampling period [s].
+        engine: Engine of the ticks, "compiled" or "interpreted".
     """
 
     body: str
@@ -62,7 +62,7 @@ class Choice:
 
     @property
     def overrides(self) -> dict[str, Any]:
-        """Values by dotted key that select this choice in a scene."""
+        """Values of a scene's keys, by dotted key, that select this choice."""
         values: dict[str, Any] = {"period": self.period, "engine": self.engine}
         if self.body in CARRIERS:
             return values | {"object.*.dynamics": CARRIERS[self.body]}
@@ -74,9 +74,10 @@ class Trial:
     """Result of running the scene with one choice.
 
     Attributes:
-        places: Positions of all objects and fingers at the instants common to all choices, (instants, things, d) [m].
-        seconds: Mean time per tick [s], recording to memory, after compilation.
-        trouble: Reason why the run cannot be measured, such as instability; empty otherwise.
+        places: Positions of all objects and fingers at the instants at which choices are compared,
+            (instants, objects + fingers, d) [m].
+        seconds: Mean run time per tick [s], including recording to memory but not compilation.
+        trouble: Reason why the run cannot be compared, such as instability; empty if there is none.
     """
 
     places: FloatArray
@@ -86,15 +87,15 @@ class Trial:
 
 @dataclass(frozen=True)
 class Reference:
-    """Motion at the smallest period, with which choices are compared.
+    """Motion of the scene, computed with a small period, from which the errors of choices are measured.
 
     Attributes:
-        body: Integrator.
-        period: Smallest period [s].
-        places: Positions (instants, things, d) [m].
-        error: Estimate of the motion's error [m].
-        order: Order q of convergence; None if two halvings do not agree.
-        changes: Largest change by each halving [m].
+        body: Integrator or dynamics engine, as in `Choice`.
+        period: Sampling period [s].
+        places: Positions, as in `Trial` [m].
+        error: Estimated error of the positions [m].
+        order: Order of convergence in the period; None if it could not be estimated (`estimate`).
+        changes: Largest change of a position by each halving of the period [m].
     """
 
     body: str
@@ -106,7 +107,7 @@ class Reference:
 
     @property
     def extent(self) -> float:
-        """Largest range of a coordinate of an object or finger [m]."""
+        """Largest range over which a coordinate of an object or finger moves [m]."""
         return float(np.ptp(self.places, axis=0).max())
 
     def text(self) -> str:
@@ -121,7 +122,12 @@ class Reference:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A choice and its row: time per simulated second [us], error [m], and state ("timed", "unstable" or "refused")."""
+    """A choice and its measurements.
+
+    Attributes:
+        choice: Numerical options of the run.
+        row: Run time per simulated second [us], error [m], and state: "timed", "unstable" or "refused".
+    """
 
     choice: Choice
     row: Row
@@ -129,13 +135,13 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Tradeoff:
-    """Run time against error of a scene.
+    """Run times and errors of a scene with different choices of its numerical options.
 
     Attributes:
         scene: Name of the scene.
         duration: Simulated duration [s].
-        reference: Reference motion.
-        outcomes: One outcome per choice.
+        reference: Motion from which errors are measured.
+        outcomes: Measurements, one outcome per choice.
     """
 
     scene: str
@@ -145,11 +151,14 @@ class Tradeoff:
 
     @property
     def best(self) -> list[Row]:
-        """Choices on the Pareto front: no other choice is both as fast and as accurate."""
+        """Rows of the choices on the Pareto front, fastest first: every faster choice is less accurate."""
         return front([each.row for each in self.outcomes])
 
     def lines(self) -> Iterator[str]:
-        """Yield the lines of the table, fastest first; an asterisk marks the Pareto front."""
+        """Yield a table of the choices as lines of text, with the fastest choice first.
+
+        An asterisk marks the choices on the Pareto front.
+        """
         yield f"{self.scene}, {self.duration:g} s; the error is the largest distance of an object or a finger [m]"
         yield f"reference: {self.reference.text()}"
         ordered = sorted(self.outcomes, key=lambda each: each.row.time_us or math.inf)
@@ -161,7 +170,7 @@ class Tradeoff:
             yield f"  {mark} {each.choice.name:<{width}}  {numbers}  {row.note}".rstrip()
 
     def to_dict(self) -> dict[str, Any]:
-        """Convert the result to data for JSON; times are in seconds per simulated second."""
+        """Return the measurements as data for JSON, with run times in seconds per simulated second."""
         reference, best = self.reference, self.best
         return {
             "scene": self.scene,
@@ -191,16 +200,19 @@ class Tradeoff:
 
 
 def trade_off(scene: Scene, *, duration: float | None = None, quick: bool = False) -> Tradeoff:
-    """Measure the time per simulated second of each choice of a scene, and its distance from the reference.
+    """Measure the run time per simulated second, and the error, of a scene with different numerical options.
+
+    The error is the largest distance of an object or a finger from its position in a reference motion (`converge`).
+    The periods are 4, 2, 1, 1/2 and 1/4 times the scene's period; if `quick`, only 2, 1 and 1/2 times.
 
     Args:
         scene: Scene to measure.
-        duration: Simulated duration [s]; by default the duration of the scene, at most two seconds.
-        quick: Whether to measure fewer periods, with fewer runs of each.
+        duration: Simulated duration [s]. If None, the duration of the scene is used, but at most two seconds.
+        quick: Whether to use fewer periods, and to time each choice three times instead of seven.
 
     Raises:
         InputError: If the duration is less than twice the longest period.
-        GraspFXError: If the scene rejects a smaller period, so that there is no reference.
+        GraspFXError: If the scene rejects a period that the reference needs.
     """
     periods = [share * scene.period for share in (QUICK_PERIODS if quick else PERIODS)]
     instant = periods[0]
@@ -236,14 +248,16 @@ def own_body(scene: Scene) -> str:
 
 
 def attempt(scene: Scene, choice: Choice, duration: float, instant: float, rounds: int = 1) -> Trial:
-    """Run a scene with a choice.
+    """Run a scene with a choice of its numerical options.
+
+    An interpreted run is ended after 200 ticks, because only its run time is used.
 
     Args:
         scene: Scene to run.
-        choice: Choice to use.
-        duration: Duration, an integer number of instants [s].
-        instant: Time between compared instants, an integer number of periods [s].
-        rounds: Number of runs; the fastest run is used.
+        choice: Numerical options.
+        duration: Simulated duration, an integer multiple of `instant` [s].
+        instant: Time between compared positions, an integer multiple of the choice's period [s].
+        rounds: Number of runs; the run time is that of the fastest run.
 
     Raises:
         GraspFXError: If the scene rejects the choice.
@@ -263,15 +277,16 @@ def attempt(scene: Scene, choice: Choice, duration: float, instant: float, round
 
 
 def converge(scene: Scene, duration: float, instant: float, *, small: float = SMALL) -> Reference:
-    """Halve a scene's period, at most ten times, until the motion's estimated error is small relative to its extent.
+    """Compute a reference motion of a scene by halving the period until the estimated error of the motion is small.
 
-    Native bodies use the exact integrator; PyBullet and MuJoCo use their own.
+    The period is halved three to ten times, unless a run would exceed 400 000 ticks. Native objects use the exact
+    integrator. If the scene's first object uses PyBullet or MuJoCo, all objects do.
 
     Args:
         scene: Scene to run.
-        duration: Duration, an integer number of instants [s].
-        instant: Time between compared instants [s].
-        small: Sufficient error relative to the extent of the motion.
+        duration: Simulated duration, an integer multiple of `instant` [s].
+        instant: Time between compared positions, an integer multiple of the scene's period [s].
+        small: Error relative to the extent of the motion at which halving ends.
 
     Raises:
         GraspFXError: If the scene rejects a smaller period.
@@ -292,13 +307,14 @@ def converge(scene: Scene, duration: float, instant: float, *, small: float = SM
 
 
 def estimate(changes: Sequence[float]) -> tuple[float, float | None]:
-    """Estimate the remaining error from the changes of a motion by halvings of its period, and the order.
+    """Return the estimated error of a motion, and its order of convergence, from its changes as the period is halved.
 
-    With x_h = x + C h^q the last change is d = C h^q (2^q - 1), and the remaining error is C h^q = d / (2^q - 1). If
-    the last two ratios of changes give different orders, or too low an order, the last change is the estimate.
+    If the error at period h is C h^q, where q is the order, the last halving changed the motion by
+    d = C h^q (2^q - 1), and the remaining error is d / (2^q - 1). The ratio of two successive changes gives an order.
+    If the last two orders differ by more than 0.3, or the last is below 0.7, the estimate is d, and the order is None.
 
     Args:
-        changes: Changes by each halving, in order.
+        changes: Change of the motion by each halving, in the order of the halvings.
     """
     last = changes[-1]
     if last == 0.0:
@@ -310,7 +326,7 @@ def estimate(changes: Sequence[float]) -> tuple[float, float | None]:
 
 
 def distance(places: FloatArray, others: FloatArray) -> float:
-    """Return the largest distance between the positions of two motions, (instants, things, d) each."""
+    """Return the largest distance between corresponding points of two motions, (instants, points, d) each."""
     return float(np.linalg.norm(places - others, axis=2).max())
 
 
@@ -358,7 +374,7 @@ BEFORE, BEYOND = 2.5, 1.6  # factors of space for labels before the smallest tim
 
 
 def tradeoff_sheet(tradeoff: Tradeoff, *, width: str = "screen") -> Sheet:
-    """Draw a line for each integrator or engine over its periods, and the reference's error."""
+    """Plot error against run time, with a line for each integrator or engine and a marker for each period."""
     sound = [each for each in tradeoff.outcomes if each.row.time_us is not None and each.row.error is not None]
     names = list(dict.fromkeys(each.choice.name for each in sound))
     with style.look(width):
@@ -399,7 +415,7 @@ def tradeoff_sheet(tradeoff: Tradeoff, *, width: str = "screen") -> Sheet:
 
 
 def _point(row: Row) -> tuple[float, float]:
-    """Return the position of a choice in the figure: time per simulated second [s], and error."""
+    """Return the position of a choice in the figure: run time per simulated second [s], and error [m]."""
     return 1e-6 * (row.time_us or 0.0), max(row.error or 0.0, LEAST)
 
 

@@ -1,4 +1,4 @@
-"""Start-up benchmark: whole processes from start to exit, with and without caches."""
+"""Benchmark of start-up: time of a whole process, with and without caches from an earlier process."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ TICK = (
 
 
 def cases(quick: bool) -> Iterator[Case]:
-    """Yield the imports, then the scenes."""
+    """Yield a case of imports, then a case for each scene."""
     with TemporaryDirectory(prefix="graspfx-bench-") as folder:
         start = _Starter(Path(folder))
         reference = start.method("import numpy", "-c", "import numpy")
@@ -53,7 +53,7 @@ def cases(quick: bool) -> Iterator[Case]:
 
 
 class _Starter:
-    """Starts processes of this Python in separate folders."""
+    """Starts processes with the present Python interpreter and with folders for caches and output below `root`."""
 
     FOLDER = "{folder}"  # in arguments: a new folder
 
@@ -62,7 +62,10 @@ class _Starter:
         self._kept = self._new("cache")
 
     def method(self, name: str, *arguments: str, cold: bool = False) -> Method:
-        """Return a method that starts a process with these arguments; ValueError with its last line if it fails."""
+        """Return a method that starts Python with these arguments and waits for its exit.
+
+        Each argument `FOLDER` is replaced by a new folder. If `cold`, each process has a new, empty cache.
+        """
 
         def call() -> None:
             cache = str(self._new("cache") if cold else self._kept)
@@ -81,7 +84,7 @@ class _Starter:
 
 
 def _after(call: Callable[[], None]) -> Callable[[], float]:
-    """Make one call, which tests the call and fills caches; there is no error to measure."""
+    """Return an error function for `Method`: it makes one call, which fills caches, and returns an error of zero."""
 
     def error() -> float:
         call()

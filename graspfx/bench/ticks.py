@@ -1,4 +1,4 @@
-"""Ticks of built-in scenes: whole runs with each engine, and the distribution of the time per tick."""
+"""Benchmark of ticks of built-in scenes: mean time per tick of whole runs, and quantiles of single ticks."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from graspfx.bench.timing import Case, Method, is_installed, missing
 
 TITLE = "Ticks of built-in scenes"
 LIMITS = """
-Times of `gx.run` are whole calls, from the scene to the recording, divided by the number of ticks; the program of all
-scenes was compiled before. `session.step(1)` is timed call by call. Its highest quantiles are due to the system's
-scheduler, because the process has ordinary priority and other processes run (see the machine's load). Devices are
-simulated; a real device waits for its bus. Errors are the largest difference of finger positions in the first 100 ticks
-from those of the interpreted engine; both engines give identical bits.
+The time of `gx.run` is the time of the whole call divided by the number of ticks; it does not include compilation.
+Each call of `session.step(1)` is timed separately. The highest quantiles of these times depend on the scheduler of the
+system, because the process has ordinary priority. Devices are simulated; a real device also takes time for its bus. The
+error is the largest difference between the finger positions of the first 100 ticks and those of the interpreted engine;
+it is zero if both engines give identical bits.
 """
 
 SCENES = ("reference-1dof", "paper-waving", "sphere-three-fingers", "mug")
@@ -45,7 +45,7 @@ def cases(quick: bool) -> Iterator[Case]:
 
 
 def _difference(scene: gx.Scene, variant: gx.Scene) -> float:
-    """Return the largest difference of finger positions from those of the interpreted engine [m]."""
+    """Return the largest difference between finger positions of a variant and those of the interpreted engine [m]."""
     seconds = CHECKED * scene.period
     own, other = (gx.run(each, duration=seconds) for each in (variant, scene.replace({"engine": "interpreted"})))
     return float(np.abs(own.finger_position - other.finger_position).max())

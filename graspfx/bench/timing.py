@@ -1,4 +1,4 @@
-"""Timing of methods: checked against an oracle, then timed in turns in one process, many times."""
+"""Timing of the methods that solve a problem, after the error of each method was checked."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB
 
 @dataclass(frozen=True)
 class Method:
-    """One way to solve a case.
+    """One method that solves a case.
 
     Attributes:
-        name: Name of the method, the same in every case.
-        call: Function to be timed. It performs `calls` operations, on different inputs.
-        error: Largest error over these inputs against the oracle, or a function that computes it. A function is called
-            before timing, so that a missing package (MissingPackageError) is detected early.
-        note: Note for readers of the row.
-        calls: Number of operations of one `call`; times are per operation.
-        singly: Whether to time every call separately and to report the quantiles of its time.
+        name: Name of the method.
+        call: Function to be timed. It performs `calls` operations, each on another input.
+        error: Largest error of the results of `call`, or a function that computes this error. The function is called
+            before timing; if it raises MissingPackageError, the method is not timed.
+        note: Remark that is shown in the row of the method.
+        calls: Number of operations in one call; the reported times are per operation.
+        singly: Whether to time every call separately and to report quantiles of these times.
     """
 
     name: str
@@ -50,10 +50,11 @@ class Case:
     Attributes:
         benchmark: Name of the benchmark.
         name: Name of the case.
-        unit: Unit of the error; empty without an error.
-        methods: Methods, timed in turns in one process.
-        bound: Bound on the error. A method that exceeds it is reported as wrong and not timed.
-        reference: Method with ratio 1; the fastest method if empty.
+        unit: Unit of the error, or "relative"; empty if errors are not reported.
+        methods: Methods to compare.
+        bound: Largest permitted error. A method with a larger error is reported as wrong and is not timed. None for no
+            bound.
+        reference: Name of the method to which times are compared; if empty, times are compared to the fastest method.
     """
 
     benchmark: str
@@ -69,11 +70,12 @@ class Row:
     """A row of a table: one method in one case.
 
     Attributes:
-        time_us: Time per operation in the fastest, least disturbed round or single call [us]; None if not timed.
-        error: Largest error against the oracle, in `unit`; None without an oracle.
-        ratio: Time relative to the case's reference, or to its fastest method.
-        state: "timed", "wrong" (not timed: it fails, or its error exceeds the bound) or "missing" (not installed).
-        quantiles: Quantiles of single operations by name [us], if every call is timed.
+        time_us: Smallest measured time per operation [us]; None if the method was not timed.
+        error: Largest error of the method, in `unit`; None if errors are not reported.
+        ratio: Time divided by the time of the case's reference; None if one of these times is missing.
+        state: "timed"; "wrong" if the method fails or its error exceeds the bound; "missing" if its package is not
+            installed.
+        quantiles: Quantiles of the time per operation by name [us], if every call was timed separately; otherwise None.
     """
 
     benchmark: str
@@ -90,13 +92,13 @@ class Row:
 
 @dataclass(frozen=True)
 class Effort:
-    """Effort spent on a method.
+    """Number and duration of the measurements of each method.
 
     Attributes:
-        rounds: Number of rounds; in each, every method of a case is timed once, in turn.
-        batch: Smallest time of one measurement [ns]; a method is called as often as needed.
-        most: Time spent on a method after which the method takes part in no further round [ns].
-        singles: Number of calls per round of a method whose calls are timed separately.
+        rounds: Number of rounds. In each round, the methods of a case are timed one after another.
+        batch: Smallest duration of one measurement [ns]. The method is called repeatedly to reach it.
+        most: Total time of a method's measurements after which the method is not timed in further rounds [ns].
+        singles: Number of calls per round, for a method whose calls are timed separately.
     """
 
     rounds: int
@@ -110,7 +112,7 @@ QUICK = Effort(rounds=7, batch=500_000, most=100_000_000, singles=200)
 
 
 def each(function: Callable[..., object], inputs: Iterable[Any]) -> Callable[[], object]:
-    """Return a function that performs function(input) for each input, for a method with calls = len(inputs)."""
+    """Return a function that calls `function` with each input, and that returns the last result."""
     arguments = tuple(inputs)
 
     def call() -> object:
@@ -123,7 +125,7 @@ def each(function: Callable[..., object], inputs: Iterable[Any]) -> Callable[[],
 
 
 def missing(name: str, package: str) -> Method:
-    """Return a placeholder for a method whose package is not installed; its row names the package to install."""
+    """Return a method that is reported as missing, because the package with this name is not installed."""
 
     def absent() -> NoReturn:
         raise MissingPackageError(package, name, f"pip install {package}")
@@ -132,12 +134,15 @@ def missing(name: str, package: str) -> Method:
 
 
 def is_installed(module: str) -> bool:
-    """Tell whether a package can be imported, without importing it."""
+    """Return whether a module can be found, without importing it."""
     return find_spec(module) is not None
 
 
 def measure(case: Case, effort: Effort) -> list[Row]:
-    """Return one row per method in the order of the case; wrong and missing methods are not timed."""
+    """Check and time the methods of a case, and return one row per method in the order of the methods.
+
+    Methods that are wrong or missing are not timed.
+    """
     rows = [check(case, method) for method in case.methods]
     right = [i for i, row in enumerate(rows) if row.state == TIMED]
     times = interleaved([case.methods[i] for i in right], effort)
@@ -152,7 +157,7 @@ def measure(case: Case, effort: Effort) -> list[Row]:
 
 
 def check(case: Case, method: Method) -> Row:
-    """Return the row of a method before timing: its error, and whether it is within the bound."""
+    """Return the row of a method before it is timed; the state is "timed" if the error is within the bound."""
     row = Row(case.benchmark, case.name, method.name, None, None, method.note, case.unit)
 
     def refused(state: str, why: str, error: float | None = None) -> Row:
@@ -173,7 +178,10 @@ def check(case: Case, method: Method) -> Row:
 
 
 def interleaved(methods: Sequence[Method], effort: Effort) -> list[list[float]]:
-    """Time one operation [us] of each method, round by round; every round starts with another method."""
+    """Return the measured times per operation [us] of each method.
+
+    The methods are timed in rounds, so that a disturbance affects all methods. Each round starts with another method.
+    """
     seconds: list[list[float]] = [[] for _ in methods]
     spent = [0] * len(methods)
     with collector_off():
@@ -192,7 +200,7 @@ def interleaved(methods: Sequence[Method], effort: Effort) -> list[list[float]]:
 
 
 def clocked(call: Callable[[], object], number: int) -> int:
-    """Time `number` calls [ns]."""
+    """Return the time of `number` calls together [ns]."""
     times = repeat(None, number)
     start = perf_counter_ns()
     for _ in times:
@@ -201,7 +209,7 @@ def clocked(call: Callable[[], object], number: int) -> int:
 
 
 def _repetitions(call: Callable[[], object], batch: int) -> int:
-    """Return the number of calls that take at least `batch` [ns], ignoring the first, slower call."""
+    """Return a number of calls that together take at least `batch` [ns]. The first call is slower and not counted."""
     call()
     number = 1
     while (ns := clocked(call, number)) < batch:
@@ -211,7 +219,7 @@ def _repetitions(call: Callable[[], object], batch: int) -> int:
 
 @contextmanager
 def collector_off() -> Iterator[None]:
-    """Disable the garbage collector, which would collect garbage of one method in the time of another."""
+    """Disable the garbage collector in a block, so that no method is timed while garbage of another is collected."""
     was = gc.isenabled()
     gc.collect()
     gc.disable()
@@ -226,10 +234,10 @@ def collector_off() -> Iterator[None]:
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Limit libraries loaded in the block to one BLAS thread, unless the user has set a limit.
+    """Limit libraries that are loaded in the block to one BLAS thread, unless the user has set a limit.
 
-    On a busy machine, two threads take thirty times as long for the eigenvalues of a 4 x 4 matrix. Another library
-    would then appear slow only because of the way in which it is called.
+    On a busy machine, the eigenvalues of a 4 x 4 matrix take thirty times as long with two threads, so that the library
+    of a compared method would appear slow.
     """
     mine = [name for name in THREADS if name not in os.environ]
     os.environ.update(dict.fromkeys(mine, "1"))
@@ -241,5 +249,5 @@ def one_blas_thread() -> Iterator[None]:
 
 
 def environment() -> dict[str, str]:
-    """Return a copy of the environment without thread limits, for processes that start as a user would start them."""
+    """Return a copy of the environment variables without the limits of BLAS threads that `one_blas_thread` sets."""
     return {name: value for name, value in os.environ.items() if name not in THREADS}

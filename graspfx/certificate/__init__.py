@@ -1,1 +1,1 @@
-"""Certificates of scenes: stability limit of each gain, plan of a tick, warnings about likely mistakes."""
+"""Analysis of a scene before it runs: stability limits of its gains, the steps of a tick, and likely mistakes."""

@@ -1,4 +1,4 @@
-"""Certificate of stability: limits of a grasp's gains, assumptions, and the text of both."""
+"""Certificate of stability of a grasped object: limits of the gains and assumptions, as data and as text."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ MOST_GRIPS = 8  # largest number of fingers whose margins are shown one by one
 ROUNDING = 1e-11  # excess of |z| over 1 that rounding causes in a motion of constant size
 PLACES = {
     "squeezed": "squeezed",
-    "recorded": "at rest, at the end of the recording",
-    "provisional": "provisional, squeezed by one step from the start",
+    "recorded": "in the state at the end of the recording",
+    "provisional": "provisional, in a state approximated by one step from the start",
     "start": "at the start, not squeezed",
 }
 UNITS = {  # names of fields in plain data, with their units
@@ -39,7 +39,7 @@ UNITS = {  # names of fields in plain data, with their units
 
 
 def is_stable(radius: float) -> bool:
-    """True if a loop with this spectral radius is stable; margins use the same tolerance for rounding."""
+    """Return whether a loop with this spectral radius is stable: at most 1, with a tolerance for rounding errors."""
     return radius <= 1.0 + ROUNDING
 
 
@@ -48,16 +48,18 @@ class Limit:
     """Stability limit of one mode of a grasp.
 
     Attributes:
-        mode: "internal", "external" (k_ep of the scene), "external translation" and "external rotation" (computed with
-            separate k_ep for translations and for rotations), "standing on ..." or "pushing with ...".
-        gain: Gain of the scene: kip or kep; for standing and pushing the largest remaining stiffness [N/m]; nan for
-            matrices.
-        limit: Stability limit of the gain [N/m]; inf if no gain is too large.
-        margin: Limit divided by gain, the largest stable factor of the gain.
-        frequency: Frequency at which stability is lost [Hz]; nan without a limit.
-        exact: True if the limit is computed for one mode in closed form, and the whole loop confirms it to
-            `difference`; False if the limit is computed for the whole loop.
-        difference: Relative difference of the limits of mode and whole loop; nan if only one is computed.
+        mode: Name of the mode: "internal"; "external"; "external translation" and "external rotation", for which kep is
+            scaled in translations only and in rotations only; "standing on ...", with the names of supports; or
+            "pushing with ...", with the names of the fingers that push while the others exert no force.
+        gain: Gain of the scene [N/m]: kip for "internal" and kep for "external..."; nan if that gain is a matrix. For
+            "standing on ..." and "pushing with ...", it is the largest eigenvalue of the stiffness matrix.
+        limit: Stability limit of the gain [N/m]; inf if every larger gain is stable.
+        margin: Limit divided by gain.
+        frequency: Frequency of the oscillation at the limit [Hz]; nan if there is no limit.
+        exact: True if the limit was computed in closed form for a separate mode; False if it was found by a search over
+            factors of the gain in the whole loop.
+        difference: Relative difference between the limit in closed form and that of the search; nan unless both were
+            computed.
     """
 
     mode: str
@@ -70,8 +72,8 @@ class Limit:
 
     @property
     def text(self) -> str:
-        """Gain, limit, margin, and the frequency at which stability is lost, as text."""
-        gain = "gains as they are" if math.isnan(self.gain) else f"{self.gain:.4g} N/m"
+        """Gain, limit, margin and frequency as text."""
+        gain = "present gains" if math.isnan(self.gain) else f"{self.gain:.4g} N/m"
         if math.isinf(self.margin):
             return f"{gain}: no limit"
         limit = "" if math.isnan(self.limit) else f"limit {self.limit:.4g}, "
@@ -81,24 +83,26 @@ class Limit:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Certificate(Carded):
-    """Certificate of one object of a scene.
+    """Stability of the grasp of one object of a scene.
 
     Attributes:
         object: Name of the object.
-        at: State that is judged: "squeezed", "recorded", "provisional" or "start".
-        spectral_radius: Spectral radius of the loop with the present gains, stable up to 1 within rounding
-            (`is_stable`); nan if no finger touches the object, so that nothing is judged.
-        limits: Limits of all modes.
-        assumed: Assumptions, as sentences.
-        passive: Largest gains that are passive for every operator; None if passivity is not judged.
-        why_not_passive: Short reason if `passive` is None.
-        grip: Ratio f_t/(mu f_n) at rest by finger name, 1 on the cone's edge, for fingers with a coefficient of
-            friction.
-        edge: Names of the fingers whose forces lie on the edges of their cones; they are treated as sticking.
-        notes: Possible consequences if the fingers of `edge` slide, and the geometric stiffness of the squeeze.
-        fade: Gap at which free fingers begin to fade out of the split, and gap that the forces at rest require [m];
-            None without a fade.
-        gap: Distance from the object to the nearest finger [m]; nan if a finger touches the object.
+        at: State in which the grasp is judged: "squeezed", "recorded", "provisional" or "start" (`certify`).
+        spectral_radius: Spectral radius of the sampled loop with the scene's gains. The loop is stable if the spectral
+            radius is at most 1, apart from rounding. nan if no finger touches the object.
+        limits: Stability limits of all modes of the grasp.
+        assumed: Assumptions of the analysis, as sentences.
+        passive: Largest gains that are passive for every operator; None if passivity was not analysed.
+        why_not_passive: Reason why passivity was not analysed; empty if `passive` is given.
+        grip: Tangential force divided by mu times normal force, by name of the finger, in the judged state. The ratio
+            is 1 on the edge of the friction cone. Fingers without a coefficient of friction mu are omitted.
+        edge: Names of the fingers whose forces lie on the edges of their friction cones. Their contacts are treated as
+            sticking.
+        notes: Possible consequences if the contacts of the fingers in `edge` slide, and the geometric stiffness that
+            the contact forces add to a specified stiffness of the object.
+        fade: Two gaps [m]: the gap at which a free finger begins to fade out of the grasp, and the smallest gap at
+            which it may begin to do so with the forces of the judged state. None if fingers do not fade.
+        gap: Distance from the object to the nearest finger [m] if no finger touches the object; otherwise nan.
     """
 
     object: str
@@ -118,7 +122,7 @@ class Certificate(Carded):
         limits = [f"{row.mode} {row.text}" for row in self.limits]
         more = [f"and {len(limits) - MOST} more in .limits"] if len(limits) > MOST else []
         rows = [
-            ("at", self.at if self.at != "provisional" else "provisional: one step from the start, not at rest"),
+            ("at", self.at if self.at != "provisional" else "provisional: approximated by one step from the start"),
             ("limits", "\n".join([*limits[:MOST], *more])),
             ("assumed", "; ".join(self.assumed)),
             ("notes", "\n".join(self.notes)),
@@ -128,19 +132,19 @@ class Certificate(Carded):
 
     @property
     def stable(self) -> bool:
-        """True if the loop is stable with the present gains, both in the air and on the support at the start."""
+        """Whether the loop is stable with the scene's gains, in the air and, if any, on the support at the start."""
         return is_stable(self.spectral_radius) and all(
             row.margin >= 1.0 for row in self.limits if row.mode.startswith(STANDING)
         )
 
     @property
     def grasps(self) -> bool:
-        """True if a finger touches the object; otherwise there is no grasp to judge."""
+        """Whether a finger touches the object. If not, there is no grasp whose stability could be judged."""
         return math.isnan(self.gap)
 
     @property
     def verdict(self) -> str:
-        """Result as text: "stable", "NOT STABLE" or "not grasping", with the deciding number."""
+        """Result as text: "stable" or "NOT STABLE" with the spectral radius, or "not grasping" with the gap."""
         if not self.grasps:
             where = "at the end of the recording" if self.at == "recorded" else "with the hands closed and still"
             return f"{NOT_GRASPING}: nearest finger {1e3 * self.gap:.3g} mm away from {self.object}, {where}"
@@ -148,18 +152,18 @@ class Certificate(Carded):
 
     @property
     def radius_text(self) -> str:
-        """Spectral radius as text, marked as "in the air" if only the object on its support is unstable."""
+        """Spectral radius as text. If the grasp is unstable only on the support, the text ends with "in the air"."""
         air = " in the air" if not self.stable and is_stable(self.spectral_radius) else ""
         return f"spectral radius {self.spectral_radius:.6f}{air}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the certificate for JSON, with units in the names of keys; None stands for inf and nan."""
+        """Return the certificate as data for JSON. The keys contain units; inf and nan are replaced by None."""
         fields: dict[str, Any] = plain(self)
         return fields | {"stable": self.stable, "verdict": self.verdict}
 
 
 def plain(value: Any) -> Any:
-    """Convert dataclasses, tuples, arrays and numbers to JSON's types; None stands for inf and nan."""
+    """Convert dataclasses, sequences, arrays and numbers to types of JSON; inf and nan are replaced by None."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
         return {UNITS.get(name, name): plain(each) for name, each in fields.items()}
@@ -178,7 +182,7 @@ def plain(value: Any) -> Any:
 
 
 def lines(certificate: Certificate) -> Iterator[str]:
-    """Yield a certificate as lines of text; `limit_lines` yields the lines of the modes."""
+    """Yield a certificate as lines of text."""
     place = f", {PLACES[certificate.at]}" if certificate.grasps else ""
     yield f"stability of {certificate.object}{place}: {certificate.verdict}"
     if not certificate.grasps:
@@ -190,11 +194,11 @@ def lines(certificate: Certificate) -> Iterator[str]:
         checked = f"; the whole loop has the same limits to {max(differences):.0e}" if differences else ""
         yield f"  internal and external limits from separate modes{checked}; pushing limits from the whole loop"
     elif certificate.limits:
-        yield "  limits from the whole loop, each for one gain with the others fixed; pushing: remaining stiffness"
+        yield "  limits from the whole loop, each for one gain with the others fixed; pushing limits for all gains"
     if any(row.limit == 0.0 for row in certificate.limits):
         yield (
-            "  limit 0: no value of that gain alone is stable; change several gains and dampings together, the period, "
-            "or the object's integrator"
+            "  limit 0: with the other gains as they are, no value of this gain is stable; change several gains and "
+            "dampings together, the period, or the object's integrator"
         )
     yield f"  {_said_of_passivity(certificate)}"
     if certificate.grip:
@@ -220,7 +224,7 @@ def _said_of_passivity(certificate: Certificate) -> str:
 
 
 def _said_of_grip(grip: Mapping[str, float], edge: Sequence[str]) -> str:
-    """Describe how close the fingers are to sliding, the closest first."""
+    """Return a text with the share of the available friction that each finger uses, in descending order."""
     ranked = sorted(grip.items(), key=lambda item: -round(item[1], 6))  # ties keep their order
     margins = ", ".join(f"{name} {margin:.2f}" for name, margin in ranked[:MOST_GRIPS])
     more = f", {len(ranked) - MOST_GRIPS} more down to {ranked[-1][1]:.2f}" if len(ranked) > MOST_GRIPS else ""
@@ -229,10 +233,11 @@ def _said_of_grip(grip: Mapping[str, float], edge: Sequence[str]) -> str:
 
 
 def limit_lines(limits: Sequence[Limit]) -> Iterator[str]:
-    """Yield one line per mode; modes with equal numbers share a line.
+    """Yield a line of text for each mode; modes with equal numbers are listed on one line.
 
-    Of the sets of several pushing fingers, only the weakest set of each size is listed. If single pushing fingers would
-    need more than `MOST_PUSHING` lines, one line states the ranges of their numbers.
+    Of the sets of several pushing fingers, only the set with the smallest margin is listed for each number of fingers.
+    If single pushing fingers need more than `MOST_PUSHING` lines, one line with the ranges of their numbers replaces
+    these lines.
     """
     alike: dict[str, list[Limit]] = {}
     for row in _worth_saying(limits):
@@ -249,7 +254,7 @@ def limit_lines(limits: Sequence[Limit]) -> Iterator[str]:
 
 
 def _worth_saying(limits: Sequence[Limit]) -> Iterator[Limit]:
-    """Drop sets of several pushing fingers that have a larger margin than another set of the same size."""
+    """Yield all limits, but of the sets of two or more pushing fingers only that with the smallest margin per size."""
     weakest: dict[int, Limit] = {}
     for row in limits:
         count = max(_count(row), 1)
@@ -261,7 +266,7 @@ def _worth_saying(limits: Sequence[Limit]) -> Iterator[Limit]:
 
 
 def _count(row: Limit) -> int:
-    """Return the number of pushing fingers; 0 for a mode of the whole grasp."""
+    """Return the number of fingers that push in a mode, or 0 if the mode is one of the whole grasp."""
     return row.mode.count(", ") + 1 if row.mode.startswith(PUSHING) else 0
 
 
@@ -272,14 +277,14 @@ def _range(rows: Sequence[Limit]) -> str:
         for name, digits in (("gain", ".4g"), ("limit", ".4g"), ("margin", ".2f"), ("frequency", ".3g"))
     )
     name = weakest.mode.removeprefix(PUSHING)
-    gain = f"{gains} N/m" if gains else "gains as they are"
+    gain = f"{gains} N/m" if gains else "present gains"
     parts = [f"limit {limits}" if limits else "", f"margin {margins}" if margins else "no limit"]
-    parts += [f"lost at {lost} Hz" if lost else "", f"the least with {name}" if margins else ""]
+    parts += [f"lost at {lost} Hz" if lost else "", f"smallest with {name}" if margins else ""]
     return f"{PUSHING}one of {len(rows)} fingers {gain}: {', '.join(part for part in parts if part)}"
 
 
 def _span(values: Sequence[float], digits: str) -> str:
-    """Format the smallest and the largest finite number, or a single number if their texts are equal."""
+    """Format the range of the finite values; "no limit" is appended if some values are not finite."""
     finite = [value for value in values if math.isfinite(value)]
     if not finite:
         return ""

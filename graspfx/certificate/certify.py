@@ -1,4 +1,4 @@
-"""Certificates of a scene: of the squeezed grasp at rest, of a provisional squeeze, or of a recording's end."""
+"""Certificates of a scene, for its squeezed grasps at rest or for the state at the end of a recording."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Certificates(Carded, Sequence[Certificate]):
-    """Certificates of a scene, one for each object that fingers touch, in the order of the scene's objects.
+    """Certificates of the grasped objects of a scene, in the order of the objects.
 
     Attributes:
         scene: Name of the scene.
         each: `Certificate` of each object.
-        provisional: True if no rest was computed; the squeeze is then that of one linear step from the start.
+        provisional: True if the equilibrium of the grasps was approximated by one linear step from the start.
     """
 
     scene: str
@@ -43,11 +43,11 @@ class Certificates(Carded, Sequence[Certificate]):
 
     @property
     def stable(self) -> bool:
-        """True if the loop of every object is stable with its present gains."""
+        """Whether the loop of every object is stable with the scene's gains."""
         return all(certificate.stable for certificate in self.each)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the certificates for JSON."""
+        """Return the certificates as data for JSON."""
         return {
             "scene": self.scene,
             "stable": self.stable,
@@ -80,35 +80,37 @@ def certify(
     quick: bool = False,
     recording: Recording | str | PathLike[str] | None = None,
 ) -> Certificates:
-    """Certify a scene: how large each gain can be before the sampled loop of devices, hands and objects is unstable.
+    """Compute how large each gain can be before the sampled loop of devices, hands and objects is unstable.
 
-    The grasp is judged at rest, after hands that neither move nor rotate have closed slowly. Contacts that slide on the
-    way stick where they stop. In a run, hands close at their own speed, so that such contacts stop at places that
-    differ by a few per cent; with `recording`, the rest at the end of the recording is used instead. Each limit is
-    computed for one gain, with the squeeze held and the other gains at their present values.
+    The loop is linearised about an equilibrium of the grasp, which is reached when the hands close slowly and neither
+    move nor rotate. Contacts that slide while the hands close are assumed to stick where they stop. In a run, hands
+    close faster; if contacts slide, the forces in the equilibrium of the run may therefore differ by a few per cent. To
+    use the equilibrium of a run, pass its `recording`. Each limit is computed for one gain; the contact forces in
+    equilibrium and the other gains stay constant.
 
     Args:
-        scene: Scene, name of a built-in scene, or path.
-        quick: Whether to hold the squeeze of one linear step from the start instead of computing the rest. The result
-            is then provisional.
-        recording: Recording of the scene, or its path; the grasp of the last row is judged.
+        scene: Scene, name of a built-in scene, or path of a scene file.
+        quick: Whether to approximate the equilibrium by one linear step from the start.
+        recording: Recording of the scene, or its path. The grasp is judged in the state of the last row.
 
     Returns:
-        A `Certificate` for each object that has fingers; `graspfx check` prints the same text. An object that no finger
-        touches even with the hands closed is not stable; its `gap` is the distance to the nearest finger.
+        A `Certificate` for each object that has fingers; `graspfx check` prints the same text. If no finger touches an
+        object although the hands are closed, its certificate is not stable, and `gap` is the distance to the nearest
+        finger.
 
     Raises:
-        InputError: If `quick` is neither True nor False, or True with a recording; the recording is of another scene,
-            or a device does not state its mass or friction.
-        NoRestError: If no rest of a grasp is found, or the grasp is not at rest at the end of the recording.
-        SceneError: If a scene that is loaded has faults.
-        RecordingError: If the path leads to no recording.
+        InputError: If `quick` is not a bool, or is True although a recording is given; if the recording is of another
+            scene; or if a device does not state its mass or friction.
+        NoRestError: If no equilibrium of a grasp is found; or if, in the last row of the recording, only some fingers
+            touch the object, a finger pulls, or the forces do not converge.
+        SceneError: If the scene file has faults.
+        RecordingError: If the file at the path of the recording is missing or not a recording.
     """
     scene_ = to_scene(scene)
     if not isinstance(quick, bool):
-        raise InputError("quick", quick, "True or False", "pass values of keys with the scene: gx.load(scene, values)")
+        raise InputError("quick", quick, "True or False", "to change values of a scene, pass gx.load(scene, values)")
     if quick and recording is not None:
-        raise InputError("quick", True, "False with a recording", "the recording provides the rest")
+        raise InputError("quick", True, "False, because a recording is given", "the recording provides the equilibrium")
     if recording is not None:
         rest = recording_of(scene_, recording)
         answers = certificates(scene_, "recorded", rest)
@@ -118,17 +120,22 @@ def certify(
 
 
 def name_of(scene: Scene) -> str:
-    """Return the name of a scene: that of its file or, without a file, its title, or else its name in messages."""
+    """Return the name of a scene's file; if the scene has no file, its title, or the name that messages use."""
     path = scene.source.path
     return path.stem.replace("_", "-") if path is not None else scene.title or scene.source.name
 
 
 @one_blas_thread()
 def certificates(scene: Scene, at: str = "squeezed", recording: Recording | None = None) -> list[Certificate]:
-    """Certify every object that fingers touch.
+    """Compute the certificate of every object that has fingers.
 
-    Each limit is computed for one gain, with the squeeze held and the other gains at the scene's values. If the loop is
-    unstable at those values, the other gains are held at half the limit of all gains together.
+    Each limit is computed for one gain, with the other gains at the scene's values. If the loop is unstable at the
+    scene's values, the other gains are set to half the largest stable common multiple of the scene's values.
+
+    Args:
+        scene: Scene.
+        at: State about which the loop is linearised, as for `linearise`.
+        recording: Recording of the scene if `at` is "recorded".
 
     Raises:
         InputError: If a device does not state its mass or friction.
@@ -163,7 +170,7 @@ def _certificate(scene: Scene, at: str, name: str, recording: Recording | None) 
 
 
 def _squeezed(scene: Scene, loop: Linearised) -> Iterator[str]:
-    """Report the geometric stiffness of the squeeze, which adds to a specified stiffness of the object."""
+    """Yield a note about the rotational stiffness that contact forces add to a specified stiffness of the object."""
     geometric = loop.geometric[0]
     if geometric is None:
         return
@@ -173,11 +180,14 @@ def _squeezed(scene: Scene, loop: Linearised) -> Iterator[str]:
         part = geometric[-turns:, -turns:]
         low, high = np.linalg.eigvalsh(0.5 * (part + part.T))[[0, -1]]
         change = f"{low:+.3g}" if turns == 1 else f"{low:+.3g} to {high:+.3g}"
-        yield f"object_stiffness holds without a squeeze: contact forces at rest add {change} N m/rad to rotations"
+        yield f"object_stiffness does not include the effect of contact forces, which add {change} N m/rad in rotations"
 
 
 def _sliding(scene: Scene, loop: Linearised) -> Iterator[str]:
-    """Report what contacts on their cones' edges could do if they slid; soft fingers are listed as not examined."""
+    """Yield notes about instabilities if contacts on the edges of their friction cones slide.
+
+    One note lists soft fingers on the edge, for which sliding is not examined.
+    """
     soft = [k for k, i in enumerate(loop.edge) if scene.finger[i].patch]
     hard = [k for k in range(len(loop.edge)) if k not in soft]
     T, V = loop.slip
@@ -191,11 +201,11 @@ def _passive(scene: Scene, loop: Linearised) -> tuple[CouplingLimits | None, str
     dampings = [number_of(part.damping) for part in (coupling.external, coupling.internal)]
     obstacles = (
         (linear.ground is not None, "the object stands on an obstacle"),
-        (np.isnan(dampings).any(), "its damping is given by matrices"),
-        (loop.pads is not None, "its fingertips are compliant"),
-        (loop.compliance.any(), "its damping grows with depth and is not at its full value here"),
-        (linear.delay.any() or linear.latency.any(), "its devices display forces with a delay"),
-        (linear.integrator != "exact", f"it requires an object with the integrator exact, not {linear.integrator}"),
+        (np.isnan(dampings).any(), "the damping is given by matrices"),
+        (loop.pads is not None, "fingertips are compliant"),
+        (loop.compliance.any(), "the damping grows with depth and is below its full value here"),
+        (linear.delay.any() or linear.latency.any(), "devices display forces with a delay"),
+        (linear.integrator != "exact", f"the object has the integrator {linear.integrator}, not exact"),
     )
     for is_there, why in obstacles:
         if is_there:

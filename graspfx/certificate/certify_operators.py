@@ -1,4 +1,4 @@
-"""Certificate of a scene over a set of operators: in whose hands it is stable, and with which gains."""
+"""Certificate of a scene for a set of operators: for which hands, and with which gains, the scene is stable."""
 
 from __future__ import annotations
 
@@ -46,12 +46,12 @@ LEAST = 0.02  # start of the grid of gains, relative to its span
 
 @dataclass(frozen=True)
 class Share:
-    """Share of a population that has a property, estimated from a random sample.
+    """Proportion of a population that has a property, estimated from a random sample.
 
     Attributes:
         count: Number of members of the sample that have the property.
         total: Size of the sample.
-        low, high: Interval of Clopper and Pearson (1934) with a confidence of at least 95 %.
+        low, high: Ends of the confidence interval of Clopper and Pearson (1934), with a confidence of at least 95 %.
     """
 
     count: int
@@ -61,17 +61,21 @@ class Share:
 
     @property
     def value(self) -> float:
-        """Share in the sample."""
+        """Proportion in the sample."""
         return self.count / self.total
 
     @property
     def text(self) -> str:
-        """Share and its interval in per cent."""
+        """Proportion and confidence interval as text, in per cent."""
         return f"{100 * self.value:.3g} % (95 % confidence: {100 * self.low:.3g} to {100 * self.high:.3g} %)"
 
 
 def share_of(count: int, total: int) -> Share:
-    """Return the share and its interval; at each end, the count has a binomial tail probability of 2.5 %."""
+    """Return the proportion count/total with its confidence interval.
+
+    If the proportion of the population is at an end of the interval, the binomial probability of a count at least as
+    extreme as the observed count is 2.5 %.
+    """
     from scipy.special import betaincinv
 
     tail = (1.0 - CONFIDENCE) / 2.0
@@ -82,22 +86,22 @@ def share_of(count: int, total: int) -> Share:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class OperatorCertificate(Carded):
-    """Certificate of a scene over a set of operators.
+    """Certificate of a scene for a set of operators.
 
     Attributes:
         scene: Name of the scene.
-        operators: Set of operators.
-        own: Judgement with the scene's own operator.
-        worst: Full judgement of the worst operator that was found, including `pushing`.
-        population: Judgements of random operators, drawn from the distributions of the ranges, in the order in which
-            they were drawn.
-        share: Share of the population that is stable, with its interval.
-        box: All judgements of the search for the worst operator, by the operator's point in the unit box.
-        passive: Largest gains that are passive for every operator, or None.
+        operators: Set of operators, as ranges of keys of the scene.
+        own: Judgement with the scene's values.
+        worst: Judgement of the worst operator that was found, including limits of fingers that push alone.
+        population: Judgements of random operators, in the order in which they were drawn.
+        share: Proportion of operators with which the scene is stable, estimated from `population`.
+        box: Operators that the search for the worst operator judged. Each is given as its point in the unit box
+            (fractions of the ranges) and its judgement.
+        passive: Largest gains that are passive for every operator; None if passivity was not analysed.
         is_passive: True if passivity guarantees stability for the whole set. This requires that gains do not exceed
             `passive`, that only springs, dampers and masses of hands vary, and that no hand reacts with a delay or
-            stiffens.
-        seed: Seed of the population.
+            stiffens with the grip force.
+        seed: Seed of the random population.
     """
 
     scene: str
@@ -114,7 +118,7 @@ class OperatorCertificate(Carded):
 
     @property
     def stable(self) -> bool:
-        """True if the loop is stable for every operator that was judged."""
+        """Whether the loop is stable for every operator that was judged."""
         return self.worst.stable and self.share.count == self.share.total
 
     @property
@@ -124,39 +128,44 @@ class OperatorCertificate(Carded):
 
     @property
     def sentence(self) -> str:
-        """Answer to "stable in whose hands?" in one sentence."""
+        """Sentence that states for which of the judged operators the scene is stable, and which is the worst."""
         row = self.worst.worst
         has = f"has {'no gain' if row is None else row.text}"
-        has = {"apart": "brings no finger to an object", "": "comes to no rest"}.get(self.worst.at, has)
+        has = {"apart": "brings no finger to an object", "": "reaches no equilibrium"}.get(self.worst.at, has)
         worst = f"the worst operator ({numbers(self.worst.values)}) {has}"
         if self.stable:
-            sure = "by passivity" if self.is_passive else f"at least {100 * self.share.low:.3g} % of the population"
-            return f"stable in every hand of {self.judged} judged, {sure}; {worst}"
+            share = f"and in at least {100 * self.share.low:.3g} % of the population"
+            return f"stable in all {self.judged} hands judged, {'by passivity' if self.is_passive else share}; {worst}"
         if self.share.count == 0:
-            return f"NOT stable in any hand of the {self.share.total} drawn; {worst}"
-        drawn = "every hand drawn" if self.share.count == self.share.total else f"{self.share.text} of the hands"
+            return f"NOT stable in any of {self.share.total} random hands; {worst}"
+        is_all = self.share.count == self.share.total
+        drawn = f"all {self.share.total} random hands" if is_all else f"{self.share.text} of the hands"
         return f"stable in {drawn}, NOT in all; {worst}"
 
     def margins(self, mode: str | None = None) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """Return the margin of each operator of the population, or its margin of one mode; inf if there is no limit."""
+        """Return the stability margin with each operator of the population (operators,); inf if there is no limit.
+
+        Args:
+            mode: Name of the mode whose margin is returned; if None, the smallest margin of all modes is returned.
+        """
         each = self.population
         return np.array([one.margin if mode is None else one.margin_of(mode) for one in each])
 
     @property
     def modes(self) -> tuple[str, ...]:
-        """Names of the modes that have limits."""
+        """Names of the modes that have a limit for at least one operator of the population."""
         return tuple(dict.fromkeys(row.limit.mode for one in self.population for row in one.limits))
 
     def region(self, keys: tuple[str, ...] | None = None, points: int = 24) -> OperatorRegion:
-        """Compute the stable region over one or two ranges, with the scene's own values for all other keys.
+        """Compute the stable region over the ranges of one or two keys, with the scene's values of all other keys.
 
         Args:
-            keys: One or two of the operators' keys; the first two if None.
-            points: Number of points along each key.
+            keys: One or two keys of the set of operators; if None, the first two keys (or the only one) are used.
+            points: Number of values of each key, from 2 to 200.
 
         Raises:
-            InputError: If the number of keys, or of points, is out of range.
-            UnknownNameError: If a key is not in the set.
+            InputError: If there are more than two keys, a key occurs twice, or the number of points is out of range.
+            UnknownNameError: If the set of operators does not contain a key.
         """
         if not 2 <= points <= MOST_POINTS:
             raise InputError("points", points, f"from 2 to {MOST_POINTS}")
@@ -180,23 +189,23 @@ class OperatorCertificate(Carded):
         return OperatorRegion(ranges, values, margin, stable)
 
     def gains(self, points: int = 40, span: float = 4.0) -> GainRegion:
-        """Compute the stable share of the population for gains k_ep and k_ip up to `span` times the scene's gains.
+        """Compute, for a grid of gains kep and kip, the proportion of hands with which the scene is stable.
 
-        Each of the first 60 hands is brought to rest once, with the scene's gains. For other gains, contacts are kept,
-        and the squeeze is computed from the stiffnesses of hand and k_ip in series (`judgement.altered`). Therefore
-        each hand is linearised once, not once per pair of gains.
+        The first 60 operators of the population are used. The equilibrium is computed once per operator, with the
+        scene's gains. For other gains, the contacts are those of this equilibrium, and the squeeze is scaled as for
+        springs in series with the stiffness of the hand and kip (`judgement.altered`).
 
         Args:
-            points: Number of points along each gain.
-            span: End of the grid, as a multiple of the scene's gains.
+            points: Number of values of each gain, from 2 to 200.
+            span: Largest gains of the grid, as a multiple of the scene's gains; above 0.02.
 
         Raises:
-            InputError: If gains are not numbers above zero, or points or span are out of range.
+            InputError: If a gain of the scene is not a positive number, or `points` or `span` is out of range.
         """
         coupling = self._made_of.coupling
         present = coupling.external.stiffness, coupling.internal.stiffness
         if not all(isinstance(gain, int | float) and gain > 0.0 for gain in present):
-            raise InputError("coupling", present, "gains that are positive numbers, for a map over the gains")
+            raise InputError("coupling", present, "positive numbers as gains, because the region is computed over them")
         if not 2 <= points <= MOST_POINTS or not span > LEAST:
             raise InputError("points, span", (points, span), f"from 2 to {MOST_POINTS} points and a span above {LEAST}")
         factors = np.linspace(LEAST, 1.0, points) * span
@@ -211,7 +220,12 @@ class OperatorCertificate(Carded):
         return GainRegion(factors * kep, factors * kip, stable / len(hands), len(hands), (kep, kip))
 
     def plot(self, path: str | PathLike[str] | None = None, width: str = "screen") -> Any:
-        """Plot the distribution of margins, and the region over the first two ranges; a given path saves the figure."""
+        """Plot the distribution of margins, and the stable region over the first two keys.
+
+        Args:
+            path: Path to which the figure is saved; None if it is not saved.
+            width: Width of the figure, as for `gx.plot`.
+        """
         from graspfx.show.certificate_figures import operators_sheet
         from graspfx.show.style import save
 
@@ -221,7 +235,7 @@ class OperatorCertificate(Carded):
         return drawing
 
     def lines(self) -> Iterator[str]:
-        """Yield the sentence, each mode's margins, and the guarantee."""
+        """Yield lines of text: `sentence`, quantiles of the margins of each mode, and `guarantee`."""
         yield f"in whose hands? {self.sentence}"
         yield f"  operators {self.operators.source}: {'; '.join(each.text for each in self.operators.ranges)}"
         own = self.own.worst
@@ -234,32 +248,36 @@ class OperatorCertificate(Carded):
             figures = ", ".join(
                 f"{x:.3g}" if x < math.inf else "none" for x in np.quantile(margins, QUANTILES, method="lower")
             )
-            yield f"  {mode}: least margin, and its 5 %, 50 % and 95 % quantiles over the hands {figures}"
+            yield f"  {mode}: smallest, 5 %, 50 % and 95 % quantile of the margin over the hands: {figures}"
         weakest = min(self.worst.pushing, key=lambda row: row.limit.margin, default=None)
         if weakest is not None:
             yield f"  in the worst hands, {weakest.text}"
         loose, restless, apart = (sum(one.at == place for one in self.population) for place in ("start", "", "apart"))
         if loose:
-            yield f"  {loose} of {self.share.total} leave a real device's finger off its object: judged at the start"
+            yield f"  {loose} of {self.share.total} leave a finger on hardware off the object: judged at the start"
         if restless:
-            yield f"  {restless} of {self.share.total} do not come to rest, and are counted as not stable"
+            yield f"  {restless} of {self.share.total} hands do not come to rest, and are counted as not stable"
         if apart:
-            yield f"  {apart} of {self.share.total} bring no finger to an object, and are counted as not stable"
+            yield f"  {apart} of {self.share.total} hands bring no finger to an object, and are counted as not stable"
         yield f"  {self.guarantee}"
 
     @property
     def guarantee(self) -> str:
-        """Sentence about what is guaranteed and what is sampled."""
+        """Sentence that states whether stability is guaranteed for all operators, or only computed for some."""
         if self.is_passive:
-            return "guaranteed: the gains are passive for any hand of springs, dampers and masses, whatever the ranges"
+            return "guaranteed: the gains are passive for any hand that consists of springs, dampers and masses"
         return (
-            f"sampled: each of {self.judged} operators is judged in full (corners, points that fill the box, a descent "
-            "to the worst, a random population); no bound between them. No gain is guaranteed for every operator"
-            + (": passivity is not judged" if self.passive is None else " above the passive ones")
+            f"sampled: {self.judged} operators were judged (corners and points inside the ranges, a descent to the "
+            "worst operator, and a random population); other operators may be worse. "
+            + (
+                "No gain is guaranteed, because passivity is not judged"
+                if self.passive is None
+                else "Only passive gains are guaranteed for every operator"
+            )
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data for JSON."""
+        """Return the certificate as data for JSON."""
         return {
             "scene": self.scene,
             "sentence": self.sentence,
@@ -288,22 +306,23 @@ def certify_operators(
     samples: int = SAMPLES,
     seed: int = 0,
 ) -> OperatorCertificate:
-    """Certify a scene over a set of operators: the worst operator, and the stable share of a population.
+    """Certify a scene for a set of operators: find the worst operator, and the proportion of stable operators.
 
-    For each operator, the scene gets the operator's values, is brought to rest, and is judged as by `certify`. The
-    search for the worst operator covers the whole box of the ranges, not only its corners, because margins are not
-    monotonic in a hand's stiffness.
+    An operator is given by values of keys of the scene, such as the stiffness of a hand. The stability of the scene
+    with these values is computed as by `certify`. The search for the worst operator also examines the interior of the
+    ranges, because margins are not monotonic in the stiffness of a hand.
 
     Args:
-        scene: Scene, name of a built-in scene, or path.
-        operators: Ranges by key, {"finger.*.hand.stiffness": (50.0, 1000.0)}, with an optional distribution ("law") as
-            third item; or texts "KEY=FROM:TO:LAW". If None, the ranges of the scene's table [operators] are used, or
-            else the usual ranges of its hands.
-        samples: Size of the random population.
-        seed: Seed of the population; the same seed gives the same result.
+        scene: Scene, name of a built-in scene, or path of a scene file.
+        operators: Ranges by key, such as {"finger.*.hand.stiffness": (50.0, 1000.0)}. An optional third item is the
+            distribution (`OperatorRange`). A list of texts "KEY=FROM:TO" or "KEY=FROM:TO:LAW" is also accepted. If
+            None, the ranges of the scene's table [operators] are used; a scene without this table has default ranges
+            for its hands and device masses.
+        samples: Number of random operators.
+        seed: Seed of the random operators.
 
     Returns:
-        `OperatorCertificate`, whose `.sentence` states in whose hands the scene is stable.
+        Certificate. Its attribute `sentence` states for which operators the scene is stable.
 
     Raises:
         InputError: If ranges are invalid, a device does not state its mass or friction, the number of samples is below
@@ -336,7 +355,7 @@ def certify_operators(
 
 
 def _within(scene: Scene, passive: CouplingLimits | None) -> bool:
-    """True if the gains are passive for every operator."""
+    """Return whether the scene's gains are numbers that do not exceed the largest passive gains."""
     if passive is None:
         return False
     gains = scene.coupling.external.stiffness, scene.coupling.internal.stiffness
@@ -345,7 +364,7 @@ def _within(scene: Scene, passive: CouplingLimits | None) -> bool:
 
 
 def numbers(values: Mapping[str, float]) -> str:
-    """Format values by key."""
+    """Format values by key, such as `hand.0.grip.stiffness = 100`."""
     return ", ".join(f"{key} = {value:.4g}" for key, value in values.items())
 
 
@@ -367,13 +386,14 @@ def judgement_data(one: Judgement) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class OperatorRegion:
-    """Margins over one or two keys of a set of operators, with the scene's values for the others.
+    """Stability margins of a scene over one or two keys of a set of operators.
 
     Attributes:
-        ranges: One or two ranges, divided evenly, on a logarithmic scale if their law is logarithmic.
-        values: Values of each range, (n,).
-        margin: Smallest margin of all modes at each point, (n,) or (n1, n2); below 1 if the loop is unstable.
-        stable: Mask of the points with a stable loop, with the shape of `margin`.
+        ranges: Range of each key.
+        values: Values of each key (points,), evenly spaced, or evenly spaced in the logarithm if the law of the range
+            is logarithmic.
+        margin: Smallest margin of all modes, (points,) or (points, points); below 1 if the loop is unstable.
+        stable: Mask of the points at which the loop is stable, with the shape of `margin`.
     """
 
     ranges: tuple[OperatorRange, ...]
@@ -382,7 +402,7 @@ class OperatorRegion:
     stable: NDArray[np.bool_]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data for JSON."""
+        """Return the region as data for JSON."""
         return {
             "keys": [each.key for each in self.ranges],
             "values": [each.tolist() for each in self.values],
@@ -393,14 +413,15 @@ class OperatorRegion:
 
 @dataclass(frozen=True, eq=False)
 class GainRegion:
-    """Share of a population that is stable with each pair of gains.
+    """Proportion of operators with which a scene is stable, for pairs of gains.
 
     Attributes:
-        external: Gains k_ep, (n,) [N/m].
-        internal: Gains k_ip, (n,) [N/m].
-        share: Share of hands with which the loop is stable, (external, internal), from 0 to 1.
-        hands: Number of hands that were judged.
-        present: Gains k_ep and k_ip of the scene [N/m].
+        external: Values of kep, (points,) [N/m].
+        internal: Values of kip, (points,) [N/m].
+        share: Proportion of operators with which the loop is stable, from 0 to 1; entry (i, j) belongs to
+            `external[i]` and `internal[j]`.
+        hands: Number of operators that were judged.
+        present: Gains kep and kip of the scene [N/m].
     """
 
     external: FloatArray
@@ -410,13 +431,13 @@ class GainRegion:
     present: tuple[float, float]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data for JSON."""
+        """Return the proportions as data for JSON."""
         fields: dict[str, Any] = plain(self)
         return fields
 
 
 def _stable(scene: Scene, loop: Linearised, factors: FloatArray) -> NDArray[np.bool_]:
-    """Return the mask of pairs of factors (external, internal) that are stable."""
+    """Return the mask (external, internal) of pairs of factors of kep and kip with which a loop is stable."""
     result = np.zeros((len(factors), len(factors)), dtype=bool)
     for j, internal in enumerate(factors.tolist()):
         whole = WholeLoop(altered(scene, loop, Change(internal=internal)), loop.gains)

@@ -1,4 +1,4 @@
-"""Rows of a plan about devices: safety chain, servo loop, late forces, moments."""
+"""Rows of a plan about devices: safety chain, servo loop, delayed forces, and moments that are not displayed."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from graspfx.system.child_process import is_possible
 Row = tuple[str, bool, str]
 FloatArray = NDArray[np.float64]
 
-BACK = "; generates energy when it limits, which passivity = 'control' removes"
+BACK = "; a limited force generates energy, which passivity = 'control' removes"
 
 
 def safety_rows(parts: Parts) -> Iterator[Row]:
@@ -57,12 +57,12 @@ def safety_rows(parts: Parts) -> Iterator[Row]:
 def _soft_start(limits: SafetyLimits) -> Row:
     if limits.soft_start == 0.0:
         return "soft start", False, "soft_start = 0: stiffness and damping have their values from the first tick"
-    why = "so that the first force is zero, on both sides"
+    why = "so that the first force on fingers and objects is zero"
     return "soft start", True, f"stiffness and damping grow over {limits.soft_start:g} s, {why}"
 
 
 def _each(step: str, values: FloatArray, unit: str, more: str, none: str) -> Row:
-    """Return the row of a limit per finger, or the reason why there is none."""
+    """Return the row of a step that limits a quantity of each finger to a value; `none` is the text without limits."""
     if not np.isfinite(values).any():
         return step, False, none
     low, high = float(values.min()), float(values.max())
@@ -78,7 +78,7 @@ def _workspace(limits: SafetyLimits) -> Row:
 
 
 def loop_rows(parts: Parts) -> Iterator[Row]:
-    """Yield rows about the servo loop, the servo's process, and the removal of forces if that process dies."""
+    """Yield rows about the servo loop, its process, and how forces are removed if the process ends unexpectedly."""
     if not parts.hardware:
         return
     yield "loop", True, _loop(parts)
@@ -102,7 +102,7 @@ def loop_rows(parts: Parts) -> Iterator[Row]:
 
 
 def _loop(parts: Parts) -> str:
-    """Return the kind of the servo loop, with the reason."""
+    """Return a description of the servo loop: which code and which thread run it, and why."""
     scene = parts.scene
     stations = [DeviceWiring(wire.device, wire.fingers, wire.fitting) for wire in parts.wires]
     why = why_python(stations, scene.finger_names, scene.engine, scene.period, None)
@@ -113,7 +113,7 @@ def _loop(parts: Parts) -> str:
 
 
 def lateness_rows(parts: Parts) -> Iterator[Row]:
-    """Yield a row for each device with late forces: the time from a motion to its force, in ms and in samples."""
+    """Yield a row for each device with delayed forces. The delay is the time from a motion to its force."""
     for wire, late in late_wires(parts):
         names = ", ".join(parts.scene.finger_names[i] for i in wire.used)
         share = late / parts.scene.period
@@ -125,7 +125,7 @@ def lateness_rows(parts: Parts) -> Iterator[Row]:
 
 
 def moment_rows(scene: Scene) -> Iterator[Row]:
-    """Report the torsion of soft fingers; operators do not feel torsion, because devices display forces only."""
+    """Yield a row about the torsion of soft fingers. Operators do not feel it, because devices display only forces."""
     soft = [finger for finger in scene.finger if finger.model == "soft"]
     if not soft:
         return
@@ -134,5 +134,5 @@ def moment_rows(scene: Scene) -> Iterator[Row]:
     low, high = float(np.min(levers)), float(np.max(levers))
     size = f"{high:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
     bound = f", up to mu rho = {size} N mm per newton of normal force" if high > 0.0 else ", without a bound"
-    text = f"torsion of {len(soft)} soft fingers{bound}: the object feels it, the operators do not"
-    yield "displayed moments", False, f"{text}; finger_moment records it"
+    text = f"torsion of {len(soft)} soft fingers{bound}: it acts on the object and is not displayed"
+    yield "displayed moments", False, f"{text}; the column finger_moment records it"

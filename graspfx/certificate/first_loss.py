@@ -1,10 +1,10 @@
-"""First loss of stability as one gain of a whole loop grows, for any fingers and any preload.
+"""Search for the smallest factor of a gain at which a whole loop becomes unstable.
 
-The loop is divided into independent parts. If the loop's matrix is linear in the gain's factor, A_0 + s A_1, the
-largest eigenvalues on a grid of factors bracket the loss of stability, and Newton's method, applied to the eigenvalue
-that leaves the unit circle, finds the factor. For other loops, the search brackets the factor at which the spectral
-radius exceeds 1. For loops with a delayed reaction, the search uses the number of eigenvalues outside the circle
-instead of the spectral radius.
+The loop is divided into independent parts. The spectral radius on a grid of factors s brackets the limit. If the matrix
+of the loop has the form A_0 + s A_1, Newton's method then finds the factor at which the eigenvalue that leaves the unit
+circle has the modulus 1. Otherwise, a root-finding method finds the factor at which the spectral radius is 1. For loops
+with a long delayed reaction, the search uses the number of eigenvalues outside the circle instead of the spectral
+radius.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ FARTHEST = 0.05  # largest distance inside the circle of the followed eigenvalue
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """Matrix K_0 + s K_1 as a function of the factor s of a gain."""
+    """Function of a factor s that returns the matrix `still` + s `slope`."""
 
     still: FloatArray
     slope: FloatArray
@@ -58,7 +58,10 @@ class Line:
 
 
 class PartLoop:
-    """Matrix A(K) of a part, without motions that change no force; A(0) + W K C if `affine`."""
+    """Matrix A of the motion of one part of a loop from sample to sample, as a function of the stiffness K.
+
+    Motions that change no force are omitted. If `affine`, A is computed as A(0) + W K C with constant matrices W and C.
+    """
 
     def __init__(self, part: Part) -> None:
         linear, self._part = part.linear, part
@@ -80,7 +83,7 @@ class PartLoop:
         return A if self._basis is None else np.asarray(self._basis.T @ A @ self._basis)
 
     def matrices(self, stiffness: Stiffness, factors: Sequence[float]) -> FloatArray:
-        """Return A for each factor, (f, states, states)."""
+        """Return A with the stiffness at each factor, (factors, states, states)."""
         K = [self._part.stiffness(stiffness(s)) for s in factors]
         if self.affine:
             return np.stack([self._still + self._W @ (each @ self._C) for each in K])
@@ -88,22 +91,23 @@ class PartLoop:
         return np.stack([self._without_drift(loop_matrix(each, self._motions)) for each in loops])
 
     def late_loop(self, stiffness: FloatArray) -> LateLoop:
-        """Return the loop for a stiffness, opened at the input of the late reaction."""
+        """Return the loop with a stiffness, opened at the input of the delayed reaction."""
         part = self._part
         return late_loop(part.linear.with_arrays(stiffness=part.stiffness(stiffness)), self._motions)
 
     def line(self, stiffness: Line) -> Line:
-        """Return A_0 + s A_1."""
+        """Return A as a function A_0 + s A_1 of the factor s; the part must be affine."""
         still, slope = (self._W @ (self._part.stiffness(K) @ self._C) for K in (stiffness.still, stiffness.slope))
         return Line(self._still + still, slope)
 
 
 class WholeLoop:
-    """A loop without its stiffness, divided into parts that are independent for every stiffness of given gains.
+    """Loop divided into parts that are independent for every stiffness that occurs in a search.
 
     Args:
         linear: Loop with its present gains.
-        gains: Matrices (m, m) whose linear combinations are all possible stiffnesses; None if unknown.
+        gains: Matrices (m, m); every stiffness that occurs is a linear combination of them. If None, the loop is not
+            divided.
     """
 
     def __init__(self, linear: Linearisation, gains: Sequence[FloatArray] | None = None) -> None:
@@ -113,7 +117,7 @@ class WholeLoop:
 
 
 class Family:
-    """Loops with the stiffness K(s), for all factors s of a gain."""
+    """Loop whose stiffness is a function of the factor s of a gain."""
 
     def __init__(self, loop: WholeLoop | Linearisation, stiffness: Stiffness) -> None:
         self.loop = loop if isinstance(loop, WholeLoop) else WholeLoop(loop)
@@ -121,55 +125,57 @@ class Family:
 
     @property
     def late(self) -> bool:
-        """True if the delay of a part's reaction has too many samples to represent each by a state."""
+        """Whether a part has a reaction whose delay is too long to represent each delayed sample by a state."""
         return any(part.late for part in self.loop.parts)
 
     @cached_property
     def lines(self) -> list[Line] | None:
-        """A_0 and A_1 of each part with A(s) = A_0 + s A_1; None if A is not linear in s."""
+        """Matrix A_0 + s A_1 of each part; None if a matrix does not have this form."""
         stiffness, parts = self.stiffness, self.loop.parts
         if not isinstance(stiffness, Line) or not all(part.affine for part in parts):
             return None
         return [part.line(stiffness) for part in parts]
 
     def matrices(self, factors: Sequence[float]) -> Iterator[FloatArray]:
-        """Return A of each part for each factor."""
+        """Yield the matrices of each part at all factors, (factors, states, states)."""
         if self.lines is None:
             return (part.matrices(self.stiffness, factors) for part in self.loop.parts)
         s = np.asarray(factors)[:, None, None]
         return (line.still + s * line.slope for line in self.lines)
 
     def roots(self, factors: FloatArray) -> NDArray[np.complex128]:
-        """Compute the eigenvalues for each factor, (f, states), without duplicates and motions that change no force."""
+        """Compute the eigenvalues of all parts at each factor, (factors, eigenvalues).
+
+        Motions that change no force, and copies of equal parts, are omitted.
+        """
         stacks = [A for A in self.matrices(factors.tolist()) if A.size]
         return np.concatenate([np.linalg.eigvals(A).astype(complex) for A in stacks], axis=1)
 
     def radius(self, factor: float) -> float:
-        """Compute the largest |z| for a factor."""
+        """Compute the spectral radius at a factor."""
         if self.late:
             return abs(self.farthest(factor))
         return float(np.abs(self.roots(np.array([factor]))).max(initial=0.0))
 
     def farthest(self, factor: float) -> complex:
-        """Find an eigenvalue of largest |z| for a factor, including parts with late reactions."""
+        """Find an eigenvalue of largest modulus at a factor."""
         return max((self.farthest_of(part, factor) for part in self.loop.parts), key=abs, default=0j)
 
     def farthest_of(self, part: PartLoop, factor: float) -> complex:
-        """Find the eigenvalue of largest |z| of a part, for a factor."""
+        """Find an eigenvalue of largest modulus of one part at a factor."""
         if part.late:
             return farthest_root(part.late_loop(self.stiffness(factor)))
         z = np.linalg.eigvals(part.matrices(self.stiffness, [factor])[0])
         return complex(z[np.abs(z).argmax()]) if z.size else 0j
 
     def unstable(self, factor: float) -> bool:
-        """True if an eigenvalue lies outside the unit circle."""
+        """Return whether an eigenvalue lies outside the unit circle at a factor."""
         return any(self.unstable_of(part, factor) for part in self.loop.parts)
 
     def unstable_of(self, part: PartLoop, factor: float) -> bool:
-        """True if an eigenvalue of a part lies outside the unit circle.
+        """Return whether an eigenvalue of one part lies outside the unit circle at a factor.
 
-        For a part with a delayed reaction, the number of roots outside the circle is determined instead of the
-        eigenvalues.
+        For a part with a long delayed reaction, only the number of eigenvalues outside the circle is computed.
         """
         if part.late:
             return roots_beyond(part.late_loop(self.stiffness(factor)), 1.0 + ROUNDING) > 0
@@ -181,7 +187,12 @@ class Family:
 
 @dataclass(frozen=True)
 class Reach:
-    """Largest stable factor of a gain, and frequency of the oscillation there [Hz]; inf and nan without a limit."""
+    """Stability limit of a gain.
+
+    Attributes:
+        factor: Smallest factor at which the loop becomes unstable; inf if there is none, 0 if no factor is stable.
+        frequency: Frequency of the oscillation at this factor [Hz]; nan if `factor` is inf or 0.
+    """
 
     factor: float
     frequency: float
@@ -189,10 +200,17 @@ class Reach:
 
 @dataclass
 class _Search:
-    """Search for the limit of one family, the factor `edge` between the last stable and the first unstable factor.
+    """State of the search for the stability limit of one family.
 
-    `factors` are the factors that remain, `before` is the last stable factor, and `lost` is the first unstable factor.
-    `roots` are the largest eigenvalues by factor; `beyond` is the largest eigenvalue at a factor just above the edge.
+    Attributes:
+        family: Loop as a function of the factor.
+        factors: Factors that have not been evaluated yet, in ascending order.
+        from_below: Whether the search was restarted from the smallest factor, because the factor 1 is unstable.
+        before: Largest factor found stable; None if there is none yet.
+        lost: Smallest factor found unstable above `before`; None if there is none yet.
+        edge: Stability limit, between `before` and `lost`; None until it is found.
+        beyond: Eigenvalue of largest modulus at a factor slightly above `edge`; None until it is found.
+        roots: Eigenvalue of largest modulus at each evaluated factor.
     """
 
     family: Family
@@ -205,11 +223,11 @@ class _Search:
     roots: dict[float, complex] = field(default_factory=dict)
 
     def upcoming(self) -> Sequence[float]:
-        """Return the factors to evaluate next; none if the search is over."""
+        """Return the factors to evaluate next; empty if the limit is bracketed or no factors remain."""
         return self.factors[: 1 if self.family.late else BATCH] if self.lost is None else ()
 
     def take(self, factors: Sequence[float], roots: Sequence[complex]) -> None:
-        """Update the search with the largest eigenvalues at these factors."""
+        """Update the search with the eigenvalues of largest modulus at the factors that were evaluated."""
         self.factors = self.factors[len(factors) :]
         for s, z in zip(factors, roots, strict=True):
             self.roots[s] = z
@@ -224,37 +242,39 @@ class _Search:
 
     @property
     def bracket(self) -> tuple[float, float]:
-        """The last stable and the first unstable factor."""
+        """Factors `before` and `lost`, between which the limit lies."""
         return self.before or 0.0, self.lost or 0.0
 
     @property
     def reach(self) -> Reach:
-        """Result, once the search is over."""
+        """Result of the search."""
         if self.edge is None or self.beyond is None:
             return Reach(0.0 if self.before is None else math.inf, math.nan)
         return Reach(self.edge, abs(float(np.angle(self.beyond))) / (2 * math.pi * self.family.loop.linear.period))
 
 
 def reach(linear: Linearisation | WholeLoop, stiffness: Stiffness) -> Reach:
-    """Find the first loss of stability above the present gain; if this gain is unstable, above the first stable gain.
+    """Find the stability limit of a gain: the smallest factor above 1 at which the loop becomes unstable.
+
+    If the loop is unstable at the factor 1, the search begins at the smallest stable factor of the grid instead.
 
     Args:
-        linear: Loop for s = 1.
-        stiffness: Function K(s).
+        linear: Loop with its present gains.
+        stiffness: Function that returns the stiffness matrix (m, m) for a factor.
     """
     return reaches([Family(linear, stiffness)])[0]
 
 
 def reaches(families: Sequence[Family]) -> list[Reach]:
-    """Find the reach of each family, as `reach` does; families with equal numbers of states are solved together."""
+    """Find the stability limit of each family (see `reach`)."""
     return [reach for [reach] in least_reaches([[family] for family in families])]
 
 
 def least_reaches(groups: Sequence[Sequence[Family]]) -> list[list[Reach]]:
-    """Find each group's smallest stability limit; return the reaches of the families in each group.
+    """Find the smallest stability limit of each group of families.
 
-    If a family is stable up to a factor at which another family of the group is unstable, the limit of the first family
-    is larger. Its search ends there with the result inf.
+    The result has a `Reach` for each family of each group. The search for a family ends, with the factor inf, as soon
+    as another family of its group is known to have a smaller limit.
     """
     searches = [[_Search(family) for family in group] for group in groups]
     each = [search for group in searches for search in group]
@@ -272,7 +292,7 @@ def least_reaches(groups: Sequence[Sequence[Family]]) -> list[list[Reach]]:
 
 
 def _drop_larger(group: Sequence[_Search]) -> None:
-    """End the searches of families that are stable at a factor at which another family of the group is unstable."""
+    """End the search of each family that is stable at a factor at which another family of the group is unstable."""
     least = min((search.lost for search in group if search.lost is not None), default=math.inf)
     for search in group:
         if search.before is not None and not search.from_below and search.before >= least:
@@ -280,9 +300,9 @@ def _drop_larger(group: Sequence[_Search]) -> None:
 
 
 def farthest(families: Sequence[tuple[Family, Sequence[float]]]) -> list[list[complex]]:
-    """Find the largest eigenvalue of each family for each of its factors, solving matrices of equal size together.
+    """Find the eigenvalue of largest modulus of each family at each of the factors given with the family.
 
-    For a family with a delayed reaction the result is 0 if the family is stable, and 2 if it is unstable.
+    For a family with a long delayed reaction, the result is 0 if the family is stable and 2 if it is unstable.
     """
     stacks: defaultdict[int, list[FloatArray]] = defaultdict(list)
     places: defaultdict[int, list[tuple[int, int]]] = defaultdict(list)
@@ -309,7 +329,7 @@ def farthest(families: Sequence[tuple[Family, Sequence[float]]]) -> list[list[co
 
 
 def _find_edges(searches: Sequence[_Search]) -> None:
-    """Find for each search where its family loses stability between the last stable and the first unstable factor."""
+    """Find the stability limit of the family of each search, between the factors `before` and `lost`."""
     for search in searches:
         if abs(search.roots[search.bracket[0]]) >= 1.0:
             search.edge = search.before  # the eigenvalue is on the circle, within rounding
@@ -341,15 +361,22 @@ def _find_edges(searches: Sequence[_Search]) -> None:
 
 
 def _just_above(searches: Sequence[tuple[_Search, float]]) -> list[complex]:
-    """Find the eigenvalue of largest |z| of each search's family, at a factor slightly above the given one."""
+    """Find the eigenvalue of largest modulus of each search's family, at a factor slightly above the given factor."""
     return [z for (z,) in farthest([(search.family, [s * (1.0 + BEYOND)]) for search, s in searches])]
 
 
 def crossings(starts: Sequence[tuple[Family, float, complex]]) -> list[float | None]:
-    """Follow one eigenvalue z of A(s) = A_0 + s A_1 of each family from a factor s to |z| = 1.
+    """Find the factor at which an eigenvalue of each family crosses the unit circle, starting from a factor near it.
 
-    With right and left eigenvectors x and y by inverse iteration, z = y'A x / y'x and dz/ds = y'A_1 x / y'x give Newton
-    steps on log |z|. The result is None if A is not linear in s, or if the eigenvalue is lost on the way.
+    The matrix of the family must have the form A(s) = A_0 + s A_1. Newton's method is applied to log |z|. The
+    eigenvalue and its derivative are z = y'A x / y'x and dz/ds = y'A_1 x / y'x, with the right eigenvector x and the
+    left eigenvector y from inverse iteration.
+
+    Args:
+        starts: Family, factor s, and eigenvalue z of A(s), for each search.
+
+    Returns:
+        Factor with |z| = 1 for each search; None if A does not have this form or the iteration does not converge.
     """
     answers: list[float | None] = [None] * len(starts)
     groups: defaultdict[int, list[tuple[int, Line, float, complex]]] = defaultdict(list)
@@ -367,7 +394,7 @@ def crossings(starts: Sequence[tuple[Family, float, complex]]) -> list[float | N
 
 
 def _newton(group: Sequence[tuple[int, Line, float, complex]]) -> list[float | None]:
-    """Take Newton steps for matrices of equal size together."""
+    """Carry out `crossings` for matrices of equal size, given by their search, matrix, factor and eigenvalue."""
     A_0 = np.stack([line.still for _, line, _, _ in group]).astype(complex)
     A_1 = np.stack([line.slope for _, line, _, _ in group]).astype(complex)
     s, z = np.array([each[2] for each in group]), np.array([each[3] for each in group])
@@ -398,9 +425,9 @@ def _newton(group: Sequence[tuple[int, Line, float, complex]]) -> list[float | N
 
 
 def bracketed(function: Callable[[float], float], low: float, high: float) -> float:
-    """Find a zero of a function between two factors at which its signs differ, by Chandrupatla's method (1997).
+    """Find a zero of a function between `low` and `high`, where its signs differ, by Chandrupatla's method (1997).
 
-    The step is inverse quadratic interpolation if three points allow it, else bisection; the bracket always shrinks.
+    Each step is inverse quadratic interpolation if this is safe for the last three points; otherwise it is bisection.
     """
     a, b = high, low
     f_a, f_b = function(a), function(b)
@@ -428,11 +455,12 @@ def bracketed(function: Callable[[float], float], low: float, high: float) -> fl
 
 
 def _late_edge(family: Family, before: float, lost: float) -> tuple[float, complex]:
-    """Find where a family with a delayed reaction loses stability, and the eigenvalue there.
+    """Find the stability limit of a family with a long delayed reaction, and the eigenvalue at the limit.
 
-    The bracket is bisected by the number of eigenvalues outside the circle. When the bracket is narrow, the eigenvalue
-    next to the circle is followed onto the circle. If the loop is stable just below this factor and unstable just above
-    it, this eigenvalue crosses first; otherwise bisection continues.
+    First, bisection by the number of eigenvalues outside the unit circle narrows the bracket. Then, the factor at which
+    an eigenvalue near the circle crosses it is computed. This factor is the limit if the loop is stable slightly below
+    it and unstable slightly above it; otherwise, bisection continues. The loop must be stable at the factor `before`
+    and unstable at `lost`.
     """
     low, high = _halved(family, before, lost, NARROW)
     crossing = _followed(family, low, high)
@@ -452,7 +480,10 @@ def _halved(family: Family, low: float, high: float, width: float) -> tuple[floa
 
 
 def _followed(family: Family, low: float, high: float) -> tuple[float, complex] | None:
-    """Find the factor at which an eigenvalue outside the circle at `high` crosses the circle; None if not found."""
+    """Find a factor between `low` and `high` at which an eigenvalue crosses the unit circle, and this eigenvalue.
+
+    The result is None if the eigenvalue cannot be followed from `high` to `low`.
+    """
     part = next(part for part in family.loop.parts if family.unstable_of(part, high))
     if not part.late:
         edge = bracketed(lambda s: abs(family.farthest_of(part, s)) - 1.0, low, high)

@@ -1,4 +1,4 @@
-"""A grasped object with its fingers: derivatives of its forces, friction cones, and the ground."""
+"""Grasped object with its fingers: derivatives of contact forces, friction cones, and the ground under the object."""
 
 from __future__ import annotations
 
@@ -43,9 +43,10 @@ LOW = 2e-5  # largest gap of an object that stands [m]; scenes start objects up 
 
 @dataclass
 class Grip:
-    """One grasped object with its fingers, with coordinates y = (n d of the fingers, r free ones of the object).
+    """Grasped object with its fingers, whose forces can be computed after small displacements.
 
-    Fingers are in world axes [m]; the object is displaced from its pose by shifts [m] and rotations [rad].
+    A displacement y (m + r,) consists of the displacements of the fingers in world axes, m = n d [m], and of the
+    displacements of the object in its r free degrees of freedom: translations [m], then rotations [rad].
     """
 
     grasped: GraspedObject
@@ -63,13 +64,13 @@ class Grip:
         self.changing = g.block[: mesh or None]  # entries that a sample may change; the mesh at the end is only read
 
     def forces(self) -> FloatArray | None:
-        """Compute (forces on the object, free components of the wrench) of a sample, (m + r,); None after a fault."""
+        """Compute a sample: forces on the object (m,), then free components of its wrench (r,); None after a fault."""
         if self._sample():
             return None
         return np.concatenate([self.grasped.force.ravel(), self.grasped.wrench[self.rows_of_wrench]])
 
     def move(self, y: FloatArray) -> None:
-        """Displace fingers and object by y."""
+        """Displace the fingers and the object by y (m + r,)."""
         g, S = self.grasped, self.grasped.body_state
         g.finger_position += y[: self.m].reshape(self.n, self.d)
         shift = np.zeros(6)
@@ -81,7 +82,7 @@ class Grip:
             R[:] = np.array(list(numbers(turn))).reshape(3, 3) @ R
 
     def tried(self, y: FloatArray) -> FloatArray | None:
-        """Compute `forces` after a displacement y, and undo the displacement."""
+        """Compute `forces` after a displacement y (m + r,), and restore the state before the displacement."""
         before = self.changing.copy()
         self.move(y)
         forces = self.forces()
@@ -90,7 +91,7 @@ class Grip:
 
     @contextmanager
     def frozen(self) -> Iterator[None]:
-        """Make touching contacts stick, even on the edges of their cones; contacts without friction still slip."""
+        """Increase all coefficients of friction within a block, so that contacts with friction do not slide."""
         mu = self.grasped.array(FingerState.coefficient)
         coefficients = mu.copy()
         mu *= ROUGH
@@ -100,7 +101,14 @@ class Grip:
             mu[:] = coefficients
 
     def stiffness(self, lengths: FloatArray, *, both: bool = True) -> FloatArray | None:
-        """Compute d(f, wrench)/dy, (m + r, m + r), by difference quotients over `lengths`, central if `both`."""
+        """Compute the derivative of `forces` by a displacement (m + r, m + r), by difference quotients.
+
+        The result is None if a sample has a fault.
+
+        Args:
+            lengths: Step of the difference quotient in each coordinate, (m + r,).
+            both: Whether difference quotients are central instead of one-sided.
+        """
         size = self.m + self.r
         J = np.zeros((size, size))
         here = None if both else self.tried(np.zeros(size))
@@ -115,7 +123,10 @@ class Grip:
         return J
 
     def turning_damping(self) -> FloatArray:
-        """Compute -d wrench/d(angular velocity) for the free coordinates (r, r), including the damping of torsion."""
+        """Compute minus the derivative of the wrench with respect to the object's angular velocity, (r, r).
+
+        The result includes the damping of the torsion of soft fingers. Its columns for translations are zero.
+        """
         B = np.zeros((self.r, self.r))
         for i, axis in enumerate(self.axes):
             before = self.changing.copy()
@@ -131,14 +142,18 @@ class Grip:
         return B
 
     def wrenches(self, arms: FloatArray) -> FloatArray:
-        """Compute G (r, m) for forces at arms (n, d) from the object's centre, for its free coordinates."""
+        """Compute the grasp matrix G (r, m): from forces to the wrench in the object's free degrees of freedom.
+
+        Args:
+            arms: Points at which the forces act, relative to the object's centre, (n, d) [m].
+        """
         wide = np.zeros((self.n, 3))
         wide[:, : self.d] = arms
         full = np.hstack([np.vstack([np.eye(3), cross(arm)])[:, : self.d] for arm in wide])
         return np.asarray(full[np.array(ROWS[self.d])[self.free]])
 
     def inertia(self) -> FloatArray:
-        """Compute the body's inertia for its free coordinates (r, r)."""
+        """Compute the inertia matrix of the object in its free degrees of freedom, (r, r)."""
         state, full = self.grasped.body_state, np.zeros((6, 6))
         R = state[body.ROTATION : body.ROTATION + 9].reshape(3, 3)
         full[:3, :3] = state[body.MASS] * np.eye(3)
@@ -146,7 +161,7 @@ class Grip:
         return np.asarray(full[np.ix_(self.axes, self.axes)])
 
     def lengths(self) -> FloatArray:
-        """Return a small displacement for each coordinate, which moves fingertips by `SHIFT`."""
+        """Return steps of difference quotients (m + r,), each of which moves no fingertip by more than `SHIFT`."""
         g = self.grasped
         arms = g.finger_position - g.body_state[body.POSITION : body.POSITION + self.d]
         far = max(float(np.linalg.norm(arms, axis=1).max(initial=0.0)), 1e-3)
@@ -155,10 +170,9 @@ class Grip:
 
 
 def compiled_sample(grasped: GraspedObject) -> Callable[[], int]:
-    """Return a function that computes a sample like `GraspedObject.sample`, some hundred times faster.
+    """Return `GraspedObject.sample` as machine code, about a hundred times faster and with identical results.
 
-    The function is machine code and returns the same bits as the interpreted kernel; if machine code is not available,
-    the method itself is returned.
+    If machine code is not available, the method itself is returned.
     """
     if not is_machine_code():
         return grasped.sample
@@ -169,10 +183,11 @@ def compiled_sample(grasped: GraspedObject) -> Callable[[], int]:
 
 
 def grip_margins(grasped: GraspedObject) -> FloatArray:
-    """Compute f_t/(mu f_n) of each finger's last elastic force, (n,); nan without a coefficient or normal force.
+    """Compute the ratio f_t/(mu f_n) of the last elastic force of each finger, (n,).
 
-    1 is the edge of the friction cone. The torsion of a soft finger enters by its limit surface,
-    sqrt(f_t^2 + (tau/rho)^2).
+    f_n is the normal force, f_t the tangential force, and mu the coefficient of friction. The ratio is 1 on the edge of
+    the friction cone, and nan if mu or f_n is not positive. For a soft finger, f_t includes the torsion tau divided by
+    the radius rho of the contact patch: sqrt(f_t^2 + (tau/rho)^2).
     """
     margins = np.full(grasped.fingers, np.nan)
     for i, (normal, tangent) in enumerate(_forces(grasped)):
@@ -184,7 +199,18 @@ def grip_margins(grasped: GraspedObject) -> FloatArray:
 
 
 def edge_directions(grasped: GraspedObject, fingers: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-    """Return T and V (n d, fingers) in world axes; a contact that slides along t in T has f_t - mu f_n = V'f = 0."""
+    """Compute the directions of sliding T, and the normals V of the friction cones, for contacts on their cones' edges.
+
+    A column of T is the unit vector t along a finger's tangential force. The corresponding column v of V gives
+    v'f = f_t - mu f_n for contact forces f (n d,), which remains zero while the contact slides along t.
+
+    Args:
+        grasped: Object with its fingers, after a sample.
+        fingers: Indices of the fingers among those of the object.
+
+    Returns:
+        T and V in world axes, (n d, fingers) each.
+    """
     n, d = grasped.fingers, grasped.dimensions
     R = grasped.body_state[body.ROTATION : body.ROTATION + 9].reshape(3, 3)
     forces = list(_forces(grasped))
@@ -211,15 +237,15 @@ def _forces(grasped: GraspedObject) -> Iterator[tuple[float, FloatArray]]:
 def sliding_notes(
     linear: Linearisation, T: FloatArray, V: FloatArray, names: Sequence[str]
 ) -> Iterator[str]:  # fmt: skip
-    """Report contacts on their cones' edges whose sliding would be unstable at the present gains.
+    """Yield notes about contacts on the edges of their friction cones whose sliding would be unstable.
 
-    This is a note, not a limit: while contacts slide, the loop is not linear, and the smallest limit over all sets of
-    sliding contacts would warn of grasps that remain at rest.
+    The result is not used as a stability limit, because a grasp is often stable even if its contacts would be unstable
+    while they slide.
 
     Args:
-        linear: Loop at rest, with sticking contacts.
-        T, V: Directions from `edge_directions` in the loop's coordinates, (m, contacts).
-        names: Names of the fingers.
+        linear: Loop in equilibrium, with sticking contacts.
+        T, V: Directions from `edge_directions` in the coordinates of the loop, (m, contacts).
+        names: Name of the finger of each contact.
     """
     count = len(names)
     sizes = range(1, count + 1) if count <= ALL_SETS else (1, count)
@@ -229,12 +255,12 @@ def sliding_notes(
             t, v = T[:, some], V[:, some]
             K = released(linear.stiffness, t, v)
             if K is None:
-                yield f"if {of} slid, Coulomb's law would have no solution (det V'K T <= 0): a jump is possible"
+                yield f"if {of} slid, Coulomb's law would have no solution (det V'K T <= 0), and forces could jump"
                 continue
             D = released(linear.damping, t, v) if linear.damping.any() else linear.damping
             radius = radius_of(linear.with_changes(stiffness=K, damping=linear.damping if D is None else D))
             if radius > 1.0 + GROWTH:
-                yield f"if {of} slid on, oscillations would grow during the sliding, spectral radius {radius:.6f}"
+                yield f"if {of} slid, oscillations would grow during the sliding, spectral radius {radius:.6f}"
 
 
 # Ground --------------------------------------------------------------------------------------------------------------
@@ -246,7 +272,8 @@ class Ground:
 
     Attributes:
         names: Names of the obstacles.
-        stiffness, damping: Matrices K_g and B_g (r, r) for the object's free coordinates; all points stick.
+        stiffness, damping: Stiffness and damping matrix of the contacts with the obstacles, in the object's free
+            degrees of freedom, (r, r). All contact points stick.
         points: Number of contact points.
     """
 
@@ -257,11 +284,18 @@ class Ground:
 
 
 def ground_under(parts: Parts, index: int, grip: Grip, *, lower: float = 0.0) -> Ground | None:
-    """Return the ground of an object that is moved by `lower` [m] along gravity; None if no plane supports it.
+    """Return the ground under an object; None if no half-space or plane supports the object.
 
-    K_g = sum c k J'J over the supporting points, where J (d, r) is the velocity of a point per motion of the object, k
-    the world's stiffness, and c the point's share of it; B_g is computed likewise with b = 2 sqrt(k m). The result is
-    also None if the object is not native, or if an obstacle is neither a half-space nor a plane.
+    The stiffness matrix is K_g = sum c k J'J over the supporting points. J (d, r) is the Jacobian of the point's
+    position, k the contact stiffness of the world, and c the share of k that belongs to the point. The damping matrix
+    is the same sum with b = 2 sqrt(k m) instead of k, where m is the mass of the object. The result is also None if the
+    object is not native, or an obstacle is neither a half-space nor a plane.
+
+    Args:
+        parts: Parts of the scene.
+        index: Index of the object.
+        grip: Object with its fingers.
+        lower: Distance by which the object is moved along gravity before contacts are searched [m].
     """
     scene, part, obstacles = parts.scene, parts.objects[index], parts.obstacles
     table, d = part.table, scene.dimensions
@@ -295,7 +329,7 @@ def ground_under(parts: Parts, index: int, grip: Grip, *, lower: float = 0.0) ->
 
 
 def bearers(scene: Scene, index: int) -> Iterator[str]:
-    """Yield the names of everything that could support an object besides its fingers."""
+    """Yield the names of obstacles and of other objects that could support an object in addition to its fingers."""
     table = scene.object[index]
     if table.shape is None:
         return

@@ -1,4 +1,4 @@
-"""Judgement of a scene with other values: in full at their own rest, or quickly at the present rest."""
+"""Stability of a scene with changed values: about the new equilibrium or, faster, about the present equilibrium."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ MOVING = ("motion", "duration", "start", "position")  # keys with such parts cha
 
 @dataclass(frozen=True)
 class ObjectLimit:
-    """Limit of one object's grasp."""
+    """Stability limit of the grasp of one object, whose name is `object`."""
 
     object: str
     limit: Limit
@@ -52,26 +52,27 @@ class ObjectLimit:
 
 @dataclass(frozen=True)
 class Judgement:
-    """Judgement of a scene with some values.
+    """Stability of a scene with changed values.
 
     Attributes:
-        values: Replaced values by dotted key.
-        stable: True if each object's loop is known to be stable (`Certificate.stable`); False without a rest.
-        spectral_radius: Spectral radius of the least stable loop; inf without a rest, or if no finger touches an
-            object.
-        limits: Limits of the modes of all objects, and of the grasps on their supports.
-        pushing: Limits of fingers that push alone; empty unless requested.
+        values: Changed values by dotted key.
+        stable: Whether the loop of every object is stable (`Certificate.stable`); False if no equilibrium was found.
+        spectral_radius: Largest spectral radius of the objects' loops; inf if no equilibrium was found, or no finger
+            touches an object.
+        limits: Stability limits of all objects, except those of fingers that push alone.
+        pushing: Stability limits of fingers that push alone; empty unless requested.
         grip: Ratio of the squeeze to the smallest squeeze that holds the load (`grip_of`); minimum over the objects.
-            `grip` and the following four numbers are nan unless requested.
-        depth: Penetration depth of the deepest fingertip at rest [m]; nan without a rest.
-        squeeze: Largest internal force of a finger at rest [N]; nan without a rest.
-        force: Largest total force of a finger at rest [N]; nan without a rest.
-        displayed: Stiffness of the squeeze at rest, with pads in series: |f_i|^2/(f_i.e), e from contact to fingertip
-            [N/m]; nan without a rest.
-        at: "squeezed"; "start" if a finger on hardware does not touch at rest, "" if no rest was found, "apart" if no
-            finger touches an object.
-        assumed: Assumptions of the certificates.
-        scene: Scene with the values.
+            `grip` and the four attributes that follow are nan unless requested.
+        depth: Largest distance of a fingertip from its contact point in equilibrium [m].
+        squeeze: Largest internal force of a finger in equilibrium [N].
+        force: Largest total force of a finger in equilibrium [N].
+        displayed: Stiffness of the squeeze in equilibrium [N/m]: f.f/(f.e), with the internal forces f (n d,) of all
+            fingers and the vectors e (n d,) from contact points to fingertips. Compliant fingertips are included.
+            Minimum over the objects.
+        at: State that is judged: "squeezed", or "start" if a finger on hardware does not touch in equilibrium. "" if no
+            equilibrium was found, "apart" if no finger touches an object.
+        assumed: Assumptions of the analysis, as sentences; the reason if `at` is "" or "apart".
+        scene: Scene with the changed values.
     """
 
     values: Mapping[str, float]
@@ -90,27 +91,27 @@ class Judgement:
 
     @property
     def worst(self) -> ObjectLimit | None:
-        """Limit with the smallest margin; of equal limits, the most specific; None if there are none."""
+        """Limit with the smallest margin; of equal margins, that of the most specific mode. None without limits."""
         return min(self.limits, key=lambda row: (round(row.limit.margin, 9), -len(row.limit.mode)), default=None)
 
     @property
     def margin(self) -> float:
-        """Smallest ratio of limit to gain; 1/radius for a loop that is unstable although no gain exceeds its limit."""
+        """Smallest margin of all modes. If the loop is unstable, the margin is at most 1/`spectral_radius`."""
         least = min((row.limit.margin for row in self.limits), default=math.inf)
         return least if self.stable else min(least, 1.0 / self.spectral_radius)
 
     def margin_of(self, mode: str) -> float:
-        """Return the smallest margin of one mode over the objects; inf if no object has the mode."""
+        """Return the smallest margin over the objects of the mode with this name; inf if no object has the mode."""
         rows = (*self.limits, *self.pushing)
         return min((row.limit.margin for row in rows if row.limit.mode == mode), default=math.inf)
 
 
 class Judge:
-    """Judgements of a scene with other values, each at its own rest.
+    """Computes the stability of a scene with changed values, each time about the equilibrium with these values.
 
     Args:
-        scene: Scene whose values are replaced.
-        grips: Whether to compute grip and forces too.
+        scene: Scene whose values are changed.
+        grips: Whether to compute also `grip`, `depth` and the forces of a `Judgement`.
     """
 
     def __init__(self, scene: Scene, *, grips: bool = False) -> None:
@@ -123,17 +124,21 @@ class Judge:
 
     @contextmanager
     def session(self) -> Iterator[None]:
-        """Speed up many judgements: installed packages are looked up once, and BLAS uses one thread."""
+        """Make judgements within a block faster: installed plug-ins are searched once, and BLAS uses one thread."""
         with plugins.unchanged(), one_blas_thread():
             yield
 
     def loops(self, values: Mapping[str, Any]) -> tuple[Scene, list[Linearised]]:
-        """Return the scene with these values, and the loop of each object that fingers touch."""
+        """Return the scene with changed values, and the linearised loop of each object that fingers touch."""
         scene = self.scene.replace(values) if values else self.scene
         return scene, [linearise(scene, "squeezed", scene.object[i].name) for i in self._touched]
 
     def judge(self, values: Mapping[str, Any], *, pushing: bool = False) -> Judgement:
-        """Judge the scene with these values in full, and fingers that push alone if `pushing`.
+        """Compute the stability of the scene with changed values.
+
+        Args:
+            values: Values by dotted key.
+            pushing: Whether to compute also the limits of fingers that push alone.
 
         Raises:
             SceneError: If the scene does not accept a key or a value.
@@ -164,7 +169,7 @@ class Judge:
         )
 
     def _numbers(self, scene: Scene, loops: list[Linearised], values: Mapping[str, Any]) -> dict[str, float]:
-        """Compute grip, depth and forces of the loops at rest."""
+        """Return the attributes `grip`, `depth`, `squeeze`, `force` and `displayed` of a judgement, by name."""
         each = []
         for index, loop in zip(self._touched, loops, strict=True):
             f, away = loop.forces, loop.tips - loop.contacts
@@ -186,7 +191,7 @@ class Judge:
         }  # fmt: skip
 
     def _course(self, scene: Scene, index: int, values: Mapping[str, Any]) -> HandCourse:
-        """Return the course of an object's hands; recompute the course only if a key changes it."""
+        """Return the intended motion of an object's hands; it is recomputed only if a changed key affects it."""
         if any(part in key for key in values for part in MOVING):
             return hand_course(scene, index)
         if index not in self._courses:
@@ -199,14 +204,16 @@ class Judge:
 
 @dataclass(frozen=True, eq=False)
 class HandCourse:
-    """Intended motion of hands for an object: mean velocity and acceleration of its fingers, (k, d) [m/s, m/s^2]."""
+    """Mean intended velocity and acceleration of the fingers on an object at k instants, (k, d) [m/s, m/s^2]."""
 
     velocity: FloatArray
     acceleration: FloatArray
 
 
 def hand_course(scene: Scene, index: int) -> HandCourse:
-    """Compute the intended motion of an object's fingers, without squeeze and rotations; plug-in hands stay still.
+    """Compute the mean intended motion of the fingers on an object over the scene's duration.
+
+    Squeezing and rotations are omitted, and fingers of plug-in hands are treated as stationary.
 
     Args:
         scene: Scene with the hands.
@@ -230,7 +237,11 @@ def hand_course(scene: Scene, index: int) -> HandCourse:
 
 
 def loads(scene: Scene, index: int, loop: Linearised, course: HandCourse) -> FloatArray:
-    """Compute the wrenches (k, r) that fingers exert about the object's centre: m (a - g) + b v, without moments."""
+    """Compute the wrenches (k, r) that the fingers must exert on an object to move it as the hands intend.
+
+    The force is m (a - g) + b v, with the object's mass m and viscosity b, gravity g, and the acceleration a and
+    velocity v of `course`. Moments are zero.
+    """
     table, d = scene.object[index], scene.dimensions
     free = scene.free(table)
     shifts = int(sum(free[:d]))
@@ -245,16 +256,17 @@ def loads(scene: Scene, index: int, loop: Linearised, course: HandCourse) -> Flo
 
 
 def grip_of(scene: Scene, index: int, loop: Linearised, course: HandCourse) -> float:
-    """Compute the ratio of the squeeze at rest to the smallest squeeze at which no finger slides or lets go.
+    """Compute the ratio of the squeeze in equilibrium to the smallest squeeze with which no finger slides or lets go.
 
-    Let f_i be the internal part of the forces at rest, and f_e the smallest forces for a load, in the split's metric.
-    s is the smallest share of the squeeze with f_e + s f_i in every finger's cone, f_t <= mu f_n, f_n >= 0; grip = 1/s
-    at the worst instant of the hands' motion. Fingers without a coefficient (which stick, or slip freely) need only
-    push. Torsion of soft fingers is ignored.
+    The squeeze f_i consists of the internal parts of the contact forces. At each instant of the hands' motion, the load
+    (`loads`) requires external forces f_e, which are the smallest forces in the metric of the split that balance it.
+    Let s be the smallest factor with which f_e + s f_i lies in every finger's friction cone at every instant; the
+    result is 1/s. The cone is f_t <= mu f_n with the normal force f_n >= 0 and the tangential force f_t. Fingers
+    without a coefficient of friction mu need only push, f_n >= 0. The torsion of soft fingers is ignored.
 
     Returns:
-        1 if the squeeze just suffices; inf if no squeeze is needed, or contacts are attached; 0 if no squeeze along f_i
-        holds the load; nan without forces at rest.
+        Ratio 1/s. inf if the load needs no squeeze or contacts are attached, 0 if no factor is sufficient, nan if there
+        is no equilibrium.
     """
     if scene.coupling.contact == "attached":
         return float("inf")
@@ -277,7 +289,17 @@ def grip_of(scene: Scene, index: int, loop: Linearised, course: HandCourse) -> f
 
 
 def needed_share(external: FloatArray, internal: FloatArray, normal: FloatArray, mu: float) -> float:
-    """Find the smallest s >= 0 with external (k, d) + s internal (d,) in the cone for every row; inf if none exists."""
+    """Find the smallest s >= 0 for which the force external + s internal of a finger lies in its friction cone.
+
+    Args:
+        external: External force at k instants, (k, d) [N].
+        internal: Internal force (d,) [N].
+        normal: Unit normal into the object, (d,).
+        mu: Coefficient of friction; inf if the finger need only push.
+
+    Returns:
+        Smallest factor that is sufficient at all instants; inf if there is none.
+    """
     n_e, n_i = external @ normal, float(internal @ normal)
     t_e, t_i = external - n_e[:, None] * normal, internal - n_i * normal
     if n_i <= UNFELT:  # no squeeze: the load alone has to satisfy the cone
@@ -299,14 +321,14 @@ def needed_share(external: FloatArray, internal: FloatArray, normal: FloatArray,
 
 @dataclass(frozen=True)
 class Change:
-    """Change of a loop: factors of its gains, and properties of its object.
+    """Change of the gains of a loop and of the properties of its object.
 
     Attributes:
-        external, internal: Factors of the stiffness.
-        external_damping, internal_damping: Factors of the damping.
-        mass: Mass of the object [kg]; None if unchanged.
-        viscosity: Viscosity [N s/m]; None if unchanged.
-        rotational_viscosity: Rotational viscosity [N m s]; None if unchanged.
+        external, internal: Factors of the external and internal stiffness.
+        external_damping, internal_damping: Factors of the external and internal damping.
+        mass: New mass of the object [kg]; None if unchanged.
+        viscosity: New viscosity of the object [N s/m]; None if unchanged.
+        rotational_viscosity: New rotational viscosity of the object [N m s]; None if unchanged.
     """
 
     external: float = 1.0
@@ -319,15 +341,20 @@ class Change:
 
     @property
     def is_external(self) -> bool:
-        """True if at most the external stiffness changes."""
+        """Whether nothing but the external stiffness changes."""
         return self == Change(external=self.external)
 
 
 def change_of(scene: Scene, name: str, values: Mapping[str, Any]) -> Change | None:
-    """Return the change of an object's loop if these values, by live key, are set in the scene.
+    """Return how values that are set during a run change the loop of an object.
 
-    The result is None if `Change` cannot describe the change, because a gain is a matrix or zero at present, or because
-    another key of an object, a hand or a device changes.
+    The result is None if a `Change` cannot describe it: a gain is a matrix, or is zero at present, or the values
+    include a key that is neither a gain, a coefficient of friction, nor a mass or viscosity of an object.
+
+    Args:
+        scene: Scene with the present values.
+        name: Name of the object.
+        values: New values by key.
 
     Raises:
         InputError, UnknownNameError: If the scene does not have a key.
@@ -352,19 +379,22 @@ def change_of(scene: Scene, name: str, values: Mapping[str, Any]) -> Change | No
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """True if a value is a finite number."""
+    """Return whether a value is a finite number, and not a bool."""
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _is_of(scene: Scene, key: str, name: str) -> bool:
-    """True if a key of objects refers to the object with this name."""
+    """Return whether a key of an object's table refers to the object with this name."""
     number = numbered(scene, key).split(".")[1]
     index = int(number) if number.isdecimal() else 0
     return number == "*" or scene.object[index].name == name
 
 
 def altered(scene: Scene, loop: Linearised, change: Change) -> Linearisation:
-    """Return the matrices of a loop with a change, but with the stiffness unchanged."""
+    """Return the matrices of a loop after a change, except for the stiffness matrix, which is not changed.
+
+    The preload is scaled with the squeeze (`_squeeze_ratio`).
+    """
     linear = loop.linear
     table = next(each for each in scene.object if each.name == loop.objects[0])
     shifts = sum(scene.free(table)[: scene.dimensions])
@@ -389,7 +419,11 @@ def altered(scene: Scene, loop: Linearised, change: Change) -> Linearisation:
 
 
 def _squeeze_ratio(scene: Scene, linear: Linearisation, change: Change) -> float:
-    """Return the ratio of the new to the old squeeze: hand and internal stiffness in series, for equal closing."""
+    """Return the factor of the squeeze after a change of the internal stiffness.
+
+    The squeeze is computed as for springs in series with the stiffness of the hand and the internal stiffness, with the
+    same closing of the hands.
+    """
     gain = scene.coupling.internal.stiffness
     if change.internal == 1.0 or not is_number(gain):
         return 1.0

@@ -1,4 +1,4 @@
-"""Limits of internal, external and conventional gains over the values of one or two keys of a scene."""
+"""Stability limits of the internal, external and conventional gain, as functions of one or two keys of a scene."""
 
 from __future__ import annotations
 
@@ -49,17 +49,17 @@ MODAL = {
 
 @dataclass(frozen=True)
 class Sweep:
-    """Key of a scene with its values."""
+    """Values of one key of a scene for which limits are computed."""
 
     key: str
     values: FloatArray
 
     @classmethod
     def read(cls, text: str) -> Sweep:
-        """Parse KEY=FROM:TO:COUNT, evenly spaced values including both ends.
+        """Parse a text KEY=FROM:TO:COUNT: `COUNT` evenly spaced values, including both ends.
 
         Raises:
-            InputError: If the text has another form.
+            InputError: If the text has another form, or the ends or the number of values are out of range.
         """
         form = "KEY=FROM:TO:COUNT, as in object.viscosity=0.8:1.5:15"
         key, equals, span = text.partition("=")
@@ -79,15 +79,18 @@ class Sweep:
 
 @dataclass(frozen=True, eq=False)
 class SweptLimits:
-    """Limits [N/m] at all values of the sweeps, (n,) or (n1, n2); inf if no gain is too large.
+    """Stability limits for all values of one or two keys.
+
+    The arrays of limits have the shape () without a sweep, (n,) for one sweep and (n1, n2) for two sweeps. A limit is
+    inf if every gain is stable.
 
     Attributes:
-        sweeps: One or two sweeps; none for the unchanged scene.
-        internal: Limit of kip at the scene's kep.
-        external: Limit of kep at the scene's kip, for translations and rotations together.
-        conventional: Limit of a single gain, kp = kep = kip.
-        modal: True if the limits are computed in closed form from separate modes; False if a scene is linearised for
-            each point.
+        sweeps: Keys and their values; empty for the unchanged scene.
+        internal: Limits of kip with the scene's kep [N/m].
+        external: Limits of kep with the scene's kip, for translations and rotations together [N/m].
+        conventional: Limits of a single gain kp = kep = kip [N/m].
+        modal: Whether the limits were computed in closed form from separate modes. Otherwise, the scene was linearised
+            for each point.
         seconds: Computing time [s].
     """
 
@@ -99,13 +102,13 @@ class SweptLimits:
     seconds: float
 
     def to_dict(self) -> dict[str, Any]:
-        """Return data for JSON: keys, values (for two keys two lists), and three limits, null if there is none."""
+        """Return the limits as data for JSON; inf is replaced by None."""
         values = [sweep.values.tolist() for sweep in self.sweeps]
         table = {"keys": [s.key for s in self.sweeps], "sweep": values[0] if len(values) == 1 else values}
         return table | {f"{name}_limit": plain(part) for name, part in self._parts()}
 
     def lines(self) -> Iterator[str]:
-        """Yield lines about ranges, the first and last limits, and the method."""
+        """Yield lines of text: the keys, the first, last, smallest and largest value of each limit, and the method."""
         for sweep in self.sweeps:
             yield f"{sweep.key} from {sweep.values[0]:g} to {sweep.values[-1]:g}, {len(sweep.values)} values"
         for name, part in self._parts():
@@ -122,15 +125,20 @@ class SweptLimits:
 
 @one_blas_thread()
 def swept_limits(scene: Scene, sweeps: Sequence[Sweep], at: str = "squeezed") -> SweptLimits:
-    """Compute the limits of a scene with one grasped object, over values of one or two keys.
+    """Compute the stability limits of a scene with one grasped object, for all values of one or two keys.
 
-    If the modes separate and the keys are parameters of their closed forms, the closed forms are evaluated for all
-    points at once. Otherwise a scene is created and linearised for each point.
+    If the modes are separate and the keys are parameters of the closed forms of their limits, these formulas are
+    evaluated for all points at once. Otherwise, the scene is linearised for each point.
+
+    Args:
+        scene: Scene.
+        sweeps: One or two keys with their values.
+        at: State about which the scene is linearised, as for `linearise`.
 
     Raises:
-        InputError: If there are more than two sweeps, too many points or several objects; a key occurs twice; or gains
-            are matrices.
-        SceneError: If the scene does not accept a key, or a value at an end of its range.
+        InputError: If there are no sweeps or more than two; there are too many points; the scene has several grasped
+            objects; a key occurs twice; or a gain is not a positive number.
+        SceneError: If the scene does not accept a key, or a value at an end of the range.
     """
     if not 1 <= len(sweeps) <= 2:
         raise InputError("--sweep", len(sweeps), "one or two sweeps")
@@ -151,7 +159,7 @@ def swept_limits(scene: Scene, sweeps: Sequence[Sweep], at: str = "squeezed") ->
     if points > MOST_SCENES:
         keys = ", ".join(sweep.key for sweep in sweeps)
         raise InputError(
-            "--sweep", points, f"at most {MOST_SCENES:,} points over {keys}", "each point needs a new scene"
+            "--sweep", points, f"at most {MOST_SCENES:,} points over {keys}", "the scene is linearised for each point"
         )
     shape = tuple(len(sweep.values) for sweep in sweeps)
     rows = []
@@ -165,7 +173,7 @@ def swept_limits(scene: Scene, sweeps: Sequence[Sweep], at: str = "squeezed") ->
 
 @one_blas_thread()
 def limits_of_scene(scene: Scene, at: str = "squeezed") -> SweptLimits:
-    """Compute the three limits of an unchanged scene, each as an array without axes."""
+    """Compute the stability limits of an unchanged scene; the arrays of limits have the shape ()."""
     _require_numbers(scene)
     began = perf_counter()
     internal, external, conventional = (np.array(value) for value in _point(scene, at))
@@ -215,7 +223,7 @@ def _is_modal(scene: Scene, sweeps: Sequence[Sweep], loop: Linearised) -> bool:
 
 
 def _of_lone_object(scene: Scene, key: str) -> str:
-    """Rewrite object.0.mass and object.*.mass of a single object as object.mass."""
+    """Return a key without the number or `*` of the object if the scene has one object, such as object.mass."""
     first, *rest = key.split(".")
     if first == "object" and len(scene.object) == 1 and rest and rest[0] in ("0", "*"):
         rest = rest[1:]
@@ -223,7 +231,14 @@ def _of_lone_object(scene: Scene, key: str) -> str:
 
 
 def _modal(scene: Scene, loop: Linearised, sweeps: Sequence[Sweep]) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Compute all limits at once: M_i = m_v t_i + J_i and b_i = b_v t_i + b_w w_i are linear in the swept values."""
+    """Compute the internal, external and conventional limits at all points from the closed forms of separate modes.
+
+    The object contributes the inertia m_v t_i + J_i and the viscosity b_v t_i + b_w w_i to external mode i. Here m_v is
+    the mass, b_v the viscosity and b_w the rotational viscosity of the object, which the sweeps may change; t_i, J_i
+    and w_i do not depend on them, except that J_i is proportional to the mass if the shape determines it.
+
+    The result is None if the modes are not separate.
+    """
     linear, table = loop.linear, scene.object[scene.finger_objects[0]]
     m, r = linear.coordinates
     root = np.sqrt(linear.mass / linear.mass.mean())

@@ -1,4 +1,4 @@
-"""Linearisation of a scene about its grasp: contacts, gains, devices, hands and objects as matrices."""
+"""Linearisation of a scene about an equilibrium of its grasps."""
 
 from __future__ import annotations
 
@@ -49,38 +49,45 @@ STIFFEST = 1e-6  # relative to the largest stiffness: smaller effects of a prelo
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """A scene, or one of its objects, linearised about its grasp at rest.
+    """Grasped objects of a scene with their fingers, linearised about an equilibrium.
+
+    The n fingers have m = n d coordinates, along the principal axes of their devices' masses. The principal axes are
+    the world axes unless the mass of a device depends on direction.
 
     Attributes:
-        linear: Matrices. Coordinates of a finger are along the principal axes of its device's mass. These are the world
-            axes unless the mass depends on direction.
-        objects: Names of the objects that fingers touch, in the order of their coordinates.
-        fingers: Indices in the scene of the fingers on these objects.
-        finger_of_column: Index of the finger of each column of the grasp matrix, (m,).
+        linear: Matrices of the loop.
+        objects: Names of the objects, in the order of their coordinates.
+        fingers: Indices of the fingers in the scene, in the order of their coordinates.
+        finger_of_column: Index in the scene of the finger of each coordinate, (m,).
         contacts: Contact points in world axes, (n, d) [m].
         tips: Fingertips in world axes, (n, d) [m].
         normals: Unit normals into the object in world axes, (n, d).
-        forces: Forces of the fingers on the object at rest in world axes, (n, d) [N]; nan at the start.
-        at: "squeezed", "start", "provisional" or "recorded" for each object.
+        forces: Forces of the fingers on the object in equilibrium in world axes, (n, d) [N]; nan at the start.
+        at: State of each object, as the argument `at` of `linearise`.
         assumed: Assumptions of the matrices, as sentences.
         splits: Split of each object's grasp.
         laws: Coupling law of each object, with matrices in world axes.
-        margins: Friction in use f_t/(mu f_n) of each finger at rest, (n,); nan without friction.
-        edge: Indices of the fingers on their cones' edges.
-        slip: T and V (m, edge) of those fingers, from `edge_directions`.
-        standing: Ground of each object at the start, not included in `linear`; None for an object in the air.
-        fade: For each object, gap at which the fade begins, and gap that the forces at rest require [m]; None for no
-            fade.
-        stiffness: Function of (a, b, c) that returns K (m, m): gains of external translations times a, of external
-            rotations times b, internal gains times c.
-        damping: Function of (a, b) that returns D (m, m): external damping times a, internal damping times b.
-        gains: K of translations, of rotations and of internal displacements (m, m), which `stiffness` scales and adds;
-            None if `stiffness` is not such a sum.
-        conventional: Function of k that returns K (m, m) if every finger has the stiffness k.
-        compliance: Compliance of the dampers in series (m,) [m/(N s)], if damping grows with depth; zero at full depth.
-        pads: Normals (m, p) of compliant fingertips, and their stiffness at rest (p,) [N/m]; None if there are none.
-        geometric: Stiffness (r, r) that the contact forces at rest add to each object with a stiffness of its own, on
-            its free coordinates, from moments about its centre; None for other objects and at the start.
+        margins: Ratio f_t/(mu f_n) of tangential force to largest friction force of each finger in equilibrium, (n,);
+            nan without a coefficient of friction mu or a normal force f_n.
+        edge: Indices in the scene of the fingers whose forces lie on the edges of their friction cones.
+        slip: Matrices T and V (m, len(edge)) of the fingers in `edge`, from `edge_directions`.
+        standing: Ground under each object at the start, which `linear` does not include; None for an object in the air.
+        fade: For each object, the gap at which a free finger begins to fade out of the split, and the smallest gap at
+            which it may begin to do so with the forces in equilibrium [m]; None if fingers do not fade.
+        stiffness: Function of (a, b, c) that returns the stiffness matrix (m, m) with the external gain for
+            translations times a, the external gain for rotations times b, and the internal gain times c.
+        damping: Function of (a, b) that returns the damping matrix (m, m) with the external damping times a and the
+            internal damping times b.
+        gains: Stiffness matrices (m, m) of translations, of rotations and of internal displacements, if `stiffness`
+            returns their sum with the factors a, b and c; otherwise None.
+        conventional: Function of k that returns the stiffness matrix (m, m) of fingers that all have the stiffness k.
+        compliance: If damping grows with penetration depth, compliance of the damper that is in series with each
+            coordinate, (m,) [m/(N s)]; zero at full damping.
+        pads: Normals (m, p) of the p compliant fingertips, and their stiffness in equilibrium (p,) [N/m]; None if there
+            are none.
+        geometric: For each object with a specified stiffness, the stiffness (r, r) that the contact forces in
+            equilibrium add to it, in the object's free degrees of freedom, with moments about its centre. None for
+            other objects and at the start.
     """
 
     linear: Linearisation
@@ -113,26 +120,33 @@ class Linearised:
 def linearise(
     scene: Scene, at: str = "squeezed", object: str | None = None, recording: Recording | None = None
 ) -> Linearised:
-    """Linearise a scene's small motions about its grasp at rest.
+    """Linearise small motions of a scene about an equilibrium of its grasps.
 
-    "squeezed" is the rest with hands that neither move nor rotate, closed to their largest squeeze. This rest is
-    computed with the contacts, split and cones of a run, and with gravity. "start" is the state in which the fingers
-    first meet the object, without force. A finger on hardware may be moved anywhere; if such a finger does not touch at
-    rest, "start" replaces the rest, and `assumed` reports this. "provisional" is one linear step of squeezing from the
-    start, and "recorded" is the last row of a recording. A touching contact is treated as sticking, even if it has slid
-    before or its force lies on the edge of the friction cone.
+    Contacts that touch are treated as sticking, even if they slid before or their forces lie on the edges of the
+    friction cones.
+
+    | `at` | state |
+    |---|---|
+    | "squeezed" | equilibrium with the hands closed to their largest squeeze, without other motion of the hands |
+    | "provisional" | approximation of this equilibrium by one linear step from the start |
+    | "recorded" | last row of a recording |
+    | "start" | fingers at the object's surface, without forces |
+
+    An operator can move a finger on hardware to any position. Therefore, if such a finger does not touch the object in
+    the equilibrium, "start" is used instead, and `assumed` of the result states this.
 
     Args:
-        at: "squeezed", "start", "provisional" or "recorded".
-        object: Name of one of the scene's objects; if None, all objects that fingers touch, in one linearisation.
-        recording: Recording of the scene, for "recorded". A recording of hardware also provides the lateness of its
+        scene: Scene.
+        at: State about which the scene is linearised.
+        object: Name of the object to linearise; if None, all objects that fingers touch are linearised together.
+        recording: Recording of the scene, if `at` is "recorded". A recording of hardware also determines the delay of
             forces.
 
     Raises:
         InputError: If a device does not state its mass or friction; objects with different integrators are linearised
-            together; or no finger touches an object (`NotGraspingError`), unless at the start.
-        NoRestError: If no rest of a grasp is found.
-        UnknownNameError: If no object, or no operating point, has that name.
+            together; or no finger touches an object (`NotGraspingError`) and `at` is not "start".
+        NoRestError: If no equilibrium of a grasp is found.
+        UnknownNameError: If no object has the name `object`, or `at` is not one of the states.
     """
     require_no_host(scene, "a certificate")
     if at not in WHERE:
@@ -151,12 +165,17 @@ def linearise(
 
 
 def recorded_loop(scene: Scene, recording: Recording | str | PathLike[str]) -> Linearisation:
-    """Linearise a scene at the end of its recording, with the recorded lateness of the forces.
+    """Linearise a scene about the state at the end of a recording, with the delays of forces that were recorded.
+
+    Args:
+        scene: Scene.
+        recording: Recording of the scene, or its path.
 
     Raises:
         InputError: If the recording is of another scene or has no rows, or a device does not state its mass or
             friction.
-        RecordingError: If the path leads to no recording.
+        NoRestError: If only some fingers touch the object in the last row, a finger pulls, or forces do not converge.
+        RecordingError: If the file at the path is missing or not a recording.
     """
     return linearise(scene, "recorded", recording=recording_of(scene, recording)).linear
 
@@ -166,7 +185,7 @@ def recorded_loop(scene: Scene, recording: Recording | str | PathLike[str]) -> L
 
 @dataclass(frozen=True, eq=False)
 class _ObjectMatrices:
-    """Matrices of one object in world axes, and positions of its fingers."""
+    """Matrices of one object and its fingers in world axes, before those of several objects are joined."""
 
     name: str
     fingers: NDArray[np.intp]
@@ -190,7 +209,7 @@ class _ObjectMatrices:
 
     @property
     def force(self) -> FloatArray:
-        """Forces at rest (n, d) [N]; nan at the start."""
+        """Forces in equilibrium (n, d) [N]; nan at the start."""
         g = self.grip.grasped
         return np.full_like(g.force, np.nan) if self.place.stiffness is None else g.force
 
@@ -253,7 +272,7 @@ def _matrices(
     elif rules.contact != "attached" and d > 1:
         assumed.append("contacts stick")
     if rules.contact != "attached":
-        assumed.append("no finger lets go")
+        assumed.append("all fingers stay in contact")
     law = part.law
     if rules.axes != "world":
         law = law.turned(R[:d, :d] if rules.axes == "object" else contact_axes(g, R))
@@ -267,7 +286,7 @@ def _matrices(
         forces = np.arange(n * g.state.coordinates) % g.state.coordinates < d  # without the torsion of soft fingers
         of_object = tuple(turn @ each[np.ix_(forces, forces)] @ turn.T for each in g.object_gains())
         if g.soft:
-            assumed.append("the torsion that K_o gives to soft fingers is unchanged while K_o is scaled")
+            assumed.append("the torsion that object_stiffness gives to soft fingers is not scaled with the gains")
     gains = ScaledGains(law, split, n, normals, pads, compliance, of_object)
     if np.isinf(compliance).any():
         assumed.append("unloaded contacts have no damping, which grows with depth")
@@ -325,7 +344,11 @@ def _matrices(
 
 
 def _unsqueezed(grip: Grip, K: FloatArray, contacts: FloatArray, R: FloatArray) -> FloatArray:
-    """Compute the object's stiffness (r, r) without contact forces, G K G', with the torsion of soft fingers."""
+    """Compute the stiffness G K G' (r, r) that an object has without contact forces, including soft fingers' torsion.
+
+    G is the grasp matrix of the contacts (n, d) relative to the object's centre, K (m, m) the stiffness matrix of the
+    fingers, and R the rotation matrix of the object.
+    """
     g, G = grip.grasped, grip.wrenches(contacts)
     if not g.soft:
         return np.asarray(G @ K @ G.T)
@@ -339,7 +362,7 @@ def _unsqueezed(grip: Grip, K: FloatArray, contacts: FloatArray, R: FloatArray) 
 
 
 def _integrator(parts: Parts, table: Object, assumed: list[str]) -> str:
-    """Return the integrator of an object's body; for a plug-in, the one stated by its module, else an assumed one.
+    """Return the integrator of an object. If a plug-in does not state its integrator, "semi-implicit" is assumed.
 
     Raises:
         InputError: If a plug-in states an unknown integrator, or "implicit".
@@ -352,7 +375,7 @@ def _integrator(parts: Parts, table: Object, assumed: list[str]) -> str:
     told = getattr(module, "INTEGRATOR", None)
     if told is None:
         assumed.append(
-            f"the dynamics {table.dynamics} do not state their integrator: semi-implicit (`INTEGRATOR` of their module)"
+            f"the integrator of the dynamics {table.dynamics} is semi-implicit, because `INTEGRATOR` is not stated"
         )
         return "semi-implicit"
     if told not in TOLD:
@@ -364,7 +387,7 @@ def _integrator(parts: Parts, table: Object, assumed: list[str]) -> str:
 
 
 def _joined(parts: Parts, shares: Sequence[_ObjectMatrices], recording: Recording | None) -> Linearised:
-    """Join the matrices of all objects, along the principal axes of the devices' masses."""
+    """Assemble the matrices of all objects and transform them to the principal axes of the devices' masses."""
     d, period = parts.scene.dimensions, parts.scene.period
     position, force = parts.start.copy(), np.zeros_like(parts.start)
     for share in shares:
@@ -465,7 +488,7 @@ def _preload(shares: Sequence[_ObjectMatrices], V: FloatArray) -> FloatArray | N
 
 
 def _joined_ground(shares: Sequence[_ObjectMatrices]) -> tuple[FloatArray, FloatArray] | None:
-    """Assemble stiffness and damping of the ground of all objects as block diagonals; None if there is none."""
+    """Assemble the block-diagonal stiffness and damping of the ground under all objects; None if all are in the air."""
     if all(share.ground is None for share in shares):
         return None
     none = [np.zeros((len(share.G), len(share.G))) for share in shares]

@@ -1,4 +1,4 @@
-"""Matrices of a grasp at rest: scaled gains of eq. (4), compliant fingertips, and operators with limbs or reactions."""
+"""Matrices of a grasp in equilibrium: gains of eq. (4), compliant fingertips, and operators with limbs or reactions."""
 
 from __future__ import annotations
 
@@ -26,7 +26,12 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ScaledGains:
-    """K of a law on one grasp, with a factor on each of its parts; slipping tangents carry no force."""
+    """Stiffness and damping matrices of one grasp, as functions of factors of the gains.
+
+    Called with factors of the external stiffness in translations, of the external stiffness in rotations, and of the
+    internal stiffness, it returns the stiffness matrix (m, m) [N/m]. Contacts without friction have no tangential
+    stiffness.
+    """
 
     law: Coupling
     split: Split
@@ -42,12 +47,12 @@ class ScaledGains:
 
     @property
     def is_sum(self) -> bool:
-        """True if K is the sum of its scaled parts: no tangents slip, and no pads are in series."""
+        """Whether the stiffness matrix is the sum of its scaled `parts`: all contacts have friction, none has a pad."""
         return self.normals is None and self.pads is None
 
     @cached_property
     def parts(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """K of translations, K of rotations and internal K, (m, m) each."""
+        """Stiffness matrices of external translations, external rotations, and internal displacements, (m, m) each."""
         if self.of_object is not None:
             return self.of_object[0], self.of_object[1], self.of_object[2]
         n, m = self.fingers, self.split.components
@@ -65,7 +70,7 @@ class ScaledGains:
         return K_t, K_e - K_t, inner.stiffness(self.split)
 
     def damping(self, external: float, internal: float) -> FloatArray:
-        """Return D of the law, (m, m) [N s/m], with a factor on each of its dampings."""
+        """Return the damping matrix (m, m) [N s/m] with factors of the external and the internal damping."""
         law = self.law
         if self.of_object is not None:
             D = external * self.of_object[3] + internal * self.of_object[4]
@@ -79,16 +84,16 @@ class ScaledGains:
         return self.release_tangents(in_series(law.damping(self.split), self.compliance))
 
     def alone(self, k: float) -> FloatArray:
-        """Return K if every finger has the stiffness k, weighted by the metric."""
+        """Return the stiffness matrix (m, m) if each finger has the stiffness k [N/m] times its weight in the split."""
         law = Coupling(external=Impedance(k), internal=Impedance(k), form=self.law.form)
         return self.soften(self.release_tangents(law.stiffness(self.split)))
 
     def soften(self, K: FloatArray) -> FloatArray:
-        """Put the pads in series with K."""
+        """Return the stiffness matrix of springs with the matrix K in series with the compliant fingertips."""
         return K if self.pads is None else springs_in_series(K, *self.pads)
 
     def release_tangents(self, K: FloatArray) -> FloatArray:
-        """Condense the tangents of slipping contacts out of K."""
+        """Return K without stiffness along the tangents of contacts without friction, by static condensation."""
         if self.normals is None:
             return K
         m, p = self.normals.shape
@@ -100,7 +105,7 @@ class ScaledGains:
 
 
 def force_directions(scene: Scene, grip: Grip, fingers: NDArray[np.intp]) -> FloatArray | None:
-    """Return the directions (m, p) of contact forces if some contacts have no friction; else None."""
+    """Return an orthonormal basis (m, p) of the contact forces; None if all contacts have tangential forces."""
     d, rules = grip.d, scene.coupling
     smooth = [not scene.coefficients[i] for i in fingers]
     if rules.contact == "attached" or rules.friction == "stick" or d == 1 or not any(smooth):
@@ -112,13 +117,18 @@ def force_directions(scene: Scene, grip: Grip, fingers: NDArray[np.intp]) -> Flo
 
 
 def contact_axes(g: GraspedObject, R: FloatArray) -> FloatArray:
-    """Return the contacts' frames in world axes, (n, d, d), with the axes as columns, the normal first."""
+    """Return the axes of each contact in world axes, as columns (n, d, d); the first axis is the normal.
+
+    Args:
+        g: Object with its fingers.
+        R: Rotation matrix of the object.
+    """
     frames = g.array(FingerState.frame).reshape(-1, 3, 3)
     return np.asarray(R @ np.swapaxes(frames, 1, 2))[:, : g.dimensions, : g.dimensions]
 
 
 def block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
-    """Return a block-diagonal matrix."""
+    """Return the block-diagonal matrix of the blocks, which need not be square."""
     whole = np.zeros((sum(len(block) for block in blocks), sum(block.shape[1] for block in blocks)))
     row = column = 0
     for block in blocks:
@@ -128,7 +138,12 @@ def block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
 
 
 def pads_of(g: GraspedObject, *, at_rest: bool) -> tuple[FloatArray, FloatArray] | None:
-    """Return normals (m, p) and stiffness at rest (p,) [N/m] of compliant fingertips, zero without load."""
+    """Return the normals (m, p) and the stiffness (p,) [N/m] of compliant fingertips; None if there are none.
+
+    Args:
+        g: Object with its fingers.
+        at_rest: Whether the grasp is in equilibrium under load; if not, the stiffness is zero.
+    """
     stiffness, n, d = g.pad_stiffness(), g.fingers, g.dimensions
     padded = np.flatnonzero(np.isfinite(stiffness))
     if not len(padded):
@@ -139,7 +154,12 @@ def pads_of(g: GraspedObject, *, at_rest: bool) -> tuple[FloatArray, FloatArray]
 
 
 def joined_pads(gains: Sequence[ScaledGains], V: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-    """Join the pads of several grasps along the axes V; None if there are none."""
+    """Return the normals and the stiffness of the compliant fingertips of several grasps; None if there are none.
+
+    Args:
+        gains: Matrices of each grasp.
+        V: Axes of the coordinates in which the normals are returned, as columns (m, m).
+    """
     if all(each.pads is None for each in gains):
         return None
     pads = [each.pads or (np.zeros((each.split.components, 0)), np.zeros(0)) for each in gains]
@@ -152,16 +172,16 @@ def joined_pads(gains: Sequence[ScaledGains], V: FloatArray) -> tuple[FloatArray
 def operated(
     parts: Parts, hands: Sequence[StillHand], force: FloatArray
 ) -> tuple[OperatorMatrices | None, FloatArray, FloatArray]:
-    """Linearise the operators of all fingers of a scene about the forces at rest.
+    """Linearise the operators of all fingers of a scene about an equilibrium.
 
     Args:
         parts: Parts of the scene.
         hands: Hands without motion.
-        force: Forces f on the objects in world axes, (n, d) [N]; zero for unloaded fingers.
+        force: Forces of all fingers on the objects in equilibrium in world axes, (n, d) [N]; zero without a load.
 
     Returns:
-        Matrices in world axes, finger by finger, or None if all hands are springs and dampers; and the stiffness and
-        damping that the grip adds, (n d,) [N/m, N s/m].
+        Matrices of the operators in world axes, finger by finger, or None if all hands are springs and dampers; and the
+        stiffness and damping that hands gain because they stiffen with the grip force, (n d,) [N/m] and [N s/m].
     """
     n, d = force.shape
     m, T = n * d, parts.scene.period
@@ -214,19 +234,19 @@ def operated(
 
 
 def assumptions(parts: Parts, fingers: Sequence[int], force: FloatArray) -> Iterator[str]:
-    """Yield sentences on the rest at which operators are linearised, and on omitted parts of their models.
+    """Yield assumptions of the linearised operators, as sentences.
 
     Args:
         parts: Parts of the scene.
-        fingers: Indices of the fingers.
-        force: Forces f of all fingers, (n, d) [N].
+        fingers: Indices of the fingers whose operators are linearised.
+        force: Forces of all fingers on the objects in equilibrium, (n, d) [N].
     """
     tables = {hand.fingers[0]: hand.holding.table for hand in parts.hands if set(hand.fingers) & set(fingers)}
     own = [table for table in tables.values() if table is not None and table.form != "made"]
     if any(table.stiffening is not None for table in own):
         grip = np.linalg.norm(force, axis=1)
         forces = ", ".join(f"{parts.scene.finger_names[i]} {grip[i]:.3g} N" for i in fingers)
-        yield f"hands are as stiff as the grip makes them at rest ({forces}), and the squeeze force grows with the grip"
+        yield f"hands have the stiffness of their grip forces in equilibrium ({forces}), which grows with these forces"
     if any(table.reaction is not None for table in own):
         yield "delays of reactions are rounded to samples; no such operator is passive"
     inputs = [name for name in ("tremor", "noise") if any(getattr(table, name) is not None for table in own)]

@@ -1,4 +1,4 @@
-"""Largest stable value of each gain: internal and external modes, the grasp on its support, and pushing."""
+"""Stability limits of the modes of a grasp: internal, external, on a support, and with fingers that push alone."""
 
 from __future__ import annotations
 
@@ -27,12 +27,19 @@ ROOM = 0.5  # relative to the limit of all gains together: the other gains if th
 
 
 def spectral_radius(linear: Linearisation) -> float:
-    """Compute the largest |z| of a loop with its present gains."""
+    """Compute the spectral radius of a loop."""
     return Family(WholeLoop(linear, [linear.stiffness]), lambda s: linear.stiffness).radius(1.0)
 
 
 def mode_limits(scene: Scene, loop: Linearised, *, halves: bool = True, compare: bool = True) -> list[Limit]:
-    """Compute the limits of the internal and external gain, and of translations and rotations alone."""
+    """Compute the stability limits of the internal and the external gain.
+
+    Args:
+        scene: Scene.
+        loop: One or all grasped objects of the scene, linearised.
+        halves: Whether to compute also limits of the external gain in translations only and in rotations only.
+        compare: Whether a limit in closed form is compared with that of a search in the whole loop.
+    """
     kep, kip = (number_of(part.stiffness) for part in (scene.coupling.external, scene.coupling.internal))
     names = {name: scaled for name, scaled in _parts(loop) if halves or " " not in name}
     gains = {name: kip if name == "internal" else kep for name in names}
@@ -61,9 +68,12 @@ def mode_limits(scene: Scene, loop: Linearised, *, halves: bool = True, compare:
 
 
 def reduced(loop: Linearised) -> dict[str, tuple[float, float]]:
-    """Return limit [N/m] and frequency [Hz] of the weakest separate mode of each name; empty if there is none."""
+    """Return limits in closed form: for each name of a mode, the smallest limit [N/m] and its frequency [Hz].
+
+    The result is empty if the modes of the loop are not separate, or if fingertips are compliant.
+    """
     if loop.pads is not None:
-        return {}  # a compliance in series with a gain: the stiffness of the mode is not proportional to the gain
+        return {}  # with compliances in series, the stiffness of a mode is not proportional to the gain
     try:
         parts = modes(loop.linear)
     except InputError:
@@ -80,7 +90,7 @@ def reduced(loop: Linearised) -> dict[str, tuple[float, float]]:
 
 
 def _parts(loop: Linearised) -> Iterator[tuple[str, tuple[bool, bool, bool]]]:
-    """Yield names of modes, with masks of the gains to scale for each: translations, rotations, squeezing."""
+    """Yield the name of each mode, and which stiffnesses its gain scales: translations, rotations, internal."""
     m, _ = loop.linear.coordinates
     rank = sum(split.rank for split in loop.splits)
     d = loop.contacts.shape[1]
@@ -112,7 +122,10 @@ def _name(mode: Mode, loop: Linearised) -> str:
 
 
 def _others(loop: Linearised, whole: WholeLoop) -> float:
-    """Find the factor at which the other gains are held: 1 if the loop is stable at the present gains."""
+    """Return the factor of the gains that are not varied: 1 if the loop is stable with the scene's gains.
+
+    If the loop is unstable, the factor is half the limit of all gains together, but at most 1.
+    """
     common = _scaled(loop, (True, True, True), 1.0)
     if is_stable(Family(whole, common).radius(1.0)):
         return 1.0
@@ -120,7 +133,10 @@ def _others(loop: Linearised, whole: WholeLoop) -> float:
 
 
 def _scaled(loop: Linearised, scaled: tuple[bool, bool, bool], others: float) -> Stiffness:
-    """Return K(s) with some gains times s and the others at a fixed factor."""
+    """Return the stiffness as a function of s, which multiplies the gains in the mask `scaled`.
+
+    The other gains are multiplied by the constant `others`.
+    """
     if loop.gains is None:
         return lambda s: loop.stiffness(*(s if is_scaled else others for is_scaled in scaled))
     zero = np.zeros_like(loop.linear.stiffness)
@@ -129,13 +145,13 @@ def _scaled(loop: Linearised, scaled: tuple[bool, bool, bool], others: float) ->
 
 
 def _all_scaled(linear: Linearisation) -> Family:
-    """Return the loops with all stiffness times s."""
+    """Return a loop as a function of a factor of its stiffness matrix."""
     K = linear.stiffness
     return Family(WholeLoop(linear, [K]), Line(np.zeros_like(K), K))
 
 
 def standing_limits(loop: Linearised) -> Iterator[Limit]:
-    """Yield the limit of the grasp with its object on its support at the start, with all gains scaled together."""
+    """Yield the common limit of all gains with the object on its support at the start, if it is on a support."""
     ground = loop.standing[0]
     if ground is None or len(loop.standing) > 1:
         return
@@ -146,9 +162,10 @@ def standing_limits(loop: Linearised) -> Iterator[Limit]:
 
 
 def pushing_limits(scene: Scene, loop: Linearised) -> list[Limit]:
-    """Compute the limits of every set of fingers that may touch alone; none if contacts cannot separate.
+    """Compute the common limit of all gains for every set of fingers that push while the others exert no force.
 
-    With more than five fingers, only single fingers are examined.
+    With more than five fingers, only single fingers are examined. The result is empty if contacts are attached, or if
+    the object has only one finger.
     """
     n = len(loop.fingers)
     if scene.coupling.contact == "attached" or n == 1:
@@ -174,10 +191,10 @@ def pushing_limits(scene: Scene, loop: Linearised) -> list[Limit]:
 
 
 def _pushes(scene: Scene, loop: Linearised, pushers: tuple[int, ...]) -> Iterator[Linearisation]:
-    """Yield the loops in which only some fingers push.
+    """Yield the loops in which only the fingers `pushers` exert forces.
 
-    In the first loop, the other fingers are near the object and exert no force. If absent fingers fade, a second loop
-    omits them from the split.
+    In the first loop, the other fingers are still part of the split, because they are near the object. If absent
+    fingers fade out of the split, a second loop omits them from the split.
     """
     near = without_freedoms(loop.linear, np.isin(loop.finger_of_column, pushers))
     yield near
@@ -188,9 +205,15 @@ def _pushes(scene: Scene, loop: Linearised, pushers: tuple[int, ...]) -> Iterato
 
 
 def gone_without(scene: Scene, loop: Linearised, near: Linearisation, pushers: tuple[int, ...]) -> Linearisation | None:
-    """Build the loop with only the pushing fingers in the split.
+    """Return the loop whose split contains only the fingers that push.
 
-    None for gains that are not numbers, a weighted split, or slipping contacts.
+    The result is None if gains are not numbers, the split is weighted, or no finger has friction.
+
+    Args:
+        scene: Scene.
+        loop: Linearised loop with all fingers.
+        near: Loop in which only the fingers that push exert forces.
+        pushers: Indices of the fingers that push.
     """
     coupling = scene.coupling
     kep, kip = number_of(coupling.external.stiffness), number_of(coupling.internal.stiffness)

@@ -1,4 +1,4 @@
-"""Warnings about likely mistakes in a valid scene: unstable gains, grasps within the blend, settings."""
+"""Warnings about likely mistakes in a valid scene, such as unstable gains or settings without effect."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ Spring = tuple[float, float]  # K [N/m], B [N s/m]
 
 
 def doubts(parts: Parts) -> list[str]:
-    """List warnings about likely mistakes, a sentence each, units first."""
+    """List warnings about likely mistakes, as sentences; those about units come first."""
     return [*unit_notes(parts.scene, parts.stock), *other_doubts(parts)]
 
 
 def other_doubts(parts: Parts) -> list[str]:
-    """List warnings that are not about units: meshes, former names, depths, unstable gains."""
+    """List warnings about meshes, former names of settings, `coupling.damping_depth`, and unstable gains."""
     return [*parts.mesh_notes, *former_notes(parts.scene), *depth_notes(parts.scene), *unsettled(parts)]
 
 
 def former_notes(scene: Scene) -> list[str]:
-    """Return a sentence for each setting of a device's table under a former name."""
+    """Return a warning for each setting of a device that the scene gives under a former name."""
     tables = dict(table_at(scene, i) for i in range(len(scene.finger)))
     return [
         f"{dotted((*at, old))} is now called {now!r}; the old name is still accepted"
@@ -53,12 +53,12 @@ def former_notes(scene: Scene) -> list[str]:
 
 
 def is_damped(scene: Scene) -> bool:
-    """True if the coupling has any damping."""
+    """Return whether the external or the internal damping is not zero."""
     return any(np.any(np.asarray(each.damping)) for each in (scene.coupling.external, scene.coupling.internal))
 
 
 def why_not_gradual(scene: Scene) -> str:
-    """Return the reason why damping does not grow with depth; empty if it does."""
+    """Return the reason why damping does not grow with penetration depth; empty if it does."""
     if not is_damped(scene):
         return "there is no damping"
     if scene.coupling.contact == "attached":
@@ -69,7 +69,7 @@ def why_not_gradual(scene: Scene) -> str:
 
 
 def depth_notes(scene: Scene) -> list[str]:
-    """Warn of a `coupling.damping_depth` without effect."""
+    """Return a warning if `coupling.damping_depth` is set but has no effect."""
     depth = scene.coupling.damping_depth
     if depth == 0.0:
         return []
@@ -78,13 +78,16 @@ def depth_notes(scene: Scene) -> list[str]:
 
 
 def unsettled(parts: Parts) -> list[str]:
-    """Return a sentence for each motion that grows from sample to sample, naming the finger with the fastest growth.
+    """Return a warning for each oscillation that would grow from sample to sample, with the name of a finger.
 
-    Each finger is treated as one of n equal fingers. Squeezing: the finger oscillates against a fixed object, on kip
-    and the grip. Moving: all n fingers oscillate together with the object, on kep and the arm. Velocities are backward
-    differences, forces have no delay, and rotations are ignored, so that the absence of a note does not prove
-    stability. No note is given if a device does not state its mass, for hands and dynamics of plug-ins, or for gains
-    that are not single numbers.
+    Two oscillations of each of the n fingers on an object are examined, as if all n fingers were equal. In the first,
+    the finger oscillates against a fixed object; the springs are kip and the grip of the hand. In the second, all n
+    fingers oscillate together with the object; the springs are kep and the arm of the hand. For each object, only the
+    finger with the fastest growth is reported.
+
+    Velocities are backward differences, and delays of forces and rotations are ignored. Therefore, a loop can be
+    unstable without a warning. Devices that do not state their mass, plug-in hands, plug-in dynamics, and gains that
+    are matrices are not examined.
     """
     scene = parts.scene
     external, internal = scene.coupling.external, scene.coupling.internal
@@ -127,7 +130,7 @@ def _sentences(scene: Scene, growth: dict[int, float], gain: str) -> Iterator[st
 
 
 def _devices(parts: Parts) -> dict[int, Spring]:
-    """Return mass [kg] and damping [N s/m] that the device of each finger states."""
+    """Return the mass [kg] and friction [N s/m] of each finger's device, if the device states its mass."""
     devices: dict[int, Spring] = {}
     for wire in parts.wires:
         features = wire.features
@@ -137,7 +140,10 @@ def _devices(parts: Parts) -> dict[int, Spring]:
 
 
 def _springs(scene: Scene) -> tuple[dict[int, Spring], dict[int, Spring]]:
-    """Find each finger's softest arm and grip along an axis; the spring of a one-finger hand is both arm and grip."""
+    """Return arm and grip of each finger: smallest stiffness [N/m] and smallest damping [N s/m] along an axis.
+
+    A hand with one finger has one spring, which is used for both.
+    """
     arms: dict[int, Spring] = {}
     grips: dict[int, Spring] = {}
     for holding in holdings(scene):
@@ -158,13 +164,13 @@ def _softest(table: object) -> Spring:
 
 
 def _growth(device: Plant, gain: float) -> float:
-    """Compute the fastest growth rate [1/s] of a sampled device with a gain."""
+    """Compute the growth rate [1/s] of the fastest growing motion of a sampled device with a gain [N/m]."""
     radius = device.limits().spectral_radius(gain)
     return math.log(radius) / device.period if math.isfinite(radius) else math.inf
 
 
 def blend_notes(parts: Parts) -> list[str]:
-    """Report the difference from eq. (4) for each grasp that starts within the band of `coupling.blend`."""
+    """Return a note on the deviation from eq. (4) for each grasp that starts within the band of `coupling.blend`."""
     scene = parts.scene
     if scene.coupling.blend == "off" or not any(map(scene.turns, scene.object)):
         return []
@@ -172,10 +178,11 @@ def blend_notes(parts: Parts) -> list[str]:
 
 
 def arms(grasped: GraspedObject) -> list[float]:
-    """Compute the rms arms of the free rotations about their principal axes, in ascending order [m].
+    """Compute the root-mean-square lever arms of the contacts about the principal axes of free rotations [m].
 
-    They are the singular values of the fields a_k x (c_i - c) of the weighted contacts, without the motion in the free
-    translations, divided by the root of the sum of weights. Values of rounding size are dropped.
+    The arms are the singular values of the contacts' velocities for unit rotations about the free axes, divided by the
+    square root of the sum of the contacts' weights. The velocities are weighted by the square root of the weights, and
+    their components along free translations are removed. Arms are in ascending order; arms of zero are omitted.
     """
     S = grasped.body_state
     points = grasped.array(FingerState.contact) @ S[body.ROTATION : body.ROTATION + 9].reshape(3, 3).T
@@ -217,6 +224,6 @@ def _notes(name: str, grasped: GraspedObject) -> Iterator[str]:
             f"it has {blended:.4g} N/m where eq. (4) has kep = {kep:g} N/m ({100.0 * (blended / kep - 1.0):+.2g} %)"
         )
     yield (
-        f"a rotation of {name} on its contacts, of {1e3 * small[0]:.3g} mm arm, lies in the band of coupling.blend, "
-        f"{1e3 * low:g} to {1e3 * high:g} mm: {figure}; coupling.blend = 'off' is eq. (4) to the letter"
+        f"the contacts of {name} have an arm of {1e3 * small[0]:.3g} mm about an axis of rotation, in the band of "
+        f"coupling.blend, {1e3 * low:g} to {1e3 * high:g} mm: {figure}; coupling.blend = 'off' applies eq. (4) exactly"
     )

@@ -1,4 +1,4 @@
-"""State about which a grasp is linearised: its rest with closed hands, one linear step from the start, or the start."""
+"""State about which a grasp is linearised, and the search for its equilibrium with closed hands."""
 
 from __future__ import annotations
 
@@ -39,33 +39,40 @@ ON_SURFACE = 1e-9  # rounding of a finger that starts on the surface [m]
 MOST_GRIPS = 60  # largest number of iterations for the grip force and the stiffness that depends on it
 SAME_GRIP = 1e-8  # relative difference of the forces of two iterations at convergence
 UNFORCED = "contacts are those of the start, without forces: "
-SLID = "contacts slid while the hands closed slowly; a run's rest may differ by a few per cent: certify its recording"
+SLID = (
+    "contacts slid while the hands closed slowly; forces in the equilibrium of a run may differ by a few per cent: "
+    "certify its recording"
+)
 
 
 class NotGraspingError(InputError):
-    """An object that no finger touches, so that no grasp can be judged.
+    """Error: no finger touches an object, so that there is no grasp whose stability could be judged.
 
     Args:
         object: Name of the object.
-        gap: Distance to the nearest finger [m].
-        where: State of the hands, as text.
+        gap: Distance from the object to the nearest finger [m].
+        where: Situation in which no finger touches, such as "hands closed and still".
     """
 
     def __init__(self, object: str, gap: float, where: str) -> None:
         self.object, self.gap, self.where = object, gap, where
         given = f"nearest finger {1e3 * gap:.3g} mm away, {where}"
-        remedy = "place them nearer or squeeze more; if motions close the gap, certify a recording that ends in a grasp"
+        remedy = (
+            "place fingers nearer or squeeze more; if fingers reach the object by a motion, certify a recording "
+            "that ends in a grasp"
+        )
         super().__init__(f"fingers of {object}", given, "at least one that touches the object", remedy)
 
 
 @dataclass
 class OperatingPoint:
-    """Operating point: state about which a grasp is linearised.
+    """State about which a grasp is linearised.
 
     Attributes:
-        where: "squeezed", "provisional", "recorded" or "start".
-        stiffness: J (m + r, m + r) in this state, with sticking contacts; None at the start, without forces.
-        margins: Friction in use f_t/(mu f_n) of each finger, (n,); nan without a coefficient or a normal force.
+        where: Kind of the state: "squeezed", "provisional", "recorded" or "start" (see `linearise`).
+        stiffness: Derivative of forces and wrench with sticking contacts, (m + r, m + r) (`Grip.stiffness`); None at
+            the start, where there are no forces.
+        margins: Ratio f_t/(mu f_n) of each finger, (n,) (`grip_margins`).
         assumed: Assumptions, as sentences.
     """
 
@@ -77,12 +84,13 @@ class OperatingPoint:
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """Loads on a grasp apart from the coupling's forces.
+    """Hands and weight that act on a grasp.
 
     Attributes:
-        hands: Stiffness K_h of the hands, (m, m) [N/m].
-        weight: Weight along the free degrees of freedom, (r,) [N, N m].
-        closing: Function that returns the intended positions (k, m) [m] at fractions (k,) of the hands' closing time.
+        hands: Stiffness matrix of the hands, (m, m) [N/m].
+        weight: Weight of the object along its free degrees of freedom, (r,) [N, N m]; zero if fingers do not carry it.
+        closing: Function that returns the intended finger positions (k, m) [m] after k fractions (k,) of the closing of
+            the hands.
     """
 
     hands: FloatArray
@@ -91,7 +99,7 @@ class Load:
 
     @property
     def course(self) -> FloatArray:
-        """Intended positions of all steps, (STEPS, m) [m]."""
+        """Intended finger positions after each of the steps in which the hands close, (STEPS, m) [m]."""
         return self.closing(np.arange(1, STEPS + 1) / STEPS)
 
 
@@ -103,12 +111,16 @@ def load_of(
     point: OperatingPoint,
     force: FloatArray | None = None,
 ) -> Load:
-    """Return the load of hands that close to their largest squeeze without motions, and the weight if fingers carry it.
+    """Return the hands that close to their largest squeeze, without other motion, and the weight if fingers carry it.
 
     Args:
-        parts, index, grip, fingers: Parts of the scene, index of the object, its grip and its fingers.
-        point: State whose list of assumptions gets an entry for each omitted effect.
-        force: Forces of the fingers, (n, d) [N], for hands that stiffen with the grip; zero if None.
+        parts: Parts of the scene.
+        index: Index of the object.
+        grip: Object with its fingers.
+        fingers: Indices in the scene of the fingers on the object.
+        point: State to whose assumptions ignored weights are added.
+        force: Forces of the fingers on the object, (n, d) [N], which determine the stiffness of hands that stiffen with
+            the grip force; None for zero.
     """
     scene, start = parts.scene, parts.start
     n, d = start.shape
@@ -146,12 +158,14 @@ def load_of(
 
 
 def squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> OperatingPoint:
-    """Bring the grip to rest. If a finger on hardware does not touch, the result is the start, without a stiffness.
+    """Find the equilibrium of a grasp with closed hands.
 
-    For hands that stiffen with the grip, iteration finds the stiffness that matches the forces at rest.
+    For hands that stiffen with the grip force, the search is repeated until the stiffness of the hands agrees with the
+    forces in equilibrium. If all fingers that do not touch the object in equilibrium are on hardware, the start is
+    returned.
 
     Raises:
-        NoRestError: If no rest is found, or a finger that is not on hardware does not touch at rest.
+        NoRestError: If no equilibrium is found, or a finger that is not on hardware does not touch in equilibrium.
     """
     first, force = grip.changing.copy(), np.zeros((grip.n, grip.d))
     point = _squeezed(parts, index, grip, fingers, force)
@@ -164,18 +178,19 @@ def squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) ->
         grip.changing[:] = first
         point = _squeezed(parts, index, grip, fingers, force)
     raise no_rest_error(
-        parts.objects[index].table.name, "the iteration of the grip force and the hands' stiffness does not converge"
+        parts.objects[index].table.name,
+        f"grip forces and stiffness of the hands still change by more than {SAME_GRIP:g} after {MOST_GRIPS} iterations",
     )
 
 
 def _stiffens(parts: Parts, finger: int) -> bool:
-    """True if the hand of a finger stiffens with the grip."""
+    """Return whether the hand of a finger stiffens with the grip force."""
     table = next(hand.holding.table for hand in parts.hands if finger in hand.fingers)
     return getattr(table, "stiffening", None) is not None
 
 
 def _squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], force: FloatArray) -> OperatingPoint:
-    """Bring the grip to rest with the stiffness that the hands have at these forces."""
+    """Find the equilibrium of a grasp with the stiffness that the hands have at given forces (n, d) [N]."""
     scene, start, name = parts.scene, parts.start[fingers], parts.objects[index].table.name
     point = OperatingPoint("squeezed", None, np.full(grip.n, np.nan))
     load = load_of(parts, index, grip, fingers, point, force)
@@ -202,7 +217,7 @@ def _squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], f
     if result is not None:
         log.info("settling: %s in %d steps", "at rest" if result.rest else "no rest", result.steps)
     if result is None:
-        raise no_rest_error(name, "before a rest was reached, the forces of a sample did not converge")
+        raise no_rest_error(name, "the forces of a sample did not converge during the search")
     if not result.rest:
         slipping = [scene.finger_names[i] for i in fingers[result.sliding]]
         raise no_rest_error(
@@ -219,7 +234,7 @@ def _squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], f
 
 
 def bent(course: FloatArray, start: FloatArray) -> bool:
-    """True if the hands' path from the fingers' start to the final targets is not straight."""
+    """Return whether the intended path of the fingers from their start to the last row of `course` is not straight."""
     way = course[-1] - start
     length = float(np.linalg.norm(way))
     along = np.outer((course - start) @ way, way) / max(length**2, 1e-300)
@@ -227,7 +242,7 @@ def bent(course: FloatArray, start: FloatArray) -> bool:
 
 
 def provisional(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> OperatingPoint:
-    """Squeeze the grip by one linear step from its sticking contacts at the start, without a search for a rest."""
+    """Approximate the equilibrium of a grasp with closed hands by one linear step from the start."""
     point, name = OperatingPoint("provisional", None, np.full(grip.n, np.nan)), parts.objects[index].table.name
     load = load_of(parts, index, grip, fingers, point)
     g = grip.grasped
@@ -245,7 +260,7 @@ def provisional(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp])
         if grip.forces() is None:
             raise no_rest_error(name, "the forces of a sample do not converge")
     point.assumed.append(
-        "provisional: the squeeze of one step from the start with sticking contacts, without a search for the rest"
+        "provisional: the equilibrium is approximated by one linear step from the start, with sticking contacts"
     )
     if not grip.grasped.touching.all():
         return at_start(parts, index, grip, fingers, point)
@@ -253,12 +268,13 @@ def provisional(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp])
 
 
 def require_contact(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> None:
-    """Require that at least one finger touches the object when the hands close without other motion.
+    """Raise an error if no finger touches the object while the hands close without other motion.
 
-    Fingers on hardware are exempt, because the operator can move them anywhere.
+    There is no error if contacts are attached or a finger is on hardware, because operators can move such fingers to
+    the object.
 
     Raises:
-        NotGraspingError: If no finger touches while the hands close.
+        NotGraspingError: If no finger touches the object while the hands close.
     """
     if parts.scene.coupling.contact == "attached" or led(parts).intersection(fingers.tolist()):
         return
@@ -272,17 +288,21 @@ def require_contact(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.in
 
 
 def led(parts: Parts) -> set[int]:
-    """Return the fingers on hardware, which the operator can move anywhere."""
+    """Return the indices of the fingers on hardware, which the operator can move to any position."""
     return {i for wire in parts.wires if is_hardware(wire.device) for i in wire.fingers}
 
 
 def operating_point(name: str, grip: Grip, point: OperatingPoint) -> OperatingPoint:
-    """Set the stiffness and margins of an object's state from the present grip."""
+    """Compute `stiffness` and `margins` of the state `point` from the present positions of the grip, and return it.
+
+    Raises:
+        NoRestError: If the derivative of the forces cannot be computed.
+    """
     point.margins = grip_margins(grip.grasped)
     with grip.frozen():
         J = grip.stiffness(grip.lengths())
     if J is None or not np.isfinite(J).all():
-        raise no_rest_error(name, "the forces have no derivative at rest")
+        raise no_rest_error(name, "the derivative of the forces cannot be computed in equilibrium")
     point.stiffness = J
     return point
 
@@ -290,12 +310,12 @@ def operating_point(name: str, grip: Grip, point: OperatingPoint) -> OperatingPo
 def no_rest_error(
     name: str, why: str, do: str = "run the scene until it rests, and certify its recording"
 ) -> NoRestError:
-    """Return the error of a grasp without a rest, for which no other state is substituted."""
+    """Return the error for a grasp whose equilibrium was not found, with the reason and what the user can do."""
     return NoRestError("object", name, "a grasp that comes to rest", f"{why}; {do}")
 
 
 def incomplete(scene: Scene, index: int, apart: NDArray[np.intp], when: str) -> NoRestError:
-    """Return the error of a rest at which some of the fingers do not touch the object."""
+    """Return the error for an equilibrium in which the fingers `apart` do not touch the object."""
     names = ", ".join(scene.finger_names[i] for i in apart)
     does = "does" if len(apart) == 1 else "do"
     why = f"{when} {names} {does} not touch the object"
@@ -303,10 +323,10 @@ def incomplete(scene: Scene, index: int, apart: NDArray[np.intp], when: str) -> 
 
 
 def at_start(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], point: OperatingPoint) -> OperatingPoint:
-    """Return the start as the state if the fingers that do not touch are on hardware.
+    """Return the start as the state about which a grasp is linearised, because some fingers do not touch the object.
 
     Raises:
-        NoRestError: If a finger that does not touch is not on hardware.
+        NoRestError: If a finger that does not touch the object is not on hardware.
     """
     apart = fingers[grip.grasped.touching == 0.0]
     if not led(parts).issuperset(apart.tolist()):
@@ -320,12 +340,12 @@ def at_start(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], po
 
 @dataclass(frozen=True)
 class Settlement:
-    """Result of a search for a rest.
+    """Result of a search for an equilibrium.
 
     Attributes:
-        rest: True if a rest was reached.
+        rest: Whether an equilibrium was found.
         slid: Mask of the contacts that slid during the search, (n,).
-        sliding: Mask of the contacts that still slide, (n,).
+        sliding: Mask of the contacts that slide in the last step, (n,).
         steps: Number of steps.
     """
 
@@ -338,24 +358,31 @@ class Settlement:
 def settle(
     grip: Grip, course: FloatArray, hands: FloatArray, weight: FloatArray, early: int | None = None
 ) -> Settlement | None:
-    """Bring fingers and object to rest: K_h (r - p) = f, wrench + weight = 0. Return None if a sample fails.
+    """Find the equilibrium K_h (r - p) = f, w + w_g = 0 of a grasp.
 
-    The hands close along `course`, and then gravity is applied. The steps are implicit steps of a motion that only
-    friction resists. As the time step grows, they become Newton steps. A step cannot foresee new contacts. After a
-    contact begins or ends, the next steps are therefore resisted by the largest contact stiffness; otherwise the object
-    would be thrown from finger to finger.
+    K_h is the stiffness matrix of the hands, r are the intended and p the actual finger positions, f the contact forces
+    on the object, w their wrench, and w_g the weight of the object.
 
-    The faces, anchors and slip of contacts are stored between steps, as in a run. Each step treats contacts as frozen,
-    but the remaining imbalance is computed with the true contacts. If contacts slide, a step reduces the imbalance only
-    to about k/(k + k_h) of its value, with the stiffnesses k of the contact and k_h of the hand. Later steps therefore
+    The hands close along `course`, and then the weight is applied. The steps are implicit time steps of a motion
+    against viscous friction; with increasing time step they approach Newton steps. As a step is linear, it does not
+    account for contacts that begin or end during the step. Therefore, the viscous friction is increased for some steps
+    after a contact has begun or ended; otherwise, the object could move back and forth between the fingers.
+
+    The faces, anchors and slip of contacts are stored between steps, as in a run. Each step treats contacts as
+    sticking, but the imbalance of forces is computed with contacts that can slide. If contacts slide, a step multiplies
+    the imbalance by about k/(k + k_h), with the stiffness k of the contact and k_h of the hand. Later steps therefore
     treat sliding contacts as sliding, as long as this reduces the imbalance.
 
     Args:
-        course: Intended positions r (steps, m) [m]; the last positions are held.
-        hands: Stiffness K_h of the hands, (m, m) [N/m].
-        weight: Weight along the free degrees of freedom, (r,) [N, N m].
-        early: Last step at which a contact may begin or end. A contact that begins or ends later, or slides, ends the
-            search without a rest. None for no such limit.
+        grip: Object with its fingers, which are moved to the equilibrium.
+        course: Intended positions r in each step of the closing, (steps, m) [m].
+        hands: Stiffness matrix K_h, (m, m) [N/m].
+        weight: Weight w_g along the free degrees of freedom, (r,) [N, N m].
+        early: Last step in which a contact may begin or end. If a contact begins or ends later, or slides, the search
+            ends without an equilibrium. None for no such condition.
+
+    Returns:
+        Result of the search; None if the forces of a sample do not converge.
     """
     m, size = grip.m, grip.m + grip.r
     lengths = grip.lengths()
@@ -413,7 +440,10 @@ def settle(
 
 
 def softened(grip: Grip, J: FloatArray, sliding: NDArray[np.bool_]) -> FloatArray:
-    """Return J with sliding contacts that continue to slide; J itself if friction has no solution."""
+    """Return the derivative J of the forces (m + r, m + r) for the case that sliding contacts continue to slide.
+
+    The result is J itself if Coulomb's law has no solution.
+    """
     wide = np.zeros((2, len(J), int(sliding.sum())))
     wide[:, : grip.m] = edge_directions(grip.grasped, np.flatnonzero(sliding).tolist())
     softer = released(J, *wide)

@@ -1,4 +1,4 @@
-"""Set of operators: ranges of a scene's keys, a random population, and the search for the worst operator."""
+"""Set of operators, given by ranges of a scene's keys: random samples, and the search for the worst operator."""
 
 from __future__ import annotations
 
@@ -45,20 +45,21 @@ OF_HANDS = frozenset(
 class OperatorRange:
     """Range of one key over a set of operators.
 
-    | law | distribution between the ends |
+    | law | distribution of the values of a random population |
     |---|---|
-    | log | uniform in the logarithm: as many from 50 to 100 as from 500 to 1000 |
+    | log | logarithm of the value uniform: as many values from 50 to 100 as from 500 to 1000 |
     | uniform | uniform |
-    | normal | normal with the range as 95 % interval, truncated at its ends |
-    | lognormal | normal in the logarithm with the range as 95 % interval, truncated at its ends |
+    | normal | normal, truncated at the ends of the range; 95 % of the untruncated distribution lies in the range |
+    | lognormal | logarithm of the value normal, truncated in the same way |
 
     Attributes:
         key: Dotted key of the scene.
         low, high: Ends of the range, in the unit of the key.
-        law: Distribution of the population. The search for the worst case covers the whole range for every law.
+        law: Distribution of a random population. The search for the worst operator does not depend on it.
 
     Raises:
-        InputError: If the ends are not finite numbers in ascending order, or not above zero for a logarithmic law.
+        InputError: If an end is not a finite number, the upper end is not above the lower end, or the law is "log" or
+            "lognormal" and the lower end is not above zero.
         UnknownNameError: If no law has that name.
     """
 
@@ -80,7 +81,13 @@ class OperatorRange:
 
     @classmethod
     def read(cls, text: str, name: str = "--operators") -> OperatorRange:
-        """Parse KEY=FROM:TO or KEY=FROM:TO:LAW; the default law is "log" if both ends are above zero, else "uniform".
+        """Parse a text KEY=FROM:TO or KEY=FROM:TO:LAW.
+
+        Without a law, the law is "log" if the lower end is above zero, and "uniform" otherwise.
+
+        Args:
+            text: Text to parse.
+            name: Name of the argument in error messages.
 
         Raises:
             InputError: If the text has another form, or the ends are invalid (see `OperatorRange`).
@@ -98,7 +105,7 @@ class OperatorRange:
 
     @property
     def is_logarithmic(self) -> bool:
-        """True if values are spaced and drawn by their logarithm."""
+        """Whether the law is a distribution of the logarithm of the value."""
         return self.law in ("log", "lognormal")
 
     @property
@@ -107,7 +114,13 @@ class OperatorRange:
         return f"{self.key}={self.low:g}:{self.high:g}:{self.law}"
 
     def between(self, share: FloatArray | float) -> FloatArray:
-        """Return the values at fractions of the range, 0 to 1, interpolated linearly or, by `law`, in the logarithm."""
+        """Return values of the key between the ends, by linear interpolation of the values or of their logarithms.
+
+        The logarithms are interpolated if `is_logarithmic`.
+
+        Args:
+            share: Fractions of the range, from 0 for the lower end to 1 for the upper end.
+        """
         u = np.asarray(share, dtype=float)
         if self.is_logarithmic:
             values = np.exp(math.log(self.low) + u * math.log(self.high / self.low))
@@ -116,7 +129,7 @@ class OperatorRange:
         return np.asarray(np.where(u <= 0.0, self.low, np.where(u >= 1.0, self.high, values).clip(self.low, self.high)))
 
     def quantile(self, probability: FloatArray) -> FloatArray:
-        """Return the values below which the population lies with these probabilities, 0 to 1, in the key's unit."""
+        """Return the quantiles of a random population for probabilities between 0 and 1."""
         if self.law in ("normal", "lognormal"):
             from scipy.special import ndtr, ndtri
 
@@ -130,17 +143,18 @@ Ranges = Mapping[str, Any] | Sequence[str | OperatorRange]
 
 
 def usual_law(low: float) -> Law:
-    """Return the default law of a range by its lower end: "log" if that is above zero, else "uniform"."""
+    """Return the default law of a range with this lower end: "log" if it is above zero, otherwise "uniform"."""
     return "log" if low > 0.0 else "uniform"
 
 
 @dataclass(frozen=True)
 class OperatorSet:
-    """Independent ranges of a scene's keys.
+    """Set of operators, given by independent ranges of a scene's keys.
 
     Attributes:
         ranges: Range of each key.
-        source: Origin of the ranges, as text: "as asked for", "of the scene" or "the usual ones".
+        source: Origin of the ranges: "as asked for" (arguments), "of the scene" (its table [operators]) or "the usual
+            ones" (defaults).
     """
 
     ranges: tuple[OperatorRange, ...]
@@ -148,35 +162,35 @@ class OperatorSet:
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """Keys that vary."""
+        """Keys of the ranges."""
         return tuple(each.key for each in self.ranges)
 
     def values(self, point: Sequence[float] | FloatArray) -> dict[str, float]:
-        """Return the value of each key at a point of the unit box, whose coordinates are fractions of the ranges."""
+        """Return the value of each key at a point of the unit box. Its coordinates are fractions of the ranges."""
         pairs = zip(self.ranges, np.clip(point, 0.0, 1.0).tolist(), strict=True)
         return {each.key: float(each.between(share)) for each, share in pairs}
 
     def corners(self) -> list[tuple[float, ...]]:
-        """List the corners of the unit box; for more than six ranges only two: all lower ends, and all upper ends."""
+        """List the corners of the unit box; for more than six ranges, only (0, ..., 0) and (1, ..., 1)."""
         count = len(self.ranges)
         if count > MOST_CORNERS:
             return [(0.0,) * count, (1.0,) * count]
         return [tuple(map(float, corner)) for corner in product((0, 1), repeat=count)]
 
     def spread(self, count: int) -> list[tuple[float, ...]]:
-        """List `count` points that fill the unit box evenly: a Halton sequence, with a prime radix per coordinate."""
+        """List the first `count` points of a Halton sequence, which fill the unit box evenly."""
         numbers = range(1, count + 1)
         return [tuple(radical_inverse(k, PRIMES[i]) for i in range(len(self.ranges))) for k in numbers]
 
     def population(self, count: int, seed: int) -> list[dict[str, float]]:
-        """Draw `count` random operators, as values by key; keys are independent, each with its range's distribution."""
+        """Draw `count` random operators, as values by key. The values of different keys are independent."""
         uniform = np.random.Generator(np.random.PCG64(seed)).random((count, len(self.ranges)))
         columns = [each.quantile(uniform[:, i]).tolist() for i, each in enumerate(self.ranges)]
         return [dict(zip(self.keys, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
 def radical_inverse(number: int, radix: int) -> float:
-    """Mirror the digits of an integer in a radix at the radix point (Halton 1960)."""
+    """Return the radical inverse of an integer: its digits mirrored at the radix point (Halton 1960)."""
     result, place = 0.0, 1.0 / radix
     while number:
         number, digit = divmod(number, radix)
@@ -186,16 +200,17 @@ def radical_inverse(number: int, radix: int) -> float:
 
 
 def operator_set(scene: Scene, ranges: Ranges | None = None) -> OperatorSet:
-    """Read a set of operators; by default the scene's table [operators], else usual ranges of hands and device masses.
+    """Return a set of operators from ranges of a scene's keys.
 
     Args:
         scene: Scene whose keys vary.
-        ranges: Ranges by key, (low, high) or (low, high, law); or a list of texts "KEY=FROM:TO" or "KEY=FROM:TO:LAW"
-            and `OperatorRange`s.
+        ranges: Ranges by key, as (low, high), (low, high, law) or `OperatorRange`; or a list of texts "KEY=FROM:TO" or
+            "KEY=FROM:TO:LAW" and of `OperatorRange`s. If None, the ranges of the scene's table [operators] are used; a
+            scene without this table has default ranges for its hands and device masses.
 
     Raises:
-        InputError: If there is no range or more than 12, a range is invalid, a key occurs twice, or `ranges` is None
-            and the scene has neither a table [operators], nor a simulated hand or a device mass to vary.
+        InputError: If there is no range or more than 12; a range is invalid; a key occurs twice; or `ranges` is None
+            and the scene has neither a table [operators] nor a hand or a device mass with a default range.
         UnknownNameError: If no law has that name.
         SceneError: If the scene does not accept a key or a value.
     """
@@ -206,7 +221,7 @@ def operator_set(scene: Scene, ranges: Ranges | None = None) -> OperatorSet:
     if ranges is None:
         result, source = list(_usual(scene)), "the usual ones"
         if not result:
-            remedy = "name their keys, as in finger.*.device.mass=0.1:0.2"
+            remedy = "otherwise specify ranges, as in finger.*.device.mass=0.1:0.2"
             raise InputError("operators", scene.source.name, "a scene with a simulated hand", remedy)
     elif isinstance(ranges, Mapping):
         result = [range_of(key, value) for key, value in ranges.items()]
@@ -230,7 +245,7 @@ def _listed(ranges: object) -> Sequence[Any]:
 
 
 def range_of(key: str, value: Any) -> OperatorRange:
-    """Read the range of a key: (low, high) or (low, high, law); the key replaces that of an `OperatorRange`.
+    """Return the range of a key from (low, high), (low, high, law), or an `OperatorRange`, whose key is replaced.
 
     Raises:
         InputError: If the value has another form, or the ends are invalid (see `OperatorRange`).
@@ -247,7 +262,7 @@ def range_of(key: str, value: Any) -> OperatorRange:
 
 
 def _usual(scene: Scene) -> Iterator[OperatorRange]:
-    """Yield the usual ranges: stiffness and damping of every hand, and the device masses that the scene states."""
+    """Yield default ranges of the stiffness and damping of hands, and of the device masses that the scene states."""
     hands = [
         *(f"finger.{i}.hand" for i, each in enumerate(scene.finger) if _has(each.hand, "stiffness")),
         *(f"hand.{i}.{part}" for i, each in enumerate(scene.hand) for part in ("arm", "grip") if _has(each, part)),
@@ -263,7 +278,11 @@ def _has(table: object, name: str) -> bool:
 
 
 def _alike(scene: Scene, keys: list[str], factors: tuple[float, float] | None) -> Iterator[OperatorRange]:
-    """Yield a range for each key, `*` for numbers, with values above zero; with factors, only if these are equal."""
+    """Yield default ranges for keys with values above zero, with numbers in the keys replaced by `*`.
+
+    `factors` are the ends of a range relative to the scene's value. A range is omitted if keys that differ only in the
+    number have different values. If `factors` is None, the ends are `STIFFNESS`.
+    """
     groups: dict[str, list[float]] = {}
     for key in keys:
         first, _, *rest = key.split(".")
@@ -281,10 +300,10 @@ def _alike(scene: Scene, keys: list[str], factors: tuple[float, float] | None) -
 
 
 def are_passive(scene: Scene, operators: OperatorSet) -> bool:
-    """True if every operator of a set is passive with the scene's own devices, and the set varies only operators.
+    """Return whether a set varies only properties of hands, and every hand is passive.
 
-    Springs, dampers and masses are passive. Device mass beyond the scene's value is treated as mass of the hand. A
-    reaction generates energy, and a hand that stiffens with the grip may generate energy.
+    Springs, dampers and masses are passive. A device mass above the scene's value counts as mass of the hand. A hand
+    that reacts with a delay, or stiffens with the grip force, is not passive.
     """
     hands = [*scene.hand, *(finger.hand for finger in scene.finger)]
     if any(getattr(hand, name, None) is not None for hand in hands for name in ("reaction", "stiffening")):
@@ -312,9 +331,9 @@ class Search:
     """Result of the search for the worst operator.
 
     Attributes:
-        worst: Judgement with the smallest figure of merit.
-        point: Point of that judgement in the unit box.
-        every: All judgements, with their points.
+        worst: Judgement of the operator with the smallest figure of merit.
+        point: Point of this operator in the unit box.
+        every: Points and judgements of all operators that were judged.
     """
 
     worst: Judgement
@@ -325,19 +344,19 @@ class Search:
 def worst_operator(
     operators: OperatorSet, judge: Judging, figure: Figure, starts: Sequence[Point] = (), points: int | None = None
 ) -> Search:
-    """Search the box of a set of operators for the smallest figure of merit.
+    """Search a set of operators for the smallest figure of merit.
 
-    The search judges the corners (of more than six ranges only two), the centre, and points that fill the box. From the
-    two worst points that are not neighbours, the search descends by the method of Nelder and Mead (1965) within the
-    box. Each operator is judged in full. Nothing is known about operators between the points: a worse operator may lie
-    in a dip that is narrower than the distance between the points.
+    The corners of the ranges (`OperatorSet.corners`), the centre, and points of a Halton sequence are judged first. The
+    two worst of these points that are not close to each other are the starts of descents by the method of Nelder and
+    Mead (1965). The search does not guarantee the worst operator: the figure of merit may have a minimum that is
+    narrower than the distance between the points.
 
     Args:
         operators: Set of operators.
-        judge: Function that returns the judgement of values by key.
+        judge: Function that returns the judgement of an operator, which is given as values by key.
         figure: Function that returns the figure of merit of a judgement; smaller is worse.
-        starts: Additional points to judge.
-        points: Number of points that fill the box; None for 16 per range.
+        starts: Additional points of the unit box to judge before the descents.
+        points: Number of points of the Halton sequence; if None, 16 for each range.
     """
     from scipy.optimize import minimize
 
@@ -367,7 +386,7 @@ def worst_operator(
 
 
 def apart(ranked: Sequence[Point]) -> list[Point]:
-    """Select points in the given order; skip a point within 0.3 of a selected one in every coordinate."""
+    """Select points in the given order; omit points within 0.3 of a selected point in every coordinate."""
     selection: list[Point] = []
     for place in ranked:
         if all(np.abs(np.subtract(place, other)).max() > 2.0 * BOX_STEP for other in selection):
@@ -376,7 +395,7 @@ def apart(ranked: Sequence[Point]) -> list[Point]:
 
 
 def simplex(start: Point) -> FloatArray:
-    """Return the corners of a simplex, (n + 1, n): a point, and a step of 0.15 along each axis into the unit box."""
+    """Return a simplex (n + 1, n): a point of the unit box, and the ends of steps of 0.15 from it along each axis."""
     corners = np.tile(np.array(start), (len(start) + 1, 1))
     for i, x in enumerate(start):
         corners[i + 1, i] = x - BOX_STEP if x > 0.5 else x + BOX_STEP

@@ -1,4 +1,4 @@
-"""Plan of a scene: steps of a sample, steps that are skipped, calls per tick and engine, and the reasons."""
+"""Plan of a run of a scene: steps of a tick that are executed or skipped, calls per tick, and engine, with reasons."""
 
 from __future__ import annotations
 
@@ -33,7 +33,13 @@ INSTALL = "llvmlite is not installed: run `pip install llvmlite`"
 
 
 class PlanRow(NamedTuple):
-    """A step of a sample, whether it runs, and the reason or the method."""
+    """Row of a plan.
+
+    Attributes:
+        step: Name of a step of a tick.
+        runs: Whether the step is executed.
+        why: Method of the step, or the reason why it is executed or skipped.
+    """
 
     step: str
     runs: bool
@@ -41,7 +47,7 @@ class PlanRow(NamedTuple):
 
 
 def plan(scene: Scene) -> list[PlanRow]:
-    """List the start positions, the steps of a sample in order, and the packages that a run imports."""
+    """Return the start positions of fingers, the steps of a tick in order, and the packages that a run imports."""
     return [PlanRow(*row) for row in _rows(resolve(scene))]
 
 
@@ -62,14 +68,14 @@ def _rows(parts: Parts) -> Iterator[Row]:
         if scene.obstacle or "world" in scene.model_fields_set or len(scene.object) > 1:
             yield _of_object(scene, thing, "meet"), *meeting(scene, thing)
     if scene.obstacle:
-        yield "fingers on obstacles", False, "fingers pass through obstacles; only objects touch them"
+        yield "fingers on obstacles", False, "fingers pass through obstacles; only objects touch obstacles"
     yield _hand(scene)
     yield "record", True, "one row per recorded tick, written to disk in blocks outside the tick"
     yield "packages", True, f"{', '.join(packages(scene))}, and imports of the drivers"
 
 
 def _host_rows(scene: Scene) -> Iterator[Row]:
-    """Yield the steps of a tick that concern the forces of another program."""
+    """Yield the steps of a tick that process forces from another program, the host."""
     host = scene.host
     assert host is not None
     yield "host", True, f"forces of {host.name!r}, another program; they fade after {host.silence:g} s without a sample"
@@ -79,7 +85,7 @@ def _host_rows(scene: Scene) -> Iterator[Row]:
 
 
 def _law_rows(parts: Parts) -> Iterator[Row]:
-    """Yield the steps of a tick from the fingers' motion to the forces of the law."""
+    """Yield the steps of a tick that compute forces from the motion of the fingers and objects."""
     scene = parts.scene
     for thing in scene.object:
         yield _of_object(scene, thing, "predict"), *_prediction(thing)
@@ -99,7 +105,7 @@ def _law_rows(parts: Parts) -> Iterator[Row]:
 
 
 def packages(scene: Scene) -> list[str]:
-    """List the packages that the framework imports for a run of the scene, except those for figures and tables."""
+    """List the packages that a run of the scene imports, except those for figures, tables and drivers."""
     names = ["numpy", "pydantic (scene)", "h5py (recording)"]
     tables = [holding.table for holding in holdings(scene)]
     if any(each.kind == "path" for hand in tables if isinstance(hand, Moving) for each in listed(hand.motion)):
@@ -112,7 +118,7 @@ def packages(scene: Scene) -> list[str]:
 
 
 def _starts(parts: Parts) -> Iterator[Row]:
-    """Yield the start positions of fingers that are placed along a direction."""
+    """Yield the start positions of fingers that are placed at a distance from the object along a direction."""
     for finger, name, place in zip(parts.scene.finger, parts.scene.finger_names, parts.start.tolist(), strict=True):
         if isinstance(finger.start, Placement):
             ball = f", a ball of {1e3 * finger.radius:g} mm" if finger.radius else ""
@@ -194,7 +200,7 @@ def _weights(parts: Parts) -> Row:
 
 
 def _weighed_by(scene: Scene) -> str:
-    """Return what weights fingers although gains are equal, as subject and verb; empty if nothing does."""
+    """Return why fingers are weighted although gains are equal, as subject and verb; empty if they are not."""
     if any(scene.coefficients):
         return "friction weights"
     if scene.coupling.passivity != "off":
@@ -205,12 +211,12 @@ def _weighed_by(scene: Scene) -> str:
 
 
 def _is_implicit(scene: Scene) -> bool:
-    """True if the motion of an object and the forces of the sample are solved together."""
+    """Return whether the scene has an object with the implicit integrator."""
     return any(thing.dynamics == "native" and thing.integrator == "implicit" for thing in scene.object)
 
 
 def _resplit(scene: Scene) -> str:
-    """Return when the split is recomputed, as text."""
+    """Return a text that says when the split is recomputed."""
     d = scene.dimensions
     for free in map(scene.free, scene.object):
         shifts, turns = free[:d], free[d:]
@@ -253,7 +259,7 @@ def _impedance(scene: Scene) -> Row:
 
 
 def _scalar(scene: Scene) -> bool:
-    """True if each gain is a number."""
+    """Return whether each stiffness and damping of the coupling is a number."""
     gains = (scene.coupling.external, scene.coupling.internal)
     return all(isinstance(value, float) for each in gains for value in (each.stiffness, each.damping))
 
@@ -265,7 +271,7 @@ def _projection(scene: Scene) -> Row:
         each_mu = ", ".join(f"{mu:g}" for mu in dict.fromkeys(scene.coefficients))
         law = "by Coulomb's law, or the associated law if that has no solution"
         why = f"fingers only push; friction mu = {each_mu} {law}"
-        return "letting go", True, f"{why}; the recording marks which (law)"
+        return "letting go", True, f"{why}; the column law of the recording states which of them"
     law = "holds where it touched" if scene.coupling.friction == "stick" else "slips freely"
     return "letting go", True, f"fingers only push, eqs. (24)-(26); a touching finger {law}"
 
@@ -309,7 +315,7 @@ def _torsion(scene: Scene) -> Row:
 
 
 def _limits(parts: Parts) -> Iterator[Row]:
-    """Yield the limits that devices state, how forces are limited, and devices that may have an unknown limit."""
+    """Yield rows about the force limits of devices, devices that display no force, and limits that are not known."""
     scene, wired = parts.scene, parts.wires
     limits, hidden = limit_text(scene, wired), hidden_text(scene, wired)
     if parts.safety is not None:
@@ -332,7 +338,7 @@ def _limits(parts: Parts) -> Iterator[Row]:
 
 
 def limits_inside(scene: Scene, thing: Object) -> bool:
-    """True if the projection keeps an object's forces within limits (`graspfx.coupling.limit.is_inside`)."""
+    """Return whether the projection on friction cones also limits the forces on an object (see `limit.is_inside`)."""
     attached = scene.coupling.contact == "attached"
     if thing.dynamics == "native" and thing.integrator == "implicit":
         return False
@@ -389,7 +395,7 @@ def _of_object(scene: Scene, thing: Object, step: str) -> str:
 
 
 def equal_gains(scene: Scene) -> bool:
-    """True if kep = kip and ked = kid: the conventional method."""
+    """Return whether external and internal gains are equal, as in the conventional method."""
     external, internal = scene.coupling.external, scene.coupling.internal
     if isinstance(external, ObjectImpedance):
         return False
@@ -400,9 +406,9 @@ def equal_gains(scene: Scene) -> bool:
 
 
 def engine_plan(scene: Scene) -> list[PlanRow]:
-    """Return the rows about calls and engine, which follow those of `plan`.
+    """Return the rows of a plan about calls per tick and the engine.
 
-    The scene is assembled, but nothing moves, and the program of all scenes is not compiled.
+    The scene is assembled, but no tick is computed, and the program of all scenes is not compiled.
 
     Raises:
         SceneError: If the scene cannot be assembled, so that no run can begin.
@@ -450,10 +456,10 @@ def _engine(scene: Scene, servo: Servo) -> PlanRow:
 
 
 def _obstacle(servo: Servo) -> str:
-    """Return the reason why the scene cannot run compiled; empty if it can.
+    """Return the reason why the scene cannot run with the compiled engine; empty if it can.
 
     Raises:
-        KernelError: If a third-party kernel has a fault.
+        KernelError: If a third-party kernel is invalid.
     """
     if not is_machine_code():
         return INSTALL

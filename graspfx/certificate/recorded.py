@@ -1,4 +1,4 @@
-"""Rest at the end of a recording, restored in the coupling, and the lateness of its forces."""
+"""State of a grasp in the last row of a recording, and the delays of forces that a recording contains."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ COLUMNS = ("late", "io")  # columns of a real-time run
 
 
 def recording_of(scene: Scene, source: Recording | str | PathLike[str]) -> Recording:
-    """Return a recording, loaded if it is given as a path, after checking that it matches the scene.
+    """Return a recording, which is loaded if a path is given, after checking that it is of this scene.
 
     Raises:
-        InputError: If the recording has other fingers, objects or dimensions, or no rows.
-        RecordingError: If the path does not lead to a recording.
+        InputError: If the recording has other fingers, objects or dimensions than the scene, or has no rows.
+        RecordingError: If the file at the path is missing or not a recording.
     """
     recording = source if isinstance(source, Recording) else Recording.load(source)
     layout = recording.layout
@@ -63,15 +63,15 @@ def recording_of(scene: Scene, source: Recording | str | PathLike[str]) -> Recor
 def recorded(
     scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp], recording: Recording, ground: Ground | None
 ) -> OperatingPoint:  # fmt: skip
-    """Set the grip to the recording's last row.
+    """Set an object and its fingers to the state in the last row of a recording, and return this state.
 
-    Contacts, fingers and the object's pose are taken from the row; from these positions, forces are computed with the
-    scene's own gains. `assumed` of the returned operating point lists the differences of the recording's end from a
-    rest of the scene.
+    The positions of contacts and fingers and the pose of the object are those of the row. The forces are computed from
+    these positions with the scene's gains. `assumed` of the result lists the differences between the recorded state and
+    an equilibrium of the scene (`differences`).
 
     Raises:
-        NotGraspingError: If no finger touches in the last row.
-        NoRestError: If only some fingers touch in the last row, a finger pulls, or the forces do not converge.
+        NotGraspingError: If no finger touches the object in the last row.
+        NoRestError: If only some fingers touch the object in the last row, a finger pulls, or forces do not converge.
     """
     g, name = grip.grasped, scene.object[index].name
     place = OperatingPoint("recorded", None, np.full(grip.n, np.nan))
@@ -97,7 +97,7 @@ def recorded(
 
 
 def set_pose(grip: Grip, recording: Recording, name: str) -> None:
-    """Set the object's pose to that of the last row; its velocity remains zero."""
+    """Set the object's pose to that in the last row of a recording; the object's velocity is not changed."""
     state, d, motion = grip.grasped.body_state, grip.d, recording.objects[name]
     state[body.POSITION : body.POSITION + d] = motion.position[-1]
     if motion.orientation is not None and d == 2:
@@ -108,7 +108,7 @@ def set_pose(grip: Grip, recording: Recording, name: str) -> None:
 
 
 def set_contacts(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) -> None:
-    """Set fingers and contacts to the last row; every contact sticks."""
+    """Set positions of fingers and contacts to those in the last row of a recording; all contacts stick."""
     g, d = grip.grasped, grip.d
     c = recording.contact_position[-1, fingers]
     g.meet(c)  # finds faces and normals
@@ -123,7 +123,7 @@ def set_contacts(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) ->
 
 
 def set_torsions(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) -> None:
-    """Rotate the anchors of soft fingers so that their torsions equal the recorded torsions."""
+    """Rotate the anchors of soft fingers so that the torsions of the fingers equal those in a recording's last row."""
     moments = recording.finger_moment
     g = grip.grasped
     at_anchor, patch = g.array(FingerState.torsion_at_anchor), g.array(FingerState.patch)
@@ -149,7 +149,7 @@ def set_torsions(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) ->
 def differences(
     scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp], recording: Recording, ground: Ground | None
 ) -> list[str]:  # fmt: skip
-    """List the ways in which the recording's end differs from a state of rest of this scene."""
+    """List differences between the state at the end of a recording and an equilibrium of the scene, as sentences."""
     g, texts = grip.grasped, []
     force = recording.finger_force[:, fingers]
     largest = max(float(np.abs(force[-1]).max(initial=0.0)), 1e-9)
@@ -174,11 +174,11 @@ def differences(
 
 
 def exchange_times(recording: Recording) -> tuple[float, float] | None:
-    """Return the time from a tick's deadline to the end of its writing to devices, as 1st and 99th percentile [s].
+    """Return the 1st and 99th percentile of the time from a tick's scheduled start to the end of its writing [s].
 
-    The time includes the tick's own lateness, its reading and its writing, but not the computation between reading and
-    writing, which no column records. Without the columns `late` and `io`, both values are the round trip of the header;
-    None for a run without hardware.
+    The time is the sum of the delay of the tick's start and of the times of reading from and writing to devices. It
+    does not include the computation between reading and writing, which is not recorded. If a recording lacks the
+    columns `late` and `io`, both values are the round trip in its header. The result is None without hardware.
     """
     if all(name in recording.layout.columns for name in COLUMNS) and recording.header.settled:
         late, calls = (recording.array(name) for name in COLUMNS)
@@ -189,9 +189,9 @@ def exchange_times(recording: Recording) -> tuple[float, float] | None:
 
 
 def lateness_ends(mechanics: Mechanics, recording: Recording | None) -> FloatArray:
-    """Return the smallest and the largest lateness of each finger, (2, n) [s].
+    """Return the smallest and the largest delay of the force of each finger, (2, n) [s].
 
-    For hardware, the exchange times of a recording (see `exchange_times`) replace the measured round trip.
+    For fingers on hardware, the times in a recording (`exchange_times`) replace the round trip that the devices state.
     """
     times = None if recording is None else exchange_times(recording)
     if times is None:
@@ -202,11 +202,13 @@ def lateness_ends(mechanics: Mechanics, recording: Recording | None) -> FloatArr
 
 
 def less_stable(linear: Linearisation, ends: FloatArray) -> tuple[Linearisation, list[str]]:
-    """Return the loop with the less stable of two latenesses, and a note about its lateness if they differ.
+    """Return the loop with the smallest or the largest delay of forces, whichever is less stable.
+
+    The second item is a list with a sentence about the delay, which is empty if both delays are equal.
 
     Args:
         linear: Linearised loop.
-        ends: Smallest and largest lateness, (2, m) [s].
+        ends: Smallest and largest delay in each coordinate, (2, m) [s].
     """
     loops = [linear.with_arrays(lateness=each) for each in ends]
     if (ends[0] == ends[1]).all():

@@ -1,4 +1,4 @@
-"""Report of a check: result, certificates, notes, and the plan of a run."""
+"""Report on a scene: certificates, warnings, and the plan of a run."""
 
 from __future__ import annotations
 
@@ -25,18 +25,19 @@ NOT_JUDGED = "not judged"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Report(Carded):
-    """Report of a check.
+    """Report on a scene.
 
     Attributes:
         scene: Name of the scene.
-        faults: All faults of a scene that cannot run; nothing else is judged then.
-        certificates: Certificate of each object that has fingers, the worst first; empty if they cannot be computed.
-        why: Reason why there are no certificates.
-        doubts: Values that are probably not in SI units, with their probable meaning; printed above the result.
-        notes: Other warnings about likely mistakes.
-        plan: Steps of a tick, and skipped steps with the reason.
-        presets: Presets of the scene, each with its reason.
-        preset: Name of the active preset; empty for none.
+        faults: Faults because of which the scene cannot run. If there are any, the report contains nothing else.
+        certificates: Certificate of each object that has fingers, the least stable first; empty if certificates cannot
+            be computed.
+        why: Reason why there are no certificates; empty if there are any.
+        notes: Warnings about likely mistakes, except those in `doubts`.
+        plan: Steps of a tick that are executed or skipped, with reasons.
+        presets: Reason of each preset of the scene, by the name of the preset.
+        preset: Name of the active preset; empty if none is active.
+        doubts: Warnings about values that are probably not in SI units; they are printed first.
     """
 
     scene: str
@@ -51,12 +52,15 @@ class Report(Carded):
 
     @property
     def ok(self) -> bool:
-        """True if the scene was judged, and fingers grasp each of its certified objects stably."""
+        """Whether there are certificates, and all of them are stable."""
         return self.verdict.startswith(STABLE)
 
     @property
     def verdict(self) -> str:
-        """Result of the worst object in one line; begins "stable", "NOT STABLE", "not grasping" or "not judged"."""
+        """Result for the least stable object, in one line.
+
+        The line begins with "stable", "NOT STABLE", "not grasping" or "not judged".
+        """
         if self.faults:
             count = len(self.faults)
             return f"{NOT_JUDGED}: {count} fault{'s' if count > 1 else ''}, the first {self.faults[0].text(self.scene)}"
@@ -73,7 +77,7 @@ class Report(Carded):
         return text
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data for JSON, with units in the names of keys; None stands for no limit."""
+        """Return the report as data for JSON. The keys of certificates contain units; inf and nan become None."""
         return {
             "scene": self.scene,
             "ok": self.ok,
@@ -88,7 +92,11 @@ class Report(Carded):
         }
 
     def lines(self, plan: bool = True) -> Iterator[str]:
-        """Yield lines of text: doubts about units, result, limits, notes, presets, and the plan if `plan` is True."""
+        """Yield the report as lines of text.
+
+        Args:
+            plan: Whether to include the plan of a run.
+        """
         yield from self.head()
         for certificate in self.certificates:
             yield from lines(certificate)
@@ -100,7 +108,7 @@ class Report(Carded):
             yield f"{'runs' if row.runs else 'skipped':<9}{row.step:<24}{row.why}"
 
     def head(self) -> Iterator[str]:
-        """Yield doubts about units, then the result."""
+        """Yield the first lines of the report: warnings about units, and the result."""
         yield from (f"note: {doubt}" for doubt in self.doubts)
         yield self.verdict
 
@@ -120,14 +128,14 @@ class Report(Carded):
 
 
 def check(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | None = None) -> Report:
-    """Check a scene: whether its grasps are stable, the limit of each gain, likely mistakes, and the plan of a run.
+    """Report on the stability of a scene's grasps, the limits of its gains, likely mistakes, and the plan of a run.
 
     Args:
         scene: Name of a built-in scene, path of a .toml or .py file, or Scene.
-        overrides: Values by dotted key, as for `load`.
+        overrides: Values that replace those of the scene, by dotted key, as for `load`.
 
     Returns:
-        Report; for a scene with faults, a report that lists them.
+        Report. If the scene has faults, the report lists them.
 
     Raises:
         UnknownNameError: If no scene has that name.
@@ -143,11 +151,11 @@ def check(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | Non
 
 
 def report(scene: Scene) -> Report:
-    """Report on a valid scene.
+    """Return the report on a valid scene.
 
     Raises:
-        SceneError: If the scene cannot be assembled, for example because a device cannot reach its start; or a preset
-            has faults.
+        SceneError: If the scene cannot be assembled, for example because a device cannot reach the start of its finger;
+            or if a preset has faults.
     """
     from graspfx.assembly.checks.units import unit_notes
     from graspfx.assembly.grasps import axes_notes
@@ -175,21 +183,24 @@ def report(scene: Scene) -> Report:
 
 
 def _room(certificate: Certificate) -> tuple[bool, bool, float]:
-    """Order unstable certificates first, then objects that no finger touches, then by margin."""
+    """Return a key that sorts certificates: unstable grasps, objects without a finger, stable grasps by margin."""
     least = _least(certificate)
     return certificate.stable, not certificate.grasps, math.inf if least is None else least.margin
 
 
 def _least(certificate: Certificate) -> Limit | None:
-    """Find the mode of the whole grasp with the smallest margin; of equal margins, the most specific mode."""
+    """Return the limit with the smallest margin, except those of fingers that push alone; None if there is none.
+
+    Of equal margins, that of the most specific mode is returned.
+    """
     rows = [row for row in certificate.limits if not row.mode.startswith(PUSHING)]
     return min(rows, key=lambda row: (round(row.margin, 6), -len(row.mode)), default=None)
 
 
 def _lead(stable: bool, least: Limit) -> str:
-    """Return the words before the smallest margin; they differ for a loop that is unstable below all limits."""
+    """Return the words that precede the smallest margin in a sentence about the result."""
     if stable:
-        return "the least margin: "
+        return "smallest margin: "
     return "no gain exceeds its limit; smallest margin: " if least.margin > 1.0 else ""
 
 
@@ -205,17 +216,17 @@ def _sentence(certificate: Certificate) -> str:
         pushing = [row for row in certificate.limits if row.mode.startswith(PUSHING) and row.margin < 1.0]
         if pushing:
             weakest = min(pushing, key=lambda row: row.margin)
-            text += f"; as long as all fingers hold: {weakest.mode} is not stable, {weakest.text}"
+            text += f"; stable only while all fingers hold the object: {weakest.mode} is not stable, {weakest.text}"
     if certificate.at == "start":
         text += "; judged at the start without a squeeze"
     return text
 
 
 def beside(scene: Readable) -> Callable[[str, str], dict[str, Any]]:
-    """Return a function that takes the names of an object and a mode, and returns the mode's certificate as data.
+    """Return a function that takes the names of an object and a mode, and returns the certified limit of the mode.
 
-    The certificates are computed once, on the first call. Keys: `spectral_radius`, `gain` and `limit` [N/m], each None
-    if there is none, and `text`.
+    The function returns a dictionary with the keys `spectral_radius`, `gain` [N/m], `limit` [N/m], each None if it is
+    not known, and `text`. The certificates of the scene are computed on the first call.
     """
 
     @cache
@@ -236,7 +247,7 @@ def beside(scene: Readable) -> Callable[[str, str], dict[str, Any]]:
 
 
 def whole_scene(scene: Any) -> Scene:
-    """Return a scene unchanged, except that a cached scene is rebuilt from its tables."""
+    """Return a scene as a `Scene`. A scene that was read from the cache of tables is built from its tables."""
     from graspfx.scene.model import Scene
 
     return scene if isinstance(scene, Scene) else Scene(scene.source, **scene.to_dict())
@@ -253,6 +264,6 @@ def _answer(certificate: Certificate, mode: str) -> dict[str, Any]:
 
 
 def _row(certificate: Certificate, mode: str) -> Limit | None:
-    """Find the limit of a mode by its name, or of the mode that contains it."""
+    """Return the limit of a mode, or of the mode that contains it ("external" for "external rotation"), or None."""
     rows = {row.mode: row for row in certificate.limits}
     return rows.get(mode) or rows.get(mode.split()[0])

@@ -1,1 +1,1 @@
-"""Commands of the terminal, one module each; a module is imported when its command is called."""
+"""Subcommands of the command `graspfx`, one module each. A module is imported when its subcommand is called."""

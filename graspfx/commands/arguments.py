@@ -1,4 +1,4 @@
-"""Arguments that several commands share: a scene, overrides of its values, a recording, the format of a figure."""
+"""Arguments that several commands share: scenes with overrides of their values, recordings, and formats of figures."""
 
 from __future__ import annotations
 
@@ -22,7 +22,13 @@ WIDTHS = ("screen", "page", "column")
 
 
 def add_options(parser: ArgumentParser, *rows: tuple[Any, ...]) -> None:
-    """Add options, each from a row: "--name METAVAR", help, type and default; a name without metavar is a switch."""
+    """Add options to a parser.
+
+    Args:
+        parser: Parser of a command.
+        rows: One tuple for each option: "--name METAVAR", help text, type (default: text), default value. An option
+            whose name has no metavar takes no value.
+    """
     for spec, text, *others in rows:
         name, _, metavar = spec.partition(" ")
         if metavar:
@@ -33,21 +39,21 @@ def add_options(parser: ArgumentParser, *rows: tuple[Any, ...]) -> None:
 
 
 def add_scene(parser: ArgumentParser) -> None:
-    """Add SCENE, --preset, --set and --trust."""
+    """Add the argument SCENE and the options --preset, --set and --trust."""
     text = "name of a scene, or path of its .toml or .py file"
     parser.add_argument("scene", metavar="SCENE", type=scene, help=text)
     add_overrides(parser)
 
 
 def add_overrides(parser: ArgumentParser) -> None:
-    """Add --preset, --set and --trust."""
+    """Add the options --preset, --set and --trust."""
     text = "preset of the scene, applied before --set; `graspfx list` names the presets"
     parser.add_argument("--preset", metavar="NAME", help=text)
     add_values(parser)
 
 
 def add_values(parser: ArgumentParser) -> None:
-    """Add --set and --trust."""
+    """Add the options --set and --trust."""
     values = parser.add_argument(SET, metavar="KEY=VALUE", type=override, action="append", default=[])
     values.dest, values.help = "overrides", "new value of a scene key, such as object.mass=0.2; accepts several"
     whole = "allow the scene to use files outside its folder; Python files among them are executed"
@@ -55,7 +61,7 @@ def add_values(parser: ArgumentParser) -> None:
 
 
 def add_operators(parser: ArgumentParser, more: str = "") -> None:
-    """Add --operators; `more` is appended to its help."""
+    """Add the option --operators; the text `more` is appended to the help."""
     text = "range of a key over operators; LAW in KEY=FROM:TO:LAW is log, uniform, normal or lognormal; accepts several"
     usual = "without a range: the scene's table [operators], or the default operators"
     parser.add_argument(
@@ -69,7 +75,7 @@ def add_operators(parser: ArgumentParser, more: str = "") -> None:
 
 
 def add_style(parser: ArgumentParser) -> None:
-    """Add --format and --width."""
+    """Add the options --format and --width of a figure."""
     formats = "format of the figure: raster (png), or vector with editable text (svg, pdf)"
     parser.add_argument("--format", choices=FORMATS, default=None, help=formats)
     widths = "width of the figure: screen, journal page (7.2 inches) or journal column (3.5 inches)"
@@ -77,7 +83,7 @@ def add_style(parser: ArgumentParser) -> None:
 
 
 def load_scene(options: Namespace) -> Scene:
-    """Load the scene of SCENE, --preset and --set."""
+    """Load the scene that SCENE, --preset and --set specify."""
     from graspfx.scene.load import load
 
     with waiting(f"reading {options.scene}"):
@@ -85,7 +91,7 @@ def load_scene(options: Namespace) -> Scene:
 
 
 def checked_scene(options: Namespace) -> Scene:
-    """Load the scene, and print notes about likely mistakes."""
+    """Load the scene as `load_scene` does, and print warnings about likely mistakes."""
     scene = load_scene(options)
     with waiting(f"checking {options.scene}"):
         notes = doubts(scene)
@@ -94,19 +100,27 @@ def checked_scene(options: Namespace) -> Scene:
 
 
 def seconds_of(options: Namespace) -> float:
-    """Return --seconds, a time above zero [s]; infinite if it is not given."""
+    """Return the value of --seconds [s], or infinity if the option is not given.
+
+    Raises:
+        InputError: If the value is not above zero.
+    """
     if options.seconds is not None and not options.seconds > 0.0:
         raise InputError("--seconds", options.seconds, "a time above zero")
     return math.inf if options.seconds is None else float(options.seconds)
 
 
 def picture_name(stem: str, options: Namespace) -> str:
-    """Return the file name of a figure: a stem, and the ending of --format (default: png)."""
+    """Return the file name of a figure: `stem` with the format as ending, which is png without --format."""
     return f"{stem}.{options.format or FORMATS[0]}"
 
 
 def scene(text: str) -> str:
-    """Accept a scene's name or path; refuse a recording, and name the commands that draw recordings."""
+    """Check and return an argument that is the name or path of a scene.
+
+    Raises:
+        ArgumentTypeError: If the text is the path of a recording or of a folder.
+    """
     path = Path(text)
     if text.endswith((".h5", ".part")) or (path.name != text and path.is_dir()):
         drawn = f"`graspfx plot {text}` plots it over time, `graspfx picture {text}` draws one instant"
@@ -115,7 +129,11 @@ def scene(text: str) -> str:
 
 
 def recording(text: str) -> Path:
-    """Accept the path of a recording or of its folder; refuse a scene, and name the command that records it."""
+    """Check an argument that is the path of a recording or of its folder, and return it as a `Path`.
+
+    Raises:
+        ArgumentTypeError: If the text is the name or path of a scene.
+    """
     from graspfx.plugins import is_file_name, names
 
     path = Path(text)
@@ -126,9 +144,10 @@ def recording(text: str) -> Path:
 
 
 def recorded(options: Namespace) -> Path | None:
-    """Return the path of a recording given as SCENE, by its file or folder; None for a scene.
+    """Return the path of a recording if the argument SCENE is a recording or its folder; None if it is a scene.
 
-    A scene is a path that ends in .toml or .py, or a name without a slash that is no folder with a recording.
+    The argument is a scene if it ends in .toml or .py. A name without a slash is also a scene, unless it is the name of
+    a recording file or of a folder that contains a recording.
 
     Raises:
         InputError: If a recording is given with --set or --preset.
@@ -146,7 +165,10 @@ def recorded(options: Namespace) -> Path | None:
 
 
 def separate(words: Sequence[str]) -> Iterator[str]:
-    """Yield words, with an option such as --set repeated before each of its values; a word without `=` ends these."""
+    """Yield the words of a command line, with options such as --set repeated before each of their values.
+
+    Words with `=` that follow such an option are its values, up to the first word without `=` or with a leading `-`.
+    """
     last, option = "", ""
     for word in words:
         is_value = bool(option) and "=" in word and not word.startswith("-")
@@ -157,10 +179,10 @@ def separate(words: Sequence[str]) -> Iterator[str]:
 
 
 def override(text: str) -> tuple[str, Any]:
-    """Parse KEY=VALUE. The value is parsed as TOML; if it is not valid TOML, it is a string.
+    """Parse a text KEY=VALUE. The value is parsed as TOML; a value that is not valid TOML is used as a string.
 
     Raises:
-        ArgumentTypeError: If the key or `=` is missing, the value is nested too deeply, or there are several values.
+        ArgumentTypeError: If the key or `=` is missing, the value is nested too deeply, or the text has several values.
     """
     import tomllib
 

@@ -1,4 +1,4 @@
-"""graspfx bench: measure run time against error, for the options of a scene or for common calls."""
+"""graspfx bench: measure run time and error of common calls, or of the numerical options of a scene."""
 
 from __future__ import annotations
 
@@ -49,13 +49,13 @@ def execute(options: Namespace) -> int:
 
 
 def scene_among(names: Sequence[str]) -> str | None:
-    """Return the scene among the names; None if all of them are benchmarks.
+    """Return the scene if the arguments are one scene; None if all names are benchmarks, or there are none.
 
-    A name that a benchmark and a scene share means the benchmark; give the scene by its path instead.
+    If a benchmark and a scene have the same name, the name refers to the benchmark.
 
     Raises:
-        InputError: If a scene is given together with other names, or a benchmark exists only in a checkout.
-        UnknownNameError: If no benchmark or scene has that name.
+        InputError: If a scene is given together with other names, or a benchmark is not part of the installed package.
+        UnknownNameError: If a name is neither that of a benchmark nor that of a scene.
     """
     from graspfx.bench.benchmarks import BENCHMARKS, BESIDE_TESTS, CHECKOUT
     from graspfx.plugins import is_file_name
@@ -76,7 +76,7 @@ def scene_among(names: Sequence[str]) -> str | None:
 
 
 def bench(names: Sequence[str], options: Namespace) -> int:
-    """Run the named benchmarks, or all of them, and print their results."""
+    """Run the benchmarks with these names, or all benchmarks if there are no names, and print the results."""
     from graspfx.bench.benchmarks import BENCHMARKS, benchmark, lines, measured, to_dict
 
     rows: list[Row] = []
@@ -92,7 +92,7 @@ def bench(names: Sequence[str], options: Namespace) -> int:
 
 
 def bench_scene(name: str, options: Namespace) -> int:
-    """Measure the options of a scene and print the results; if there are any, draw bench.png (or .svg, .pdf)."""
+    """Measure the numerical options of a scene, print the results, and draw bench.png (or .svg, .pdf)."""
     from graspfx.bench.scene_choices import trade_off, tradeoff_sheet
     from graspfx.scene.load import load
     from graspfx.show import style

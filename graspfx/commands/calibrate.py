@@ -1,4 +1,4 @@
-"""graspfx calibrate: measure the hardware of a scene, and write the settings for its device tables."""
+"""graspfx calibrate: measure the hardware of a scene, and write settings for the device tables of the scene."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         ("--pulses N", "pulses for each device (default: 200)", int, 200),
         ("--share SHARE", "pulse force as a share of the device's largest force (default: 0.02)", float, 0.02),
         ("--overwrite", "replace an existing file"),
-        ("--yes", "run without prompts, with nobody holding the devices; axes and zero are not checked"),
+        ("--yes", "run without prompts; nobody may hold the devices, and axes and zero are not checked"),
     )
 
 

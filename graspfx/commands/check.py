@@ -66,7 +66,7 @@ def execute(options: Namespace) -> int:
 
 
 def _operators(options: Namespace) -> int:
-    """Certify the scene for a set of operators; draw the figures if a folder is given."""
+    """Certify the scene for a set of operators, and draw the figures if --out is given; return the exit code."""
     from graspfx.certificate.certify_operators import SAMPLES, certify_operators
     from graspfx.show.certificate_figures import gains_sheet, operators_sheet
     from graspfx.show.style import save

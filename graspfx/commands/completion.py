@@ -52,10 +52,10 @@ def execute(options: Namespace) -> int:
 
 
 def answers(words: Sequence[str], commands: Sequence[str]) -> Iterator[str]:
-    """List the completions of the last word, sorted; none if a file or another kind of value is expected.
+    """Yield the completions of the last word of a command line; none if the word is a path or another free value.
 
     Args:
-        words: Words of the command line, without `graspfx`; the last one is incomplete or empty.
+        words: Words of the command line after `graspfx`. The last word is incomplete or empty.
         commands: Names of all commands.
     """
     *before, begun = words or [""]
@@ -71,7 +71,11 @@ def answers(words: Sequence[str], commands: Sequence[str]) -> Iterator[str]:
 
 
 def _choices(actions: Sequence[Action], before: Sequence[str], begun: str) -> Iterator[str]:
-    """List candidates after the words `before`: values of an option, options, or the command's subjects."""
+    """Yield candidates for the word that follows the words `before` and begins with `begun`.
+
+    The candidates are the values of the preceding option if this has values. Otherwise, they are options if `begun`
+    begins with a hyphen, and values of the command's arguments if not.
+    """
     by_name = {name: each for each in actions for name in each.option_strings}
     action = by_name.get(before[-1])
     if action is not None and action.nargs != 0 and not begun.startswith("-"):
@@ -87,7 +91,7 @@ def _choices(actions: Sequence[Action], before: Sequence[str], begun: str) -> It
 
 
 def _subjects(kind: str) -> Iterator[str]:
-    """List scenes, experiments or recordings, according to the argument's name in the help."""
+    """Yield scenes, experiments or recordings, according to the name `kind` of an argument, such as "SCENE"."""
     if "SCENE" in kind:
         from graspfx import plugins
 

@@ -1,4 +1,4 @@
-"""Output files of a command: in a new folder in out/, or at --out. Only --overwrite overwrites existing files."""
+"""Output files of commands, in a new folder in out/ or at --out. Existing files are overwritten only by --overwrite."""
 
 from __future__ import annotations
 
@@ -22,18 +22,22 @@ REMEDY = "choose another {}, or overwrite it with --overwrite"
 
 
 def add_destination(parser: ArgumentParser, metavar: str, meaning: str, kind: type[Path] | type[str] = Path) -> None:
-    """Add --out, as a path or as the text that was typed, and --overwrite."""
+    """Add the options --out, whose value is converted to `kind`, and --overwrite."""
     parser.add_argument("--out", metavar=metavar, type=kind, help=meaning)
     parser.add_argument("--overwrite", action="store_true", help="overwrite existing files")
 
 
 def add_file(parser: ArgumentParser, meaning: str) -> None:
-    """Add --out for a command that writes one file (see `file_in`), and --overwrite."""
+    """Add the options --out, for a command that writes one file (see `file_in`), and --overwrite."""
     add_destination(parser, "FILE", meaning, str)
 
 
 def file_in(options: Namespace, home: Path, name: str) -> Path:
-    """Return the output file: --out itself, or `name` in the folder --out; without --out, `name` in `home`."""
+    """Return the path of the output file of a command.
+
+    The path is --out, or the file `name` in --out if this is a folder or ends with a slash. Without --out, it is the
+    file `name` in the folder `home`.
+    """
     if options.out is None:
         return home / name
     path = Path(options.out)
@@ -41,10 +45,10 @@ def file_in(options: Namespace, home: Path, name: str) -> Path:
 
 
 def require_room(options: Namespace, files: Sequence[Path], option: str = "--out") -> None:
-    """Require that no output file exists, unless --overwrite is given, and that none is a folder.
+    """Check that output files can be written: none is a folder, and none exists unless --overwrite is given.
 
     Raises:
-        RecordingError: If a file exists or is a folder; the message names the option that chooses another file.
+        RecordingError: If a file is a folder, or exists although --overwrite is not given.
     """
     for file in files:
         _require_no_folder(file, option)
@@ -53,10 +57,10 @@ def require_room(options: Namespace, files: Sequence[Path], option: str = "--out
 
 
 def require_room_of(options: Namespace, recording: Path) -> None:
-    """Require that neither the recording nor its part file exists, unless --overwrite is given.
+    """Check that neither a recording nor its part file exists, unless --overwrite is given.
 
     Raises:
-        RecordingError: If one of the two exists.
+        RecordingError: If one of the two files exists although --overwrite is not given.
     """
     if not options.overwrite:
         require_vacancy_of(recording, REMEDY.format("--out"))
@@ -64,14 +68,15 @@ def require_room_of(options: Namespace, recording: Path) -> None:
 
 @contextmanager
 def destination(options: Namespace, name: str, *, latest: bool = False) -> Iterator[Path]:
-    """Yield the folder --out, or a new folder: out/NAME, out/NAME-2, ... (out/NAME with --overwrite).
+    """Yield the output folder of a command.
 
-    A new folder that stays empty is removed.
+    The folder is --out. Without --out, it is out/NAME with --overwrite, and otherwise the first of out/NAME,
+    out/NAME-2, ... that does not exist. If such a folder is empty at the end of the block, it is removed.
 
     Args:
         options: Parsed arguments with `out` and `overwrite`.
-        name: Name of the new folder, usually that of the scene.
-        latest: Whether to point out/latest to the new folder.
+        name: Name of the folder in out/, usually that of the scene.
+        latest: Whether out/latest is made to point to the folder in out/.
     """
     if options.out is not None:
         yield options.out
@@ -89,10 +94,13 @@ def destination(options: Namespace, name: str, *, latest: bool = False) -> Itera
 
 
 def _point_to(folder: Path | None) -> Path | None:
-    """Point out/latest to a folder, or remove out/latest if None; return the folder to which out/latest pointed.
+    """Make out/latest point to a folder, and return the folder to which out/latest pointed before, or None.
 
-    out/latest is a symbolic link. Where links are not allowed, as for most users of Windows, it is a text file that
-    contains the folder's name; every command that reads recordings follows it.
+    out/latest is a symbolic link. If the system does not allow links, as for most users of Windows, it is a text file
+    that contains the folder's name, which commands that read recordings accept.
+
+    Args:
+        folder: Folder in out/; None to remove out/latest.
     """
     link, draft = OUT / LATEST, OUT / f".{LATEST}.{os.getpid()}"
     previous = _target(link)
@@ -101,7 +109,7 @@ def _point_to(folder: Path | None) -> Path | None:
         return previous
     try:
         if link.is_dir() and not link.is_symlink():
-            raise FileExistsError(None, "a folder has that name")
+            raise FileExistsError(None, "it is a folder")
         try:
             draft.symlink_to(folder.name, target_is_directory=True)
         except (OSError, NotImplementedError):
@@ -120,14 +128,14 @@ def _target(link: Path) -> Path | None:
 
 @contextmanager
 def drawing(picture: Path, otherwise: str = "") -> Iterator[Path]:
-    """Make the picture's folder, and yield the path of a draft, which is renamed to the picture when the block ends.
+    """Create the folder of a picture, and yield a temporary path, which is renamed to that of the picture at the end.
 
     Args:
         picture: Path of the picture.
-        otherwise: Text appended to the error message if the picture cannot be written.
+        otherwise: Text that is appended to the error message if the picture cannot be written.
 
     Raises:
-        RecordingError: If the path is a folder, or the picture cannot be written.
+        RecordingError: If the path of the picture is a folder, or the picture cannot be written.
     """
     _require_no_folder(picture, "--out")
     make_folder(picture.parent)
@@ -136,7 +144,7 @@ def drawing(picture: Path, otherwise: str = "") -> Iterator[Path]:
 
 
 def draw(recordings: Sequence[Recording], picture: Path, otherwise: str = "", **options: Any) -> None:
-    """Draw recordings with `graspfx.show.run_figures.sheet`, which receives the options."""
+    """Draw recordings and save the figure; `options` are further arguments of `graspfx.show.run_figures.sheet`."""
     with drawing(picture, otherwise) as file:
         from graspfx.show.run_figures import sheet
         from graspfx.show.style import save
@@ -145,11 +153,11 @@ def draw(recordings: Sequence[Recording], picture: Path, otherwise: str = "", **
 
 
 def name_files(paths: Iterable[Path]) -> None:
-    """Print the names of written files, unless -q or --json is given."""
+    """Print the paths of files that were written, unless -q or --json is given."""
     for path in () if is_quiet() or is_json() else paths:
         print(f"wrote {path}")
 
 
 def _require_no_folder(file: Path, option: str) -> None:
     if file.is_dir():
-        raise RecordingError(f"{file} is a folder, but the file needs this name; choose another {option}")
+        raise RecordingError(f"cannot write {file}, because it is a folder; choose another {option}")

@@ -1,4 +1,4 @@
-"""graspfx devices: list the drivers, and the hardware or software found for each. No device is opened."""
+"""graspfx devices: list the drivers, and the hardware or software that was found for each, without opening devices."""
 
 from __future__ import annotations
 

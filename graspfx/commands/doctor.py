@@ -1,4 +1,4 @@
-"""graspfx doctor: test whether this machine, and a device or a scene's hardware, can run a real-time loop."""
+"""graspfx doctor: test whether this machine, and a device or the hardware of a scene, can run a real-time loop."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def execute(options: Namespace) -> int:
 
 
 class _Subject:
-    """Hardware to be tested: none, a device, or the hardware of a scene. It is connected but not opened."""
+    """Hardware to test: that of a driver or of a scene, or none. Devices are connected but not opened."""
 
     def __init__(self, options: Namespace) -> None:
         self.period = options.period or PERIOD
@@ -101,7 +101,7 @@ class _Subject:
             raise InputError(".".join(map(str, place)), settings.get(str(place[0])), f"a setting of {name!r}", text)
         device = driver.connect(**settings)
         if not is_hardware(device):
-            raise InputError("device", name, "hardware, because a simulation is always on time")
+            raise InputError("device", name, "a driver of hardware; a simulated device needs no test")
         self.names = [f"channel{i}" for i in range(device.features.fingers)]
         self.stations = [DeviceWiring(device, np.arange(device.features.fingers))]
         self._note(name, device.features, settings)
@@ -121,7 +121,7 @@ class _Subject:
                 self.stations.append(DeviceWiring(wire.device, wire.fingers, wire.fitting))
                 self._note(table.name, wire.features, table.settings)
         if not self.stations:
-            raise InputError("scene", options.subject, "a scene with hardware, because simulations are always on time")
+            raise InputError("scene", options.subject, "a scene with hardware; simulated devices need no test")
 
     def _note(self, name: str, features: Features, settings: dict[str, Any]) -> None:
         label = Path(name).stem if name.endswith(".py") else name

@@ -1,4 +1,4 @@
-"""graspfx experiment: run trials with a person or a simulated observer; record each trial and tabulate the answers."""
+"""graspfx experiment: run trials with a person or a simulated observer, record them, and write a table of answers."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         ("--session LABEL", "label of the session (default: 01)", str, "01"),
         ("--run N", "number of the run in the session (default: 1)", int, 1),
         ("--resume", "continue an interrupted session"),
-        ("--simulate", "let the file's [observer] answer; runs are as fast as possible"),
+        ("--simulate", "take answers from the file's [observer] instead of a person; trials do not run in real time"),
         ("--plan", "print the order of the trials without running them"),
         ("--page", "also take answers from a page in a browser on this machine"),
         ("--port N", "port of the page (default: the first free one from 8080)", int),
@@ -125,7 +125,7 @@ def _run(
 
 
 def _farewell(done: int, total: int, reason: str) -> str:
-    """Return the message of a session that ended early: trials done, the reason, and how to continue."""
+    """Return the message about a session that ended after `done` of `total` trials, for a reason."""
     where = f"after trial {done} of {total}" if done else f"before the first of {total} trials"
     return f"ended {where}: {reason}; the same command with --resume continues with trial {done + 1}"
 
@@ -142,7 +142,7 @@ def _page(experiment: Experiment, keys: Keys, options: Namespace, stack: ExitSta
 
 
 def _sum_up(experiment: Experiment, files: SessionFiles) -> None:
-    """Print the number of correct answers per condition, the thresholds, and the path of the table."""
+    """Print the number of correct answers and the threshold for each condition, and the path of the table."""
     from graspfx.experiment.staircase import thresholds
     from graspfx.experiment.trial_table import read_table
 
@@ -173,7 +173,7 @@ def _print_plan(experiment: Experiment, options: Namespace) -> int:
 
 
 def _streams(experiment: Experiment, stack: ExitStack) -> tuple[Callable[[Event], object], Watcher]:
-    """Open the LSL streams for markers and for rows."""
+    """Open streams of the Lab Streaming Layer; return the function that sends markers, and the stream of rows."""
     from graspfx.experiment.session_of_trials import LslMarkers
     from graspfx.live.lsl_outlet import RowStream
 
@@ -182,4 +182,4 @@ def _streams(experiment: Experiment, stack: ExitStack) -> tuple[Callable[[Event]
 
 
 def _nothing() -> None:
-    """Do nothing: a session with a page continues when the terminal closes."""
+    """Do nothing when the terminal closes, because a session with a page continues."""

@@ -54,14 +54,14 @@ def execute(options: Namespace) -> int:
 
 
 def _require_ending(path: Path, kind: str) -> None:
-    """Require that the file does not have the ending of another format or of a recording."""
+    """Raise an InputError if the path has the ending of another format than `kind`, or of a recording."""
     ending = path.suffix[1:].lower()
     if f".{ending}" != FORMATS[kind] and (ending in ENDINGS or ending in RECORDINGS):
         raise InputError("--out", str(path), f"a file that ends in {FORMATS[kind]}", "or choose another --format")
 
 
 def _format(options: Namespace) -> str:
-    """Return the format: --format, else the format of the file's ending, else csv."""
+    """Return the format: that of --format or, without --format, that of the ending of --out; csv for other endings."""
     ending = Path(options.out or "").suffix[1:]
     kind: str = options.format or (ending if ending in ENDINGS else "csv")
     if kind not in FORMATS:

@@ -1,4 +1,4 @@
-"""graspfx list: list scenes, devices, hands and dynamics, with one line about each."""
+"""graspfx list: list scenes, devices, hands and dynamics, each with a line of description."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def execute(options: Namespace) -> int:
 
 
 def presets_of(path: Path | None) -> dict[str, str]:
-    """Read the presets of a TOML scene, each with its reason; return no presets if the file cannot be read."""
+    """Return the reason of each preset of a TOML scene, by name; empty if there are none or the file is invalid."""
     if path is None or path.suffix != ".toml":
         return {}
     try:
@@ -43,7 +43,7 @@ def presets_of(path: Path | None) -> dict[str, str]:
 
 
 def line_about(path: Path | None) -> str:
-    """Read the title of a scene, or the first line of a Python file's docstring; empty if there is none."""
+    """Return the title of a TOML scene, or the first line of a Python file's docstring; empty if there is none."""
     try:
         text = path.read_text(encoding="utf-8") if path is not None else ""
         if path is not None and path.suffix == ".toml":

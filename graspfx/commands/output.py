@@ -1,4 +1,4 @@
-"""Messages, answers and exit codes of commands: -v and -q, Ctrl-C, notes, faults."""
+"""Output and exit codes of commands: verbosity, notes, results, faults, and interruption by Ctrl-C."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _json: ContextVar[bool] = ContextVar("json", default=False)
 
 
 def add_loudness(parser: ArgumentParser) -> None:
-    """Add -v and -q."""
+    """Add the options -v and -q."""
     group = parser.add_mutually_exclusive_group()
     meaning = "log the engine, compiled or cached programs, and files to standard error; -vv logs details"
     group.add_argument("-v", "--verbose", action="count", default=0, help=meaning)
@@ -42,18 +42,18 @@ def add_loudness(parser: ArgumentParser) -> None:
 
 
 def is_quiet() -> bool:
-    """Tell whether the running command has -q."""
+    """Return whether the option -q was given to the running command."""
     return _quiet.get()
 
 
 def is_json() -> bool:
-    """Tell whether the running command has --json."""
+    """Return whether the option --json was given to the running command."""
     return _json.get()
 
 
 @contextmanager
 def loudness(options: Namespace) -> Iterator[None]:
-    """Apply -v, -q and --json within the block."""
+    """Apply the options -v, -q and --json within a block."""
     quiet = _quiet.set(bool(getattr(options, "quiet", False)))
     json = _json.set(bool(getattr(options, "json", False)))
     try:
@@ -85,9 +85,9 @@ def _listening(verbose: int) -> Iterator[None]:
 
 @contextmanager
 def interruptible() -> Iterator[Callable[[], bool]]:
-    """Yield a function that tells whether Ctrl-C was pressed; a second Ctrl-C ends the process.
+    """Yield a function that returns whether Ctrl-C was pressed. A second Ctrl-C ends the process.
 
-    The signal sets a flag, because an exception raised by its handler can be lost inside a library's callback.
+    Ctrl-C does not raise KeyboardInterrupt within the block, because the callback of a library could suppress it.
     """
 
     def ask(number: int, frame: object) -> None:
@@ -108,7 +108,7 @@ def interruptible() -> Iterator[Callable[[], bool]]:
 
 
 def doubts(scene: Scene) -> list[str]:
-    """List warnings about likely mistakes in a scene."""
+    """Return warnings about likely mistakes in a scene."""
     from graspfx.assembly.resolve import resolve
     from graspfx.certificate import notes
 
@@ -121,24 +121,24 @@ def note(notes: Iterable[str]) -> None:
 
 
 def warn_of_hardware() -> None:
-    """Warn the user before hardware exerts forces."""
+    """Print a warning that hardware is about to exert forces."""
     print("HARDWARE IS GOING TO BE ARMED: fingers feel forces from now on", flush=True)
 
 
 def say_faults(recording: Recording) -> int:
-    """Print the faults of a run; return the exit code."""
+    """Print the faults of a run, and return the exit code of a command that made the run."""
     for fault in recording.faults:
         print(fault, file=sys.stderr)
     return FAULTS if recording.faults else SUCCESS
 
 
 def tell(text: str) -> None:
-    """Print a line now, also where standard output is a pipe."""
+    """Print a line and flush standard output."""
     print(text, flush=True)
 
 
 def print_result(result: Any, lines: Iterable[str] | None = None) -> None:
-    """Print a result as lines (default: those of its method `lines`), or with --json as what its `to_dict` returns."""
+    """Print lines or, if None, those of the result's method `lines`; with --json, print the data of `to_dict`."""
     if is_json():
         print_json(result.to_dict())
     else:
@@ -152,7 +152,7 @@ def print_json(value: object) -> None:
 
 
 def say_source(request: Path, file: Path, recording: Recording) -> None:
-    """Print a note if the file that was read is a part file, or if a newer part file exists beside it."""
+    """Print a note if the file that was read is a part file, or if a part file of a later run exists."""
     if is_part(file):
         instead = "" if request == file else f"; {file.name.removesuffix(PART)} does not exist yet"
         note([f"read {recording.end:g} s from {file}; the run has not finished or was killed{instead}"])

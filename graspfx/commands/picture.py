@@ -1,4 +1,4 @@
-"""graspfx picture: draw one instant of a run, with objects, fingers, and forces as arrows."""
+"""graspfx picture: draw the objects, the fingers, and the forces as arrows, at one instant of a run."""
 
 from __future__ import annotations
 
@@ -24,7 +24,10 @@ EXAMPLE = """  graspfx picture pick-and-place --time 1.7 --view -60 25"""
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("scene", metavar="RECORDING_OR_SCENE", help="recording, its folder, or a scene to run")
     add_overrides(parser)
-    add_options(parser, ("--time S", "time of the instant [s] (default: most touching fingers, largest forces)", float))
+    add_options(
+        parser,
+        ("--time S", "time of the instant [s] (default: largest forces while most fingers touch)", float),
+    )
     parser.add_argument(
         "--view",
         metavar="DEG",
@@ -68,7 +71,7 @@ def _draw_scene(path: Path, options: Namespace) -> int:
 
     scene = load_scene(options)
     if options.time is not None and not 0.0 <= options.time <= scene.duration:
-        remedy = "--set duration=... extends the run"
+        remedy = "to extend the run, add --set duration=..."
         raise InputError(
             "--time", options.time, f"a time from 0 to {scene.duration:g} s, the duration of the scene", remedy
         )
@@ -97,9 +100,10 @@ def _draw(recording: Recording, path: Path, meshes: Path | None, options: Namesp
 
 
 def scene_folder(header: Header) -> Path | None:
-    """Find the folder to which a scene's paths are relative: the recorded one, else that of a scene of the same name.
+    """Return the folder to which paths in the scene of a recording are relative.
 
-    None if the recorded folder does not exist, and no scene has that name.
+    The folder is the one in the header of the recording. If this folder does not exist, it is the folder of the
+    installed scene with the recorded name, or None if there is no such scene.
     """
     from graspfx.plugins import find
 

@@ -45,6 +45,6 @@ def execute(options: Namespace) -> int:
 
 
 def _labels(paths: Sequence[Path]) -> list[str]:
-    """Label recordings by the names of their folders if these differ, else by their paths."""
+    """Return a label for each recording: the name of its folder or, if two folders have the same name, its path."""
     folders = [path.resolve().parent.name for path in paths]
     return folders if len(set(folders)) == len(paths) else [str(path) for path in paths]

@@ -1,4 +1,4 @@
-"""graspfx replay: move the fingers as recorded, recompute forces and objects, and compare with the recording."""
+"""graspfx replay: recompute forces and objects from the recorded motion of the fingers, and compare the results."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 EXAMPLE = """  graspfx replay out/latest
   graspfx replay out/latest --set coupling.internal.stiffness=80 --out out/stiffer"""
-OPEN_LOOP = "open loop: the forces along the recorded motion, which does not respond to them"
+OPEN_LOOP = "open loop: the fingers follow the recorded motion and do not respond to the new forces"
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -54,7 +54,7 @@ def execute(options: Namespace) -> int:
 
 
 def _lines(replay: Replay) -> Iterator[str]:
-    """Describe the comparison, then each column that differs, in the order of the recording's columns."""
+    """Yield the result of the comparison as lines of text, with one line for each column that differs."""
     original, count = replay.original, len(replay.columns)
     text = f"{original.header.scene or 'a recording'}: {len(original)} ticks, {count} columns replayed"
     if replay.is_open_loop:
@@ -70,7 +70,7 @@ def _lines(replay: Replay) -> Iterator[str]:
 
 
 def _reasons(replay: Replay) -> Iterator[str]:
-    """List possible reasons for different bits: other versions, another machine."""
+    """Yield differences between the versions and machines of recording and replay, which may explain other results."""
     then, now = replay.original.header, replay.recording.header
     for name, version in then.versions.items():
         if now.versions.get(name, version) != version:

@@ -59,7 +59,11 @@ def execute(options: Namespace) -> int:
 
 
 def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool]:
-    """Run a scene and write its files into a folder; return the exit code, and whether the run is complete."""
+    """Run a scene, and write the recording and the figure to a folder.
+
+    Returns:
+        Exit code, and whether the run is complete.
+    """
     from graspfx.assembly.run_scene import run
     from graspfx.show.summary_table import print_summary, remarks
 
@@ -110,7 +114,7 @@ def _log_plan(scene: Readable) -> None:
 
 
 def _checked(options: Namespace) -> tuple[Scene, list[str]]:
-    """Load the scene; return it with warnings about likely mistakes."""
+    """Load the scene of the command, and return it together with warnings about likely mistakes."""
     with waiting(f"checking {options.scene}"):
         scene = load_scene(options)
         return scene, doubts(scene)

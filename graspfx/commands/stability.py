@@ -1,4 +1,4 @@
-"""graspfx stability: print the stability limits of the gains, also over ranges of keys."""
+"""graspfx stability: print the stability limits of the gains, or plot them as functions of one or two keys."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="KEY=FROM:TO:COUNT",
         action="append",
         default=[],
-        help="range of a key; a second range makes a map",
+        help="range of a key over which limits are plotted; with a second range, the plot is a map",
     )
     parser.add_argument(
         "--plot",
@@ -49,7 +49,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def diagram(text: str) -> str:
-    """Return the name of a diagram.
+    """Check and return an argument that is the name of a diagram.
 
     Raises:
         UnknownNameError: If no diagram has that name.
@@ -82,7 +82,7 @@ def execute(options: Namespace) -> int:
 
 
 def _print_certificate(scene: Scene) -> None:
-    """Print the certificate of a scene, or the reason why there is none."""
+    """Print the certificates of a scene, or the reason why they cannot be computed."""
     from graspfx.certificate.certificate import lines
     from graspfx.certificate.certify import certificates
 
@@ -97,7 +97,10 @@ def _print_certificate(scene: Scene) -> None:
 
 
 def _draw_loops(folder: Path, scene: Scene, options: Namespace) -> None:
-    """Draw the diagrams of --plot for the scene's loop at rest; the Z-width is that of the first finger's device."""
+    """Draw the diagrams of --plot for the scene's loop in equilibrium.
+
+    The Z-width is computed for the device of the first finger.
+    """
     from graspfx.analysis.passivity.walls import z_width
     from graspfx.analysis.stability.loci import loci
     from graspfx.show import certificate_figures

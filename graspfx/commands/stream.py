@@ -1,4 +1,4 @@
-"""graspfx stream: run a scene, and stream its states over a WebSocket or the Lab Streaming Layer."""
+"""graspfx stream: run a scene, and stream states over a WebSocket or the Lab Streaming Layer."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         ("--lan", "accept programs on other machines in the network"),
         (
             "--token TEXT",
-            f"token for clients, at least 16 letters (default: ${TOKEN}, which other users cannot see, or a new one)",
+            f"token for clients, at least 16 letters (default: the environment variable {TOKEN}, or a new token)",
         ),
     )
     pages = "origin of a web page that may open the stream, such as http://localhost:5000"

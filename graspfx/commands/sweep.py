@@ -1,4 +1,4 @@
-"""graspfx sweep: simulate many variants of a scene; write a file and figures, print a table; resume after a stop."""
+"""graspfx sweep: simulate many variants of a scene, write a file with figures, and print a table. It can be resumed."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     )  # fmt: skip
     add_options(
         parser,
-        ("--zip", "pair the values of all keys instead of making a grid: the first values, then the second, ..."),
+        ("--zip", "instead of a grid, combine the first values of all keys, the second values of all keys, ..."),
         ("--sample lhs:N", "N variants from a Latin hypercube instead of a grid", str, ""),
         ("--seed N", "seed of the sample (default: 0)", int, 0),
         ("--duration SECONDS", "simulated time [s] (default: the scene's)", float),
@@ -82,7 +82,7 @@ def execute(options: Namespace) -> int:
 
 
 def _arguments(options: Namespace) -> dict[str, Any]:
-    """Return the arguments of `sweep`, checked before anything slow is loaded."""
+    """Return the arguments of the function `sweep`, after checks that do not load slow modules."""
     from graspfx.batch.batch import MEASURED
     from graspfx.batch.measured_columns import STATISTICS
     from graspfx.sweeps.chunk import RUN
@@ -120,12 +120,15 @@ def _cluster(address: str) -> str:
 
 
 def _measures(options: Namespace) -> list[str]:
-    """List the names given by --measure, each of which may be a list with commas."""
+    """List the names given by --measure. A value of the option may contain several names, separated by commas."""
     return [name.strip() for text in options.measure for name in text.split(",") if name.strip()]
 
 
 def _split(name: str) -> tuple[str, str]:
-    """Split a name into quantity and statistic; an empty statistic means all of them."""
+    """Split a name such as `finger_force.peak` into quantity and statistic.
+
+    If the name has no statistic, the second item is empty, which stands for all statistics.
+    """
     from graspfx.batch.measured_columns import STATISTICS
     from graspfx.sweeps.chunk import RUN, VERDICT
 
@@ -136,7 +139,11 @@ def _split(name: str) -> tuple[str, str]:
 
 @contextmanager
 def _place(options: Namespace) -> Iterator[Path]:
-    """Yield the folder: --out, or with --resume the scene's latest sweep, else a new folder."""
+    """Yield the folder of the sweep: --out if given; otherwise the scene's latest sweep if --resume; else a new folder.
+
+    Raises:
+        InputError: If there is no sweep to resume.
+    """
     name = f"{Path(options.scene).stem}-sweep"
     if options.out is None and options.resume:
         folders = [path.parent for path in OUT.glob(f"{name}*/sweep.json")]
@@ -151,7 +158,10 @@ def _place(options: Namespace) -> Iterator[Path]:
 def _draw(
     result: SweepResult, names: list[str], folder: Path, options: Namespace, notes: dict[str, None]
 ) -> Iterator[Path]:
-    """Draw the measures and yield the files: curves and marginals in one, maps in one per measure; collect notes."""
+    """Draw measures, yield the path of each figure, and add notes about the figures to `notes`.
+
+    If the measures are drawn as maps, each measure has a figure of its own; otherwise one figure shows all measures.
+    """
     sheets = [[name] for name in names] if result.has_maps else [names]
     for k, sheet in enumerate(sheets):
         picture = folder / picture_name("sweep" if not k else f"sweep-{sheet[0].replace('/', '-')}", options)
@@ -168,7 +178,7 @@ def _whole(result: SweepResult, name: str) -> str:
 
 
 def table(result: SweepResult, measure: str = "") -> Iterator[str]:
-    """List the variants with the smallest and largest values of a measure, and the failures with their reasons."""
+    """Yield lines of text: the variants with the smallest and largest values of a measure, and reasons for failures."""
     from shutil import get_terminal_size
 
     from graspfx.show.summary_table import ASCII, RULES, Column, lines
@@ -210,7 +220,7 @@ def _unit(result: SweepResult, name: str) -> str:
 
 
 def _titles(keys: list[str]) -> list[str]:
-    """Shorten keys to their last two parts if these are unique."""
+    """Return titles for keys: their last two parts if these differ between all keys; otherwise the keys."""
     short = [".".join(key.split(".")[-2:]) for key in keys]
     return short if len(set(short)) == len(keys) else keys
 

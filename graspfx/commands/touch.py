@@ -67,7 +67,7 @@ def execute(options: Namespace) -> int:
 
 
 def _invite(line: socket, gate: Gate) -> None:
-    """Print the address of the page; in a network, also print a QR code, and add a token for one screen."""
+    """Print the address of the page; with --lan, it contains a token for one screen and is also shown as a QR code."""
     from graspfx.screen.gate import code, url
 
     if not gate.locked:
@@ -78,7 +78,10 @@ def _invite(line: socket, gate: Gate) -> None:
 
 
 def _looks(stop: Callable[[], bool], line: socket, gate: Gate, seconds: float) -> Callable[[], bool]:
-    """Return a function that tells whether to end, and that prints another code after Enter."""
+    """Return a function that returns whether the command must end: after Ctrl-C, or at the end of --seconds.
+
+    If screens of a network can connect, the function also prints another code when Enter was pressed.
+    """
     end = time.monotonic() + seconds
     is_open = gate.locked and terminal.is_watched()
 

@@ -1,4 +1,4 @@
-"""graspfx tune: find the largest gains of a scene that keep the required margins for every operator in a set."""
+"""graspfx tune: maximise gains of a scene under constraints, such as stability margins, for a set of operators."""
 
 from __future__ import annotations
 

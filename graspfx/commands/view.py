@@ -69,7 +69,10 @@ def execute(options: Namespace) -> int:
 
 
 def _serve(scene: Scene, guide: Literal["hands"] | None, options: Namespace) -> int:
-    """Run a scene and serve its page until Ctrl-C, or for --seconds; return the exit code."""
+    """Run a scene and serve a page until Ctrl-C or for the time of --seconds; return the exit code.
+
+    The page may move hands if `guide` is "hands".
+    """
     from graspfx.live.live_run import LiveRun
     from graspfx.live.sliders import live_keys, sliders
     from graspfx.live.view.live_page import LivePage
@@ -91,7 +94,7 @@ def _serve(scene: Scene, guide: Literal["hands"] | None, options: Namespace) -> 
 
 
 def _folder(options: Namespace, scene: Scene) -> Path:
-    """Make the folder of the next recording."""
+    """Create and return the folder of the next recording."""
     if options.out is None:
         return new_folder(OUT, Path(scene.source.name).stem)
     options.out.parent.mkdir(parents=True, exist_ok=True)
@@ -99,7 +102,11 @@ def _folder(options: Namespace, scene: Scene) -> Path:
 
 
 def _show_recording(source: Path, options: Namespace, stop: Callable[[], bool]) -> int:
-    """Write the page of a recording to --html, or serve it until Ctrl-C or for --seconds; return the exit code."""
+    """Write a page with a recording to --html or, without --html, serve the page until Ctrl-C or for --seconds.
+
+    Returns:
+        Exit code.
+    """
     file = recording_file(source)
     if options.html is not None:
         _require_room(options)
@@ -119,7 +126,7 @@ def _show_recording(source: Path, options: Namespace, stop: Callable[[], bool]) 
 
 
 def _write_run(options: Namespace) -> int:
-    """Run a scene for its duration, and write the page of the run to --html; return the exit code."""
+    """Run a scene, and write a page with the recording to --html; return the exit code."""
     from graspfx.assembly.run_scene import run
 
     _require_room(options)

@@ -1,4 +1,4 @@
-"""graspfx warmup: compile the framework's kernels, and those of the given scenes, before they are needed."""
+"""graspfx warmup: compile the kernels of GraspFX and of scenes in advance."""
 
 from __future__ import annotations
 

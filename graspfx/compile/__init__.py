@@ -1,1 +1,1 @@
-"""Kernels on records and values: interpreted, or linked to one program and compiled."""
+"""Kernels, functions of records and values, which are interpreted, or linked to one program and compiled."""

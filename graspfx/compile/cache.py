@@ -1,4 +1,4 @@
-"""Disk cache: a folder of bounded size, to which only the user can write, whose entries are verified when read."""
+"""Disk cache: a folder of limited size to which only the user can write. Entries are verified when they are read."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ class CacheWarning(UserWarning):
 
 
 def folder() -> Path:
-    """Return the cache's folder: `$GRASPFX_CACHE`, or `graspfx` in the platform's cache folder.
+    """Return the path of the cache: `$GRASPFX_CACHE` or, if this is not set, `graspfx` in the user's cache folder.
 
     Raises:
-        OSError: If the user has no home folder, and the environment names no folder.
+        OSError: If the user has no home folder, and the environment does not contain a path.
     """
     if override := os.environ.get("GRASPFX_CACHE"):
         return Path(override)
@@ -49,7 +49,10 @@ def _own() -> Path:
 
 
 def lock_folder() -> Path | None:
-    """Create the cache's folder, which also contains locks; None if that fails, or other users can write to it."""
+    """Create and return the folder of the cache, in which locks are stored.
+
+    The result is None if the folder cannot be created, or if other users can write to it.
+    """
     try:
         make_own(here := folder())
         return None if intrusion(here) else here
@@ -58,17 +61,17 @@ def lock_folder() -> Path | None:
 
 
 def folder_text() -> str:
-    """Return the location of the cache, for messages."""
+    """Return the path of the cache as text for messages, also if there is no path."""
     try:
         return str(folder())
     except OSError:
-        return "the folder that GRASPFX_CACHE names"
+        return "the folder of GRASPFX_CACHE, which must be set"
 
 
 def load(key: str) -> bytes | None:
-    """Read an entry of the cache; None if it is missing, damaged or not readable.
+    """Return the content of an entry of the cache; None if the entry is missing, damaged or not readable.
 
-    Warn if other users can write to the folder or the file, which is then not used.
+    The result is also None, with a warning, if other users can write to the folder or to the file of the entry.
     """
     try:
         path = folder() / f"{key}{SUFFIX}"
@@ -91,7 +94,7 @@ def load(key: str) -> bytes | None:
 
 
 def store(key: str, content: bytes) -> str:
-    """Write an entry to the cache; return the reason for a failure, or an empty text."""
+    """Write an entry to the cache, and return the reason if this fails; the text is empty on success."""
     import tempfile  # importing it takes longer than storing most entries
 
     here: Path | str = "the user's folder"
@@ -119,7 +122,7 @@ def store(key: str, content: bytes) -> str:
 
 
 def require_room() -> None:
-    """Require that the cache is writable; without it, each run would compile again.
+    """Check that the cache can be used; otherwise each run would compile again.
 
     Raises:
         InputError: If the cache is not writable, or other users can write to it.
@@ -165,11 +168,12 @@ def _trim(here: Path) -> None:
 
 
 def intrusion(folder: Path) -> str:
-    """Return how other users could write to a folder; empty if they cannot, or on systems without user IDs.
+    """Return a reason why other users could write to a folder or replace it; empty if they cannot.
 
-    The folder must belong to the user, and nobody else may write to it. To prevent its replacement, every parent folder
-    and every link on its path must belong to the user or to root, and others may not write there, unless users can
-    remove only their own entries (as in /tmp).
+    The folder must belong to the user, and no other user may have permission to write to it. Every parent folder and
+    every link on the path must belong to the user or to root. No other user may have permission to write to a parent
+    folder, unless users can remove only their own entries there, as in /tmp. On systems without user IDs, nothing is
+    checked.
 
     Raises:
         OSError: If the folder does not exist, or cannot be inspected.
@@ -181,17 +185,17 @@ def intrusion(folder: Path) -> str:
     if status.st_uid != user:
         return f"{last} belongs to user {status.st_uid}"
     if status.st_mode & OTHERS_WRITE:
-        return f"others may write to {last} (mode {stat.S_IMODE(status.st_mode):o}; `chmod 700` prevents that)"
+        return f"others may write to {last} (mode {stat.S_IMODE(status.st_mode):o}; correct this with `chmod 700`)"
     for place, status in above:
         if status.st_uid not in (user, ROOT):
-            return f"{place}, on the way to it, belongs to user {status.st_uid}"
+            return f"{place}, on the path to this folder, belongs to user {status.st_uid}"
         if stat.S_ISDIR(status.st_mode) and status.st_mode & OTHERS_WRITE and not status.st_mode & stat.S_ISVTX:
-            return f"others may write to {place}, on the way to it (mode {stat.S_IMODE(status.st_mode):o})"
+            return f"others may write to {place}, on the path to this folder (mode {stat.S_IMODE(status.st_mode):o})"
     return ""
 
 
 def read_own(file: Path) -> bytes | None:
-    """Read a file to which only the user can write; None for any other file, including links and pipes.
+    """Return the content of a regular file to which only the user can write; None for other files, links and pipes.
 
     Raises:
         OSError: If the file cannot be read.
@@ -210,7 +214,7 @@ def read_own(file: Path) -> bytes | None:
 
 
 def make_own(folder: Path) -> None:
-    """Create a folder and its missing parents, to which only the user has access.
+    """Create a folder and its missing parents. Only the user has access to the folders that are created.
 
     Raises:
         OSError: If the folder cannot be created.
@@ -226,7 +230,7 @@ def make_own(folder: Path) -> None:
 
 
 def _way(path: Path) -> Iterator[tuple[Path, os.stat_result]]:
-    """Yield every folder and link on a path, from the root to the path itself."""
+    """Yield every folder and link on a path, with its status, from the root to the last item of the path."""
     whole = Path(os.path.abspath(path))  # noqa: PTH100 (`absolute` keeps "..", `resolve` hides links)
     place, names, links = Path(whole.anchor), list(reversed(whole.parts[1:])), 0
     end = place, place.lstat()

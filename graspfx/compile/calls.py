@@ -1,4 +1,4 @@
-"""Calls of another package's functions between two steps of a program; buffers contain the arguments and results."""
+"""Calls of functions of other packages between two steps of a program, with arguments and results in buffers."""
 
 from __future__ import annotations
 
@@ -10,17 +10,19 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Call:
-    """A repeated call with fixed argument objects, in which only the numbers change.
+    """Call that is repeated with the same argument objects, in which only numbers change.
 
     Attributes:
-        function: Callable.
+        function: Function to call.
         arguments: Positional arguments.
         keywords: Keyword arguments.
-        sends: Lists of floats in the arguments, each with a memory of equal size from which it is filled before the
-            call. The function must not store the lists.
-        receipts: Indices in the returned tuple, each with a memory; the tuple of floats at the index is written to it.
-        nonzero: Memory of floats; the call is skipped while all are zero.
-        changed: Two memories of equal size; the call is skipped while they are equal bit by bit.
+        sends: Pairs of a list of floats among the arguments and a memory of equal size. Before each call, the list is
+            filled from the memory. The function must not store the list.
+        receipts: Pairs of an index in the returned tuple and a memory. After each call, the tuple of floats at this
+            index is written to the memory.
+        nonzero: Memory of floats. If all floats are zero, the call is skipped. None for no such condition.
+        changed: Two memories of equal size. If their contents are identical, the call is skipped. None for no such
+            condition.
     """
 
     function: Callable[..., Any]
@@ -33,7 +35,7 @@ class Call:
 
 
 def in_turn(calls: Sequence[Call]) -> Callable[[], None]:
-    """Return a Python function that makes the calls in order."""
+    """Return a Python function that makes the calls in the given order."""
     each = [_bound(call) for call in calls]
 
     def run() -> None:

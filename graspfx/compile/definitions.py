@@ -1,4 +1,4 @@
-"""Source code of kernels; each module's file is parsed once."""
+"""Source code of kernels, from files that are parsed once."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from graspfx.errors import InputError, KernelError
 
 @cache
 def _definitions(file: str, text: str) -> dict[int, tuple[ast.FunctionDef, CodeType | None]]:
-    """Index the functions of a file by their first line, each with its code object."""
+    """Return the functions of a file and their code objects, by the number of the function's first line."""
     tree = ast.parse(text)
     codes = {code.co_firstlineno: code for code in _codes(compile(tree, file, "exec", dont_inherit=True))}
     functions = (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef))
@@ -34,9 +34,9 @@ def definition(function: FunctionType) -> ast.FunctionDef:
     """Return the syntax tree of a function.
 
     Raises:
-        InputError: If the function's source is not found, or has changed since the function was created.
-        KernelError: If only some paths return a value; on the others Python returns None, but machine code returns
-            zero.
+        InputError: If the source of the function is not found, or has changed since the function was created.
+        KernelError: If some paths of the function return a value and others do not. Machine code would return zero
+            where Python returns None.
     """
     code = function.__code__
     name = f"{function.__module__}.{function.__qualname__}"

@@ -1,4 +1,4 @@
-"""Emission of machine code from LLVM text, and its loading."""
+"""Emission of machine code from LLVM text, and loading of machine code."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _ENGINES: list[Any] = []  # engines whose functions LLVM finds by name at any ti
 
 
 def require_llvm() -> None:
-    """Require LLVM.
+    """Check that LLVM can be imported.
 
     Raises:
         MissingPackageError: If LLVM is not installed.
@@ -34,24 +34,24 @@ def require_llvm() -> None:
 
 
 def emitted(text: str) -> bytes:
-    """Emit machine code for this processor from a program in LLVM's language."""
+    """Return the machine code of a program, given as LLVM text, for this processor, as an object file."""
     return _emitted(text, _machine(), FULL)
 
 
 def portable(text: str, triple: str, processor: str) -> bytes:
-    """Emit machine code of level FULL for another processor, to be linked as a shared library."""
+    """Return machine code of a program for another platform and processor, to be linked as a shared library."""
     return _emitted(text, _target(triple, cpu=processor, opt=FULL, reloc="pic"), FULL)
 
 
 def small(text: str, triple: str, features: str) -> bytes:
-    """Emit small code for another target, to be linked as a whole program."""
+    """Return machine code of a program for another platform, optimised for size, to be linked without other code."""
     machine = _target(triple, features=features, opt=SMALL, reloc="static", codemodel="default")
     head = f'target triple = "{triple}"\ntarget datalayout = "{machine.target_data}"\n'
     return _emitted(head + text.replace(" nounwind {", " nounwind optsize {"), machine, SMALL)
 
 
 def _target(triple: str, **options: Any) -> Any:
-    """Make LLVM's target machine for another platform."""
+    """Return LLVM's target machine for a platform; the options are those of `create_target_machine`."""
     import llvmlite.binding as llvm
 
     llvm.initialize_all_targets()
@@ -74,11 +74,11 @@ def _emitted(text: str, machine: Any, level: int) -> bytes:
 
 
 def loaded(objects: Iterable[bytes], libm: Iterable[str]) -> Any:
-    """Load machine code; the returned engine must stay alive as long as the code may be called.
+    """Load machine code and return LLVM's engine, to which a reference must exist as long as the code may be called.
 
     Args:
-        objects: Object files, which may call one another and functions registered by `show`.
-        libm: Names of the functions of the platform's C library that the object files call as `graspfx_NAME`.
+        objects: Object files, which may call functions of one another and functions registered by `show`.
+        libm: Names of functions of the C library. Object files call the function NAME as `graspfx_NAME`.
     """
     import llvmlite.binding as llvm
 
@@ -91,19 +91,19 @@ def loaded(objects: Iterable[bytes], libm: Iterable[str]) -> Any:
 
 
 def address(engine: Any, name: str) -> int:
-    """Return the address of a function of loaded machine code.
+    """Return the address of a function by its name in the machine code of an engine.
 
     Raises:
         OSError: If the function does not exist.
     """
     place = int(engine.get_function_address(name))
     if not place:
-        raise OSError(f"the machine code has no {name}")
+        raise OSError(f"the machine code has no function {name}")
     return place
 
 
 def show(engine: Any, names: Iterable[str]) -> None:
-    """Register functions by name for machine code that is loaded later; the engine stays alive permanently."""
+    """Make functions of an engine available by name to machine code that is loaded later. The engine is never freed."""
     import llvmlite.binding as llvm
 
     _ENGINES.append(engine)
@@ -113,7 +113,7 @@ def show(engine: Any, names: Iterable[str]) -> None:
 
 @cache
 def platform() -> tuple[str, ...]:
-    """Return everything on which machine code depends except its source: back end, LLVM and processor."""
+    """Return the digest of the back end, the version of LLVM and the processor, on which machine code depends."""
     import llvmlite
     import llvmlite.binding as llvm
 
@@ -122,7 +122,7 @@ def platform() -> tuple[str, ...]:
 
 @cache
 def _back_end() -> str:
-    """Compute the digest of the back end's sources, so that code of another version is not used."""
+    """Return the digest of the source files of the back end, so that code from other versions is not used."""
     here = Path(__file__)
     sources = sorted([*here.with_name("llvm").glob("*.py"), here, here.with_name("native.py")])
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
@@ -130,14 +130,14 @@ def _back_end() -> str:
 
 @cache
 def _processor() -> tuple[str, str, str]:
-    """Return the processor's triple, name and features."""
+    """Return the triple, the name and the features of this processor, as LLVM names them."""
     import llvmlite.binding as llvm
 
     return llvm.get_process_triple(), llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
 def _machine() -> Any:
-    """Make the target machine; each engine owns one."""
+    """Return a new target machine for this processor. An engine takes ownership of its target machine."""
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()
@@ -149,7 +149,13 @@ def _machine() -> Any:
 
 
 def _define(libm: Iterable[str]) -> None:
-    """Register function addresses with the loader, which does not report missing ones; their calls would crash."""
+    """Register the addresses of library functions that machine code calls.
+
+    LLVM does not report missing functions; their calls would crash.
+
+    Raises:
+        MissingPackageError: If the C library lacks a function.
+    """
     import llvmlite.binding as llvm
 
     for name, library in [(n, n) for n in NEEDED] + [(f"graspfx_{n}", n) for n in libm]:
@@ -173,7 +179,7 @@ def _function(name: str) -> int | None:
 
 @cache
 def _libraries() -> Sequence[ctypes.CDLL]:
-    """Load the C libraries that Python uses."""
+    """Return the C libraries of the platform."""
     if sys.platform == "win32":
         return ctypes.CDLL("ucrtbase"), ctypes.CDLL("vcruntime140")
     names = [ctypes.util.find_library("m"), None]

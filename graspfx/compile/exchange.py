@@ -1,4 +1,4 @@
-"""Exchanges with other packages by machine code, which calls their functions through Python's C interface."""
+"""Machine code that calls functions of other Python packages through the C API of Python."""
 
 from __future__ import annotations
 
@@ -35,16 +35,17 @@ RECEIPT = ("place", "memory", "count")  # words of a result tuple
 
 
 class MachineExchange:
-    """Machine code exchange(buffer, place) that calls other packages; it returns 0, or 1 if a call raised an exception.
+    """Machine code that makes calls of Python functions, with the same results as `calls.in_turn`.
 
-    The calls are made in order, with the same bits as by `calls.in_turn`. The caller must hold the interpreter's lock.
+    The machine code is a function exchange(buffer, place). It returns 0, or 1 if a call raised an exception. The caller
+    must hold the interpreter's lock.
 
     Args:
-        calls: Calls whose memories have fixed addresses.
+        calls: Calls, whose memories must not move.
 
     Attributes:
         address: Address of the function.
-        plan: Words that the buffer must contain at `place`.
+        plan: Words that the caller must store in the buffer from the index `place` on.
 
     Raises:
         ImportError: If LLVM is not installed.
@@ -60,12 +61,15 @@ class MachineExchange:
         self._function = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64)(self.address)
 
     def __call__(self) -> None:
-        """Make the calls by machine code."""
+        """Make the calls once."""
         self._function(self.plan.ctypes.data, 0)
 
 
 def _table(calls: Sequence[Call], memory: list[Any]) -> Any:
-    """Encode calls as words; referenced objects are added to `memory`, which must stay alive."""
+    """Return the table of words that describes calls to the machine code.
+
+    Objects to which the words refer are appended to `memory`, which must exist as long as the table is used.
+    """
     words: list[int] = []
     for call in calls:
         tested, first, second, mask = _test(call, memory)
@@ -81,7 +85,7 @@ def _table(calls: Sequence[Call], memory: list[Any]) -> Any:
 
 
 def _test(call: Call, memory: list[Any]) -> tuple[int, int, int, int]:
-    """Encode the condition of a call: number of compared floats, their addresses, and compared bits."""
+    """Return the words of a call's condition: number of compared floats, their two addresses, and mask of bits."""
     if call.nonzero is not None:
         zeros = (ctypes.c_double * len(call.nonzero))()
         memory.append(zeros)
@@ -94,7 +98,7 @@ def _test(call: Call, memory: list[Any]) -> tuple[int, int, int, int]:
 
 
 def _words(rows: Sequence[Sequence[int]], names: tuple[str, ...], memory: list[Any]) -> int:
-    """Write rows of words and return their address."""
+    """Store rows of words, with one word for each name, in new memory, and return its address."""
     flat = [word for row in rows for word in row]
     assert len(flat) == len(rows) * len(names)
     table = (Word * max(len(flat), 1))(*flat)
@@ -103,7 +107,7 @@ def _words(rows: Sequence[Sequence[int]], names: tuple[str, ...], memory: list[A
 
 
 def _address(view: memoryview, memory: list[Any]) -> int:
-    """Return the address of floats, which is fixed as long as `memory` refers to them."""
+    """Return the address of a view of floats; a reference in `memory` prevents the floats from moving."""
     shared = (ctypes.c_double * len(view)).from_buffer(view)
     memory.append(shared)
     return ctypes.addressof(shared)
@@ -111,7 +115,7 @@ def _address(view: memoryview, memory: list[Any]) -> int:
 
 @cache
 def _code() -> tuple[int, Any]:
-    """Load the machine code of exchanges; return its address and the engine that owns it."""
+    """Load or compile the machine code of exchanges; return the address of the function, and LLVM's engine."""
     import llvmlite.binding as llvm
 
     for name in CALLED:
@@ -134,16 +138,13 @@ def _code() -> tuple[int, Any]:
 
 
 def exchange_text() -> str:
-    """Return the text of exchange(buffer, place), which makes the calls of the plan at an index of the buffer.
-
-    The function returns 0, or 1 if a call has raised an exception. The caller must hold the interpreter's lock.
-    """
+    """Return the LLVM text of the function of a `MachineExchange`."""
     names = [*DECLARED.values(), *CALLED.values()]
     return "\n".join([*(f"declare {signature}" for signature in names), _CHANGED, _SENT, _RECEIVED, _ALL, _EXCHANGE])
 
 
 def _fields(base: str, words: tuple[str, ...], pointers: tuple[str, ...]) -> str:
-    """Return instructions that load a record's words into registers of the same names."""
+    """Return instructions that load words, from an address in `base`, into registers with the names of the words."""
     lines = []
     for k, name in enumerate(words):
         lines += [
@@ -180,7 +181,7 @@ end:
   ret i1 %result
 }"""
 
-# Fills lists with floats; false if Python has raised. PyList_SetItem steals the reference even if it fails.
+# Fills lists with floats; false if Python raised an exception. PyList_SetItem steals the reference even if it fails.
 _SENT = f"""
 define internal i1 @sent(ptr %sends, i64 %send_count) nounwind {{
 start:
@@ -219,7 +220,7 @@ bad:
   ret i1 false
 }}"""
 
-# Reads floats from a result's tuples by borrowed references; false if Python has raised.
+# Reads floats from a result's tuples by borrowed references; false if Python raised an exception.
 _RECEIVED = f"""
 define internal i1 @received(ptr %result, ptr %receipts, i64 %receipt_count) nounwind {{
 start:

@@ -1,4 +1,4 @@
-"""Kernels: functions of records and values, which run in their original form or lowered to numbers and entries."""
+"""Kernels: functions of records and values, which are also lowered to functions of numbers and buffers."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ __all__ = ["call", "inline", "keep_lowerings", "kernel", "source_function", "wri
 
 
 def kernel(function: F) -> F:
-    """Mark a function on records and values as a kernel.
+    """Decorate a function of records and values as a kernel.
 
-    A call from Python runs the lowered function; `written(kernel)` is the original function.
+    A call of the kernel from Python executes the lowered function. `written(kernel)` returns the original function.
     """
     assert isinstance(function, FunctionType)
     original = function
@@ -30,7 +30,7 @@ def kernel(function: F) -> F:
 
 
 def source_function(function: Callable[..., Any]) -> FunctionType:
-    """Return the function of numbers and entries that programs contain and interpreted runs execute."""
+    """Return the lowered function of a kernel, which takes numbers and buffers; other functions are unchanged."""
     original = getattr(function, LOWERED, None)
     return cast("FunctionType", function) if original is None else _lowered(original)
 
@@ -43,7 +43,7 @@ def _lowered(function: FunctionType) -> FunctionType:
 
 
 def keep_lowerings() -> None:
-    """Write lowered kernels to the disk cache for the next process."""
+    """Write the kernels that this process has lowered to the disk cache."""
     if _lowered.cache_info().currsize:
         from graspfx.compile.lower.lowering import store
 
@@ -51,7 +51,11 @@ def keep_lowerings() -> None:
 
 
 def call(function: FunctionType, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> Any:
-    """Call a kernel from Python; pass each record as a buffer and an offset, and each value as its numbers."""
+    """Call the lowered function of a kernel with arguments of the original function, and convert the result.
+
+    A record is passed as a buffer and an offset, and a value as its numbers. Arguments that are already buffers and
+    numbers are passed unchanged, and the result is not converted.
+    """
     run = _lowered(function)
     kinds = parameter_kinds(function)
     if len(arguments) + len(keywords) > len(kinds) - 1 or _is_flat(arguments, kinds):
@@ -68,7 +72,7 @@ def call(function: FunctionType, arguments: tuple[Any, ...], keywords: dict[str,
 
 
 def _is_flat(arguments: tuple[Any, ...], kinds: dict[str, Any]) -> bool:
-    """Return whether a buffer is given where a kernel expects a record."""
+    """Return whether an argument is a buffer although the kernel's parameter is a record or a value."""
     views = (Record, Floats, Table, Many, type(None))
     return any(
         optional(kind)[0] not in SCALARS and not isinstance(a, views) and not is_value(type(a))
@@ -93,7 +97,7 @@ def _flat(value: Any, kind: Any, blank: Any) -> list[Any]:
 
 
 def _whole(result: Any, kind: Any) -> Any:
-    """Convert the numbers that a lowered kernel returns to values."""
+    """Convert the numbers that a lowered function returns to a result of the kind of the original function."""
     if get_origin(kind) is tuple:
         rest = list(result)
         return tuple(_take(part, rest) for part in get_args(kind))

@@ -1,4 +1,4 @@
-"""Checks of third-party kernels before machine code runs them without bounds checking."""
+"""Checks of third-party kernels, because machine code does not check indices and names."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ PAGE = "see docs/development/records-and-kernels.md"
 
 
 def foreign_kernels(kernels: Mapping[str, Callable[..., Any]]) -> dict[str, Callable[..., Any]]:
-    """Select the third-party kernels."""
+    """Return the kernels that do not belong to this package, by their names in `kernels`."""
     return {name: kernel for name, kernel in kernels.items() if _is_foreign(kernel)}
 
 
 def check(kernels: Iterable[Callable[..., Any]]) -> dict[str, FunctionType]:
-    """Check third-party kernels, and the third-party kernels that they call.
+    """Check third-party kernels and the third-party functions that they call.
 
     Returns:
-        Original functions, by the file names of their code objects, including those of lowered text.
+        Original functions, by the file names in the code objects of the original and of the lowered function.
 
     Raises:
-        KernelError: If a name may be unbound where it is used, or only some paths of a kernel return a value; the error
-            names file and line.
+        KernelError: If a variable may have no value where it is used, or if some paths of a kernel return a value and
+            others do not.
     """
     from graspfx.compile.definitions import definition
     from graspfx.compile.unbound import unbound_names
@@ -53,7 +53,7 @@ def check(kernels: Iterable[Callable[..., Any]]) -> dict[str, FunctionType]:
 
 
 def _called(tree: ast.FunctionDef, function: Any) -> Iterator[Any]:
-    """Yield the functions to which the names in a kernel refer."""
+    """Yield the functions to which names, and attributes of modules, in a kernel refer."""
     for node in ast.walk(tree):
         item: Any = None
         if isinstance(node, ast.Name):
@@ -71,17 +71,17 @@ def _is_foreign(kernel: Any) -> bool:
 
 
 class OutsideError(Exception):
-    """An index is outside of its buffer."""
+    """Error: an index is outside of its buffer."""
 
     def __init__(self, index: int, length: int) -> None:
         super().__init__(f"entry {index} of a buffer of {length}")
 
 
 class CheckedBuffer:
-    """A buffer of floats with bounds checking of each index.
+    """Buffer of floats that raises an `OutsideError` if an index is out of bounds.
 
     Args:
-        view: Buffer to check.
+        view: Buffer whose entries are read and written.
     """
 
     __slots__ = ("_view",)
@@ -104,14 +104,13 @@ class CheckedBuffer:
 
 
 def checked_function(kernel: Callable[..., Any], functions: Mapping[str, FunctionType]) -> Callable[..., Any]:
-    """Return a function that interprets a kernel and checks all indices of its buffers.
+    """Return a function that interprets a kernel and checks all indices.
+
+    The returned function raises a KernelError, with the file and the line of the kernel, if an index is out of bounds.
 
     Args:
         kernel: Third-party kernel.
         functions: Result of `check`.
-
-    Raises:
-        KernelError: In the returned function, if an index is out of range; the error names the kernel's file and line.
     """
     run = source_function(kernel)
 
@@ -130,7 +129,7 @@ def checked_function(kernel: Callable[..., Any], functions: Mapping[str, Functio
 
 
 def _place_of(error: OutsideError, functions: Mapping[str, FunctionType]) -> tuple[str, str]:
-    """Find the innermost line of a third-party kernel that caused an error; return its location and its text."""
+    """Return location and text of the line of a third-party kernel in which an error occurred."""
     import linecache
 
     from graspfx.compile.lower.lowering import written_lines

@@ -1,4 +1,4 @@
-"""Marks of kernels and of inlined functions, and the kinds of their parameters."""
+"""Decorators of kernels and inlined functions, and the kinds of a kernel's parameters."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def inline(function: F) -> F:
-    """Mark a function for inlining into kernels; it must consist only of assignments and a return."""
+    """Decorate a function that is inlined into kernels. It must consist of assignments and one return statement."""
     setattr(function, INLINE, True)
     return function
 
 
 def bound_late(function: F) -> F:
-    """Mark a function of buffers and numbers with an integer result that compiled programs define themselves.
+    """Decorate a function that compiled programs define by themselves and that interpreted programs call.
 
-    Calls of the function remain calls by name. Interpreted programs run the function itself.
+    The arguments of the function must be buffers and numbers, and its result an integer.
     """
     setattr(function, BOUND_LATE, True)
     return function
 
 
 def written(function: F) -> F:
-    """Return a kernel's original function."""
+    """Return the original function of a kernel; any other function is returned unchanged."""
     return cast("F", getattr(function, LOWERED, function))
 
 
 @cache
 def parameter_kinds(function: FunctionType) -> dict[str, Any]:
-    """Return the kinds of a function's parameters, in order, and of its `return`; the default is a number."""
+    """Return the annotated kind of each parameter, in order, and of `return`; `float` if there is no annotation."""
     hints = get_type_hints(function, include_extras=True)
     code = function.__code__
     kinds = {name: hints.get(name, float) for name in code.co_varnames[: code.co_argcount]}
@@ -44,7 +44,7 @@ def parameter_kinds(function: FunctionType) -> dict[str, Any]:
 
 
 def optional(kind: Any) -> tuple[Any, bool]:
-    """Split `X | None` into X and a flag for None."""
+    """Return X and True for a kind `X | None`; for any other kind, the kind itself and False."""
     if get_origin(kind) in (Union, UnionType):
         rest = [k for k in get_args(kind) if k is not type(None)]
         if len(rest) == 1 and len(rest) < len(get_args(kind)):

@@ -1,7 +1,7 @@
-"""Kernels that are interpreted until loading or compiling their machine code saves time.
+"""Kernels that are interpreted at first, and compiled when enough work is expected.
 
-The decision depends on the amount of work and the contents of the cache, never on a clock. Both alternatives return the
-same bits.
+The decision depends on the amount of work and on the contents of the cache, but not on measured times. Interpreted and
+compiled kernels return identical results.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 
 class KernelOnDemand:
-    """A kernel, interpreted or as machine code.
+    """Kernel that is interpreted until it has done a certain amount of work, and then runs as machine code.
 
-    Work is counted over all calls in units of the caller's choice.
+    The caller states the work of each use, in a unit of its choice; the amounts are added.
 
     Args:
         kernel: Kernel function.
-        load: Work from which on cached machine code is used.
-        make: Work whose interpretation takes as long as compiling; from then on the kernel is compiled.
+        load: Total work at which machine code is loaded if the cache contains it.
+        make: Total work at which the kernel is compiled if the cache does not contain its machine code.
     """
 
     def __init__(self, kernel: Callable[..., object], *, load: float, make: float) -> None:
@@ -43,7 +43,7 @@ class KernelOnDemand:
         return self._machine is not None
 
     def machine(self, work: float) -> Machine | None:
-        """Return the machine code for further `work`, or None if the work is to be interpreted."""
+        """Add `work` to the total work; return the machine code, or None if the kernel must be interpreted."""
         if self._machine is None:
             self._work += work
             least = self._make if self._tried else self._load
@@ -52,21 +52,21 @@ class KernelOnDemand:
         return self._machine
 
     def runner(self, work: float) -> Callable[..., object]:
-        """Return the function that runs the kernel for further `work`, in any number of calls.
+        """Add `work` to the total work, and return a function that runs the kernel, as machine code or interpreted.
 
-        The function's arguments are arrays and numbers; each record and group of numbers is an array and an offset.
+        The function takes the arguments of the lowered kernel; buffers are arrays.
         """
         machine = self.machine(work)
         return self.interpret if machine is None else machine.once
 
     def interpret(self, *arguments: Any) -> None:
-        """Run the kernel in Python's interpreter."""
+        """Interpret the kernel once, with the arguments of the lowered kernel."""
         views = (memoryview(a) if isinstance(a, np.ndarray) else a for a in arguments)  # quicker to read than arrays
         source_function(self.kernel)(*views)
         keep_lowerings()
 
     def compile(self) -> None:
-        """Load the machine code, or compile it.
+        """Load the machine code of the kernel from the cache, or compile the kernel.
 
         Raises:
             MissingPackageError: If LLVM is not installed.
@@ -76,7 +76,7 @@ class KernelOnDemand:
         self._machine = compiled(self.kernel)
 
     def _take(self) -> None:
-        """Load the machine code, or compile it, if this already saves time."""
+        """Load the machine code of the kernel if it is in the cache; compile the kernel if the total work permits."""
         self._tried = True
         make = self._work >= self._make
         if make or was_compiled(self.kernel):

@@ -1,7 +1,7 @@
-"""Library of precompiled programs in a wheel, with which ticks need no LLVM.
+"""Precompiled programs that a wheel contains, so that runs do not need LLVM.
 
-Each program is a shared library. A table maps the digest of a program's sources to the program, so edited sources are
-compiled as if there were no library. The table also contains the digest of each file, so a damaged file is not loaded.
+Each program is a shared library. Programs are found by the digest of their sources, so that a program is not used if
+its sources were edited. The digest of each shared library is also checked, so that a damaged file is not loaded.
 """
 
 from __future__ import annotations
@@ -31,27 +31,27 @@ PROCESSOR = "x86-64-v2"  # processors since 2009; also required by numpy's wheel
 
 
 class SharedLibrary:
-    """Machine code loaded by the system's loader, with the interface of LLVM's engine."""
+    """Shared library with the interface of LLVM's engine.
+
+    Args:
+        path: File of the library.
+    """
 
     def __init__(self, path: Path) -> None:
         self._library = ctypes.CDLL(str(path))
 
     def get_function_address(self, name: str) -> int:
-        """Return the address of a function."""
+        """Return the address of a function by its name."""
         return ctypes.cast(getattr(self._library, name), ctypes.c_void_p).value or 0
 
 
 def has(key: str) -> bool:
-    """Return whether the library has a program for a key.
-
-    Args:
-        key: Key of the program and its sources.
-    """
+    """Return whether there is a precompiled program for a key, which identifies a program and its sources."""
     return key in _table()
 
 
 def find(key: str) -> Native | None:
-    """Load a program of the library; None if the library has no program of these sources, or the file has changed."""
+    """Load the precompiled program of a key; None if there is none, or its file has changed or cannot be loaded."""
     from graspfx.compile.native import Native
 
     content = read(key)
@@ -68,7 +68,7 @@ def find(key: str) -> Native | None:
 
 
 def read(key: str) -> bytes | None:
-    """Read the file of a program; None if it is not in the library, or the file has changed since it was built."""
+    """Return the content of the file of a precompiled program; None if there is none, or the file has changed."""
     entry = _table().get(key)
     if entry is None:
         return None
@@ -76,7 +76,7 @@ def read(key: str) -> bytes | None:
     try:
         content: bytes = path.read_bytes()
         if hashlib.sha256(content).hexdigest() != entry["sha256"]:
-            raise OSError("it has changed since it was built")
+            raise OSError("the file has changed since it was built")
     except OSError as error:
         _warn(path, error)
         return None
@@ -85,9 +85,9 @@ def read(key: str) -> bytes | None:
 
 @cache
 def imports() -> dict[str, list[str]]:
-    """Return which modules of the package each source file of the wheel imports, by the SHA-256 of its content.
+    """Return the modules of the package that each source file of the wheel imports, by the SHA-256 of the file.
 
-    An edited file is not included; the caller has to parse it.
+    If a file was edited, its digest is not in the result.
     """
     return _read_json(IMPORTS)
 
@@ -98,7 +98,7 @@ def _table() -> dict[str, Any]:
 
 
 def _read_json(name: str) -> dict[str, Any]:
-    """Read a JSON file of the library; an empty table if it is missing or damaged."""
+    """Return the content of a JSON file of the wheel; empty if the file is missing or damaged."""
     try:
         table: dict[str, Any] = json.loads((FOLDER / name).read_bytes())
     except FileNotFoundError:
@@ -122,20 +122,19 @@ def build(
     modules: Mapping[str, tuple[str, bytes]] = MappingProxyType({}),
     sources: Mapping[str, list[str]] = MappingProxyType({}),
 ) -> str:
-    """Compile programs for `x86-64-v2` processors and Linux, and link each as a shared library.
+    """Compile programs for Linux on `x86-64-v2` processors, and link each program as a shared library.
 
     Args:
-        programs: File name and program, by key.
-        modules: File name and WebAssembly module, by key; the modules are also written.
-        sources: Imports of each source file, by the SHA-256 of its content.
+        programs: File name without ending, and program, by key.
         folder: New or empty folder for the files.
+        modules: File name without ending, and content of a WebAssembly module, by key; the modules are also written.
+        sources: Modules that each source file imports, by the SHA-256 of the file.
 
     Returns:
-        Tag of the platforms on which the programs run, such as "manylinux_2_29_x86_64". The C library of these
-            platforms has all functions that the programs call.
+        Tag of the platforms whose C library has all functions that the programs call, such as "manylinux_2_29_x86_64".
 
     Raises:
-        OSError: If there is no C compiler for linking, or linking fails; the message states the reason.
+        OSError: If there is no C compiler, or linking fails.
     """
     from graspfx.compile import cache as disk
     from graspfx.compile.emission import platform, portable
@@ -171,7 +170,10 @@ def build(
 
 
 def _jumps(names: tuple[str, ...]) -> str:
-    """Write functions such as `graspfx_sin`, which hide C functions from LLVM to prevent the folding of their calls."""
+    """Return the assembly text of functions such as `graspfx_sin`, which call C functions.
+
+    LLVM does not know the new names, so that it cannot compute results of C functions when it compiles a program.
+    """
     lines = ['.section .note.GNU-stack,"",@progbits', ".text"]
     for name in names:
         own = f"graspfx_{name}"

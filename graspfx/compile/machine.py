@@ -1,4 +1,4 @@
-"""Single kernels as machine code, with the parameters of the lowered function."""
+"""Machine code of single kernels, with the parameters of the lowered function."""
 
 from __future__ import annotations
 
@@ -31,13 +31,14 @@ NUMBERS = {
 
 
 class Machine:
-    """A compiled kernel with the arguments of its lowered form; buffers are arrays or memoryviews of floats.
+    """Compiled kernel, which is called with the arguments of the lowered kernel.
 
-    For each record, a kernel has a buffer and an offset as arguments; two buffers may be the same memory. A call
-    returns the kernel's result, with numbers as floats.
+    A record is passed as a buffer and an offset. A buffer is an array or a memoryview of floats; the same buffer may be
+    passed several times. The result of a call is a float, a tuple of floats, or None.
 
     Args:
-        make: Whether to compile a kernel that is not in the cache; otherwise a LookupError is raised.
+        kernel: Kernel function.
+        make: Whether a kernel that is not in the cache is compiled. If False, a LookupError is raised instead.
     """
 
     def __init__(self, kernel: FunctionType, *, make: bool = True) -> None:
@@ -53,13 +54,16 @@ class Machine:
             note_compiled(kernel)
 
     def bound(self, *arguments: Any) -> Callable[[], object]:
-        """Bind the kernel to arguments for any number of calls, which return no result."""
+        """Return a function without arguments that runs the kernel on the given arguments and returns no result."""
         bound, _ = self._on([arguments[k] for k in self._buffer_places])
         numbers = [arguments[k] for k in self._number_places]
         return partial(bound.brief, *numbers) if numbers else bound.brief
 
     def on(self, *buffers: Any) -> Callable[..., float]:
-        """Bind the kernel to buffers; return a function of its numbers and offsets that returns its first result."""
+        """Return a function of the kernel's numbers and offsets that runs the kernel on the given buffers.
+
+        The function returns the first number of the kernel's result.
+        """
         bound, results = self._on(buffers)
         run, result = bound.brief, results.data
 
@@ -77,12 +81,15 @@ class Machine:
         return float(results[0]) if self._results else None
 
     def once(self, *arguments: Any) -> None:
-        """Run the kernel once on buffers, with the interpreter's lock released."""
+        """Run the kernel once without returning a result. The interpreter's lock is released meanwhile."""
         bound, _ = self._on([arguments[k] for k in self._buffer_places])
         bound.long(*[arguments[k] for k in self._number_places])
 
     def _bound_to(self, arguments: Sequence[Any]) -> tuple[Bound, Any]:
-        """Bind the program to the buffers of these arguments; reuse this thread's last binding if possible."""
+        """Bind the program to the buffers among the arguments; return the binding and the array of results.
+
+        If the last call of this thread had the same buffers, its binding is used again.
+        """
         buffers = [arguments[k] for k in self._buffer_places]
         last = getattr(self._last, "binding", None)
         if last is None or any(map(is_not, buffers, last[0])):
@@ -90,18 +97,18 @@ class Machine:
         return last[1], last[2]
 
     def _on(self, buffers: Sequence[Any]) -> tuple[Bound, Any]:
-        """Bind the program to buffers; also return the buffer of its results."""
+        """Bind the program to buffers; return the binding and the array of results."""
         results = np.empty(max(self._results, 1))
         by_name = {**dict(zip(self._names, buffers, strict=True)), "results_": results}
         return self._native.bind(*(by_name[name] for name in self._native.arrays)), results
 
 
 def request_of(kernel: Any, *, make: bool = True) -> tuple[str, list[str]]:
-    """Return the program of a single kernel as Python text, and the names of its float parameters.
+    """Return the text of the program of one kernel, in Python, and the names of the parameters that are floats.
 
     Args:
         kernel: Kernel function.
-        make: Whether to write a program that is not in the cache; otherwise a LookupError is raised.
+        make: Whether a program that is not in the cache is written. If False, a LookupError is raised instead.
 
     Raises:
         MissingPackageError: If LLVM is not installed.
@@ -118,7 +125,7 @@ def request_of(kernel: Any, *, make: bool = True) -> tuple[str, list[str]]:
 
 
 def results_of(kernel: FunctionType) -> int:
-    """Count the numbers that a kernel returns; zero if it returns nothing."""
+    """Return how many numbers a kernel returns; zero if it returns nothing."""
     counts = {
         len(node.value.elts) if isinstance(node.value, ast.Tuple) else 1
         for node in ast.walk(ast.parse(ast.unparse(definition(source_function(kernel)))))
@@ -128,15 +135,15 @@ def results_of(kernel: FunctionType) -> int:
 
 
 def compiled(kernel: Any, *, make: bool = True) -> Machine:
-    """Compile a kernel and all functions that it calls to machine code, or load it from the cache.
+    """Load the machine code of a kernel from the cache, or compile the kernel and all functions that it calls.
 
     Args:
         kernel: Kernel function.
-        make: Whether to compile a kernel that is not in the cache; otherwise a LookupError is raised.
+        make: Whether a kernel that is not in the cache is compiled. If False, a LookupError is raised instead.
 
     Raises:
         MissingPackageError: If LLVM is not installed.
-        InputError: If the kernel has unsupported statements.
+        InputError: If the kernel contains statements that cannot be compiled.
     """
     machine = _MACHINES.get(kernel)
     if machine is None:

@@ -1,4 +1,4 @@
-"""Memory of a scene: the blocks of its parts in one array."""
+"""Memory of a scene: one array that contains the blocks of all parts of the scene."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ LEAST = 1 << 12
 
 
 class Memory:
-    """An array from which blocks are allocated in order; its first entry is unused.
+    """Array from which blocks are allocated one after another.
 
     Attributes:
-        floats: Whole array.
-        used: Number of allocated entries, including the unused first one.
+        floats: Array. Its first entry is not part of a block.
+        used: Number of entries that are allocated, including the first entry.
     """
 
     def __init__(self, room: int = ROOM) -> None:
@@ -30,7 +30,7 @@ class Memory:
         self.used = 1
 
     def take(self, size: int) -> FloatArray:
-        """Allocate a block of zeros; if the memory is full, the block is a separate array."""
+        """Allocate a block of zeros. If the remaining memory is too small, the block is a separate array."""
         first, end = self.used, self.used + size
         if end > self.floats.size:
             return np.zeros(size)
@@ -38,12 +38,18 @@ class Memory:
         return self.floats[first:end]
 
     def place(self, array: FloatArray) -> int:
-        """Return the index of an array's first entry relative to this memory's, also for an array outside of it."""
+        """Return the index of an array's first entry, counted from the first entry of this memory.
+
+        The array may be outside of this memory.
+        """
         return (address_of(array) - address_of(self.floats)) // self.floats.itemsize
 
 
 def _pages(room: int) -> FloatArray:
-    """Make zeros whose pages the system allocates when they are written; fewer zeros if memory is limited."""
+    """Return an array of `room` zeros, or of fewer zeros if memory is limited.
+
+    The system allocates memory only for the pages of the array that are written.
+    """
     try:
         return np.frombuffer(mmap(-1, 8 * room), np.float64)
     except OSError:
@@ -54,14 +60,14 @@ _MEMORY: ContextVar[Memory | None] = ContextVar("memory", default=None)
 
 
 def zeros(size: int) -> FloatArray:
-    """Make a block of zeros in the memory of the scene being built, or as a separate array."""
+    """Return a block of zeros, from the memory of the enclosing `within`; without it, the block is a separate array."""
     memory = _MEMORY.get()
     return np.zeros(size) if memory is None else memory.take(size)
 
 
 @contextmanager
 def within(memory: Memory) -> Iterator[Memory]:
-    """Make `zeros` allocate from a memory within a `with` block."""
+    """Make the function `zeros` allocate blocks from a memory within a `with` block."""
     token = _MEMORY.set(memory)
     try:
         yield memory
@@ -71,7 +77,7 @@ def within(memory: Memory) -> Iterator[Memory]:
 
 @contextmanager
 def without() -> Iterator[None]:
-    """Make `zeros` return separate arrays within a `with` block."""
+    """Make the function `zeros` return separate arrays within a `with` block."""
     token = _MEMORY.set(None)
     try:
         yield
@@ -86,11 +92,11 @@ def address_of(array: FloatArray) -> int:
 
 
 class Scattered:
-    """Separate arrays as one buffer, for interpreted kernels.
+    """Buffer for interpreted kernels that consists of a memory and of separate arrays.
 
     Args:
-        memory: Memory from whose first entry indices are counted.
-        arrays: All arrays that a kernel may access.
+        memory: Memory. Indices are counted from its first entry.
+        arrays: Arrays outside of the memory that a kernel may access.
     """
 
     def __init__(self, memory: Memory, arrays: list[FloatArray]) -> None:

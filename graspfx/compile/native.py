@@ -1,4 +1,4 @@
-"""Executable programs: machine code by LLVM."""
+"""Programs as executable machine code."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ Run = Callable[..., int]
 
 @dataclass(frozen=True)
 class Bound:
-    """A program bound to its buffers.
+    """Program with fixed buffers.
 
     Args:
-        brief: Function of the program's numbers that runs the program with the interpreter's lock held, for calls of a
-            few microseconds.
-        long: Same function with the lock released, so that other threads can run.
-        pointers: Pointers to the buffers by name; each keeps its buffer alive.
+        brief: Function that takes the program's numbers and runs the program. It does not release the interpreter's
+            lock, and is suitable for calls of a few microseconds.
+        long: Function that does the same as `brief` and releases the interpreter's lock, so that other threads can run.
+        pointers: Pointers to the buffers by name. Each pointer holds a reference to its buffer.
     """
 
     brief: Run
@@ -42,14 +42,14 @@ class Bound:
 
 
 class Native:
-    """A program as machine code.
+    """Machine code of a program.
 
     Args:
-        description: Description of the program's arguments and library functions (`description_of`).
-        engine: Engine that has loaded the machine code.
+        description: Buffers, numbers and library functions of the program, from `description_of`.
+        engine: LLVM's engine or shared library that contains the machine code.
         size: Size of the machine code [bytes].
-        place: Location from which the machine code was loaded; empty if it was compiled now.
-        note: Reason why the machine code could not be cached; empty otherwise.
+        place: Folder from which the machine code was loaded; empty if this process has compiled it.
+        note: Reason why the machine code could not be written to the cache; empty if there is none.
     """
 
     def __init__(self, description: dict[str, Any], engine: Any, *, size: int, place: str = "", note: str = "") -> None:
@@ -65,16 +65,22 @@ class Native:
 
     @property
     def cached(self) -> bool:
-        """Whether the machine code was loaded from the cache or the library."""
+        """Whether the machine code was loaded from a file instead of being compiled by this process."""
         return bool(self.place)
 
     @property
     def callback(self) -> int:
-        """Address of the function that takes the address of a table: the buffers' addresses, then the numbers."""
+        """Address of a function that other machine code can call; its argument is the address of a table.
+
+        The table contains the addresses of the program's buffers, and then the program's numbers.
+        """
         return address(self._engine, CALLBACK)
 
     def bind(self, *buffers: Any) -> Bound:
-        """Bind the program to buffers: arrays or memoryviews of floats with fixed addresses.
+        """Return the program with fixed buffers.
+
+        Args:
+            buffers: Arrays or memoryviews of floats, which must not move in memory.
 
         Raises:
             InputError: If the number of buffers is wrong, or a buffer is not contiguous, not writable, or does not
@@ -85,7 +91,7 @@ class Native:
         return self._bound({name: _pointer(name, buffer) for name, buffer in zip(self.arrays, buffers, strict=True)})
 
     def rebind(self, bound: Bound, name: str, buffer: Any) -> Bound:
-        """Replace one buffer of a binding, in a tenth of the time of `bind`."""
+        """Return a copy of a binding with another buffer for the parameter `name`, ten times as fast as `bind`."""
         return self._bound({**bound.pointers, name: _pointer(name, buffer)})
 
     def _bound(self, pointers: dict[str, ctypes.c_void_p]) -> Bound:
@@ -101,18 +107,18 @@ def compiled(
     apart: bool = True,
     make: bool = True,
 ) -> Native:
-    """Compile a program to machine code, or load it from the cache.
+    """Load the machine code of a program from the cache, or compile the program.
 
     Args:
-        source: Program in Python. Its last function is the entry, which takes buffers of floats, then numbers, and
-            returns an integer or nothing.
-        floats: Float parameters of the entry; its other numbers are integers.
-        apart: Whether all buffers are distinct memory.
-        make: Whether to compile a program that is not cached; otherwise a LookupError is raised.
+        source: Text of the program in Python. The last function is the entry. Its parameters are buffers of floats,
+            followed by numbers, and it returns an integer or nothing.
+        floats: Names of the entry's parameters that are floats; all other numbers are integers.
+        apart: Whether no two buffers overlap in memory.
+        make: Whether a program that is not in the cache is compiled. If False, a LookupError is raised instead.
 
     Raises:
         MissingPackageError: If LLVM is not installed.
-        InputError: If the program has unsupported statements.
+        InputError: If the program contains statements that cannot be compiled.
     """
     require_llvm()
     parts = [str(apart), *platform(), ",".join(sorted(floats)), source]
@@ -134,7 +140,7 @@ def compiled(
 
 
 def from_cache(key: str) -> Native | None:
-    """Load a program from the cache; None if the cache has no program for the key."""
+    """Load the machine code with a key from the cache; None if the cache does not contain it."""
     entry = disk.load(key)
     if entry is None:
         return None
@@ -146,25 +152,25 @@ def from_cache(key: str) -> Native | None:
 
 
 def description_of(program: LlvmProgram) -> dict[str, Any]:
-    """Return the description of a program's arguments and library functions, cached with its machine code."""
+    """Return the names of a program's buffers, the types of its numbers, and the C functions that it calls."""
     return {"arrays": list(program.arrays), "numbers": program.numbers, "libm": program.libm}
 
 
 def text_of(program: LlvmProgram) -> str:
-    """Write a program and its entry functions in LLVM's language."""
+    """Return the LLVM text of a program, including the functions by which Python and machine code call its entry."""
     return f"{program.text}{method_text(ENTRY, len(program.arrays), program.numbers)}\n"
 
 
 def _shared(name: str, buffer: Any) -> Any:
-    """Share a buffer's memory with a ctypes array, which keeps it alive."""
+    """Return a ctypes array that shares the memory of a buffer and holds a reference to the buffer."""
     view = memoryview(buffer)
     if view.format != "d" or not view.c_contiguous or view.readonly or not view.nbytes:
-        raise InputError(name, buffer, "a contiguous writable buffer of floats (float64)")
+        raise InputError(name, buffer, "a contiguous, writable, non-empty buffer of float64")
     return (ctypes.c_double * (view.nbytes // 8)).from_buffer(view)
 
 
 def _pointer(name: str, buffer: Any) -> ctypes.c_void_p:
-    """Return a pointer to a buffer, which keeps the buffer alive."""
+    """Return a pointer to a buffer. The pointer holds a reference to the buffer."""
     memory = _shared(name, buffer)
     pointer = ctypes.c_void_p(ctypes.addressof(memory))
     pointer.memory = memory  # type: ignore[attr-defined]

@@ -1,4 +1,4 @@
-"""Sources of kernels, whose digests show whether entries of the cache and programs of the library are up to date."""
+"""Digests of the sources of kernels, which show whether cached and precompiled programs are up to date."""
 
 from __future__ import annotations
 
@@ -21,29 +21,32 @@ NO_KERNELS = ("commands", "live", "show")  # packages without kernels; they are 
 
 @cache
 def source_folders() -> tuple[str, ...]:
-    """List the package's folder and, in a checkout, the folder of drivers next to it."""
+    """Return the folder of the package and, in a checkout, the folder of drivers next to the package."""
     package, *beside = (str(Path(place)) for place in sys.modules[PACKAGE].__path__)
     shelves = [os.path.join(place, "devices") for place in beside]  # noqa: PTH118 (strings, of hundreds of files)
     return package, *(shelf for shelf in shelves if os.path.isdir(shelf))  # noqa: PTH112
 
 
 def is_own(file: str) -> bool:
-    """Return whether a source file belongs to the package, or in a checkout to the drivers next to it."""
+    """Return whether a source file is in one of the folders of `source_folders`."""
     return file.startswith(tuple(folder + os.sep for folder in source_folders()))
 
 
 @cache
 def source_stamps() -> tuple[tuple[str, int, int], ...]:
-    """List the source files of programs with modification times [ns] and sizes [bytes], once per process."""
+    """Return path, modification time [ns] and size [bytes] of all source files that may contain kernels.
+
+    The folders are searched once in a process.
+    """
     return tuple(stamp for folder in source_folders() for stamp in stamps_in(folder, NO_KERNELS))
 
 
 def stamps_in(root: str, without: Sequence[str] = ()) -> Iterator[tuple[str, int, int]]:
-    """List the source files below a folder with modification times [ns] and sizes [bytes].
+    """Yield path, modification time [ns] and size [bytes] of all Python files below a folder.
 
     Args:
         root: Folder to search.
-        without: Names of subfolders to skip.
+        without: Names of direct subfolders that are not searched.
     """
     for folder, folders, names in os.walk(root):
         if folder == root:
@@ -58,7 +61,14 @@ def stamps_in(root: str, without: Sequence[str] = ()) -> Iterator[tuple[str, int
 
 
 class Source(NamedTuple):
-    """Modification time [ns] and size [bytes] of a source file, its digest, and the package's modules it imports."""
+    """Facts about a source file.
+
+    Attributes:
+        time: Modification time [ns].
+        size: Size [bytes].
+        digest: SHA-256 of the content.
+        imports: Modules of the package that the file imports.
+    """
 
     time: int
     size: int
@@ -68,10 +78,10 @@ class Source(NamedTuple):
 
 @cache
 def closure_digest(*modules: str) -> str:
-    """Compute the digest of the sources of these modules: their files, and all files of the package that they import.
+    """Return the digest of the source files of modules and of all files of the package that they import, recursively.
 
-    Kernels obtain other kernels, records, values and numbers by import statements only, so other files need not be
-    covered. For a module outside the package, the digest covers all sources of the package.
+    A kernel of the modules depends on no other files, because kernels refer to other kernels, records, values and
+    numbers only by import statements. If a module is outside the package, the digest is that of all sources.
     """
     files, sources = _files(), _sources()
     roots = [files.get(module) for module in modules]
@@ -87,19 +97,19 @@ def closure_digest(*modules: str) -> str:
 
 
 def all_imports() -> dict[str, list[str]]:
-    """Return the modules of the package that each source file imports, by the digest of its content."""
+    """Return the modules of the package that each source file imports, by the SHA-256 of the file."""
     return dict(sorted(_digest_and_imports(path) for path in _files().values()))
 
 
 @cache
 def compiler_modules() -> tuple[str, ...]:
-    """List the modules of the compiler, which write a program's text."""
+    """Return the names of the modules of the compiler, on which the text of a program depends."""
     return tuple(module for module in _files() if module.startswith(__name__.rpartition(".")[0]))
 
 
 @cache
 def _files() -> dict[str, str]:
-    """Return the source file of each module that may contain kernels."""
+    """Return the path of each module that may contain kernels, by the name of the module."""
     found = {}
     for path, *_ in source_stamps():
         name = _name(path).removesuffix(".py").removesuffix(f"{os.sep}__init__").replace(os.sep, ".")
@@ -109,9 +119,9 @@ def _files() -> dict[str, str]:
 
 
 class Sources:
-    """Digests and imports of source files, cached on disk by path.
+    """Digests and imports of source files, by path, which are stored in the disk cache.
 
-    An entry is valid while the file's modification time and size are unchanged.
+    An entry is used as long as the modification time and the size of the file are unchanged.
     """
 
     def __init__(self) -> None:
@@ -122,7 +132,7 @@ class Sources:
         self._changed = False
 
     def read(self, path: str) -> Source:
-        """Return the facts about a file, which is read only if its modification time or its size has changed."""
+        """Return the facts about a source file. The file is read only if its modification time or size has changed."""
         entry = self._entries.get(path)
         if entry is None or entry[:2] != self._stamps[path]:
             entry = self._entries[path] = [*self._stamps[path], *_digest_and_imports(path)]
@@ -130,7 +140,7 @@ class Sources:
         return Source(*entry)
 
     def save(self) -> None:
-        """Write the cache."""
+        """Write the digests and imports to the disk cache if they have changed."""
         if self._changed:
             disk.store(self._key, json.dumps(self._entries).encode())
             self._changed = False
@@ -142,7 +152,10 @@ def _sources() -> Sources:
 
 
 def _digest_and_imports(path: str) -> tuple[str, list[str]]:
-    """Read a source file; return its digest and its imports at load time, except those in functions or for types."""
+    """Return the SHA-256 of a source file, and the modules of the package that the file imports when it is loaded.
+
+    Imports in functions, and imports that are used only by type checkers, are omitted.
+    """
     content = Path(path).read_bytes()
     digest = hashlib.sha256(content).hexdigest()
     known = library.imports().get(digest)
@@ -171,7 +184,7 @@ def _imports(content: bytes) -> list[str]:
 
 
 def _name(file: str) -> str:
-    """Return a name of a source file that does not depend on the package's location."""
+    """Return the path of a source file relative to the package, so that keys do not depend on the installation."""
     package, *_ = folders = source_folders()
     folder = next(each for each in folders if file.startswith(each + os.sep))
     name = os.path.basename(folder) + file.removeprefix(folder)  # noqa: PTH119 (of hundreds of files)
@@ -182,22 +195,25 @@ def _name(file: str) -> str:
 
 
 def identity(kernel: Callable[..., Any]) -> list[str]:
-    """Return a kernel's identity: its name and, for a third-party kernel, its file, because names may be ambiguous."""
+    """Return the qualified name of a kernel, and the file of a third-party kernel; for other kernels, "".
+
+    Two third-party kernels in different files may have the same name.
+    """
     code = getattr(written(kernel), "__code__", None)
     file = "" if code is None or is_own(code.co_filename) else code.co_filename
     return [f"{kernel.__module__}.{kernel.__qualname__}", file]
 
 
 def request_key(modules: Iterable[str], *parts: str) -> str:
-    """Return the key of a request, which covers its parts, the sources of its modules, and those of the compiler."""
+    """Return the key of a cached result that depends on the sources of modules, on the compiler, and on `parts`."""
     digest = closure_digest(*sorted(set(modules)), *compiler_modules())
     return hashlib.sha256("\0".join([digest, *parts]).encode()).hexdigest()
 
 
 def recall(key: str) -> str | None:
-    """Load the result of a request; None if it is missing, or third-party files or numbers have changed.
+    """Return the result that `remember` has stored for a key.
 
-    The key covers the sources of this package.
+    The result is None if nothing is stored, or if a third-party file or a number of a module has changed.
     """
     content = disk.load(key)
     if content is None:
@@ -210,12 +226,15 @@ def recall(key: str) -> str | None:
 
 
 def remember(key: str, files: Iterable[str], numbers: Mapping[tuple[str, str], str], content: str) -> None:
-    """Store the result of a request.
+    """Store a result in the disk cache.
 
     Args:
-        files: Source files of the kernels. `recall` compares all Python files in the folder of a third-party kernel.
-        numbers: Numbers of modules that the result contains, by module and name. Numbers of this package are not
-            stored, because the key covers its sources.
+        key: Key from `request_key`.
+        files: Source files of the kernels. The digests of all Python files in the folders of third-party kernels are
+            stored with the result.
+        numbers: Numbers of modules that the result contains, as text, by module and name. Numbers of this package are
+            not stored, because their changes change the key.
+        content: Result.
     """
     folders = {Path(file).parent for file in files if not is_own(file)}
     digests = {str(file): _file_digest(str(file)) for folder in folders for file in folder.glob("*.py")}
@@ -224,7 +243,7 @@ def remember(key: str, files: Iterable[str], numbers: Mapping[tuple[str, str], s
 
 
 def _present(module: str, name: str) -> str:
-    """Return a module's present number, which the module may have read from another source on import."""
+    """Return the present value of a number of a module, as text; the value need not come from the module's source."""
     return repr(getattr(sys.modules.get(module), name, None))
 
 
@@ -239,18 +258,18 @@ def _file_digest(file: str) -> str:
 
 
 def is_ours(kernel: Callable[..., Any]) -> bool:
-    """Return whether a kernel's source belongs to this package."""
+    """Return whether the source of a kernel belongs to this package."""
     return is_own(written(kernel).__code__.co_filename)
 
 
 def footprint(kernel: Callable[..., Any]) -> str:
-    """Return the cache key of a kernel of this package, which covers the kernel's sources."""
+    """Return a key that identifies a kernel of this package and its sources."""
     sources = closure_digest(kernel.__module__, *compiler_modules())
     return f"kernel-{hashlib.sha256(f'{kernel.__module__}.{kernel.__qualname__} {sources}'.encode()).hexdigest()}"
 
 
 def was_compiled(kernel: Callable[..., Any]) -> bool:
-    """Return whether a kernel of this package was compiled from its present sources."""
+    """Return whether a kernel belongs to this package and was compiled from its present sources."""
     if not is_ours(kernel):
         return False
     key = footprint(kernel)
@@ -258,6 +277,6 @@ def was_compiled(kernel: Callable[..., Any]) -> bool:
 
 
 def note_compiled(kernel: Callable[..., Any]) -> None:
-    """Record that a kernel was compiled, if it belongs to this package; the key does not cover other sources."""
+    """Record in the disk cache that a kernel was compiled; kernels that do not belong to this package are ignored."""
     if is_ours(kernel):
         disk.store(footprint(kernel), b"")

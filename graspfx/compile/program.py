@@ -1,8 +1,8 @@
-"""One program from kernels: all functions that an entry calls, as Python text in which every name is resolved.
+"""Programs: Python text of a function and of all kernels that it calls, in which every name is resolved.
 
-Kernels may use numbers, flat buffers and their entries, `if`, `while`, `for ... in range(...)`, calls of other kernels,
-of `math` and of a few builtins, and tuples that are returned or unpacked. Arithmetic is never reordered, so the
-program computes the same bits as the kernels.
+Lowered kernels consist of numbers, entries of buffers, `if`, `while`, `for ... in range(...)`, calls of other kernels,
+of functions of `math` and of a few builtins, and tuples that are returned or unpacked. A program performs the same
+operations in the same order as its kernels, so that the results are identical.
 """
 
 from __future__ import annotations
@@ -45,11 +45,12 @@ BEFORE = "is a negative index; the last entry of a group is [count - 1]"
 
 @dataclass
 class Program:
-    """Functions in the order of their definition, each after those that it calls.
+    """Functions of a program.
 
     Attributes:
+        functions: Syntax trees of the functions. Each function follows the functions that it calls.
         files: Source files of the kernels.
-        numbers_of_modules: Numbers of modules that the functions use, by module and name.
+        numbers_of_modules: Numbers of modules that the functions use, as text, by module and name.
     """
 
     functions: list[ast.FunctionDef] = field(default_factory=list)
@@ -58,7 +59,7 @@ class Program:
     _names: dict[FunctionType, str] = field(default_factory=dict)  # empty while a function is being added
 
     def add(self, kernel: Callable[..., Any]) -> str:
-        """Add a kernel and the kernels that it calls; return its name in the program."""
+        """Add a kernel and the kernels that it calls, and return the name of the kernel in the program."""
         function = source_function(kernel)
         code = function.__code__
         if function not in self._names:
@@ -73,7 +74,7 @@ class Program:
         return self._names[function]
 
     def add_text(self, text: str, namespace: Mapping[str, Any], arrays: Sequence[str] = ()) -> None:
-        """Add the function that a text defines; the buffers that it uses become its first parameters."""
+        """Add a function and the kernels that it calls; the arguments are those of `program_source`."""
         [tree] = ast.parse(text).body
         assert isinstance(tree, ast.FunctionDef)
         tree.args.args[:0] = map(ast.arg, arrays)
@@ -98,19 +99,20 @@ class Program:
         )
 
     def source(self) -> str:
-        """Return the program as Python text."""
+        """Return the text of the program in Python."""
         lines = ["import math", "", "inf, nan = math.inf, math.nan", ""]
         return "\n".join([*lines, *(ast.unparse(ast.fix_missing_locations(node)) + "\n" for node in self.functions)])
 
 
 class Function(ast.NodeTransformer):
-    """One function while its names are resolved.
+    """Resolves the names in one function.
 
     Args:
-        tree: Definition of the function, which is not changed.
-        namespace: Values of the names that the function does not assign.
+        program: Program to which kernels that the function calls are added.
+        tree: Syntax tree of the function, which is not changed.
+        namespace: Objects to which names refer that are neither parameters nor assigned in the function.
         file: Path of the function's source file, for error messages.
-        original: Original kernel, if this is its lowered text.
+        original: Original function of the kernel if `tree` is a lowered kernel; otherwise None.
     """
 
     def __init__(
@@ -127,7 +129,7 @@ class Function(ast.NodeTransformer):
         self._own = self._parameters | assigned(tree.body)
 
     def lines(self, statement: ast.stmt) -> list[ast.stmt]:
-        """Resolve the names of a statement; return the resulting statements, which may be none or several."""
+        """Return the statements that replace a statement, with resolved names; there may be none or several."""
         result = self.visit(statement)
         return result if isinstance(result, list) else [] if result is None else [result]
 
@@ -153,7 +155,10 @@ class Function(ast.NodeTransformer):
     # Names -----------------------------------------------------------------------------------------------------------
 
     def meaning(self, node: ast.expr) -> Any:
-        """Return the object to which a name or attribute of a module refers; None for a variable or an expression."""
+        """Return the object to which a global name, or an attribute of a module, refers.
+
+        The result is None for a variable or any other expression.
+        """
         if isinstance(node, ast.Name) and node.id not in self._own:
             missing = object()
             item = self._namespace.get(node.id, getattr(builtins, node.id, missing))
@@ -225,7 +230,7 @@ class Function(ast.NodeTransformer):
         return ast.copy_location(ast.Call(function, [self.visit(argument) for argument in arguments], []), node)
 
     def _arguments(self, node: ast.Call, function: FunctionType) -> list[ast.expr]:
-        """List the arguments of a call in the order of the parameters."""
+        """Return the arguments of a call in the order of the function's parameters, with default values."""
         parameters = signature(function).parameters.values()
         keywords = {k.arg: k.value for k in node.keywords}
         arguments: list[ast.expr] = list(node.args)
@@ -236,7 +241,7 @@ class Function(ast.NodeTransformer):
                 arguments.append(constant(parameter.default))
         if len(arguments) != len(parameters) or keywords:
             given = len(node.args) + len(node.keywords)
-            raise self.cannot(node, f"calls a function of {len(parameters)} arguments, {given} given")
+            raise self.cannot(node, f"passes {given} arguments to a function with {len(parameters)} parameters")
         return arguments
 
     # Statements ------------------------------------------------------------------------------------------------------
@@ -302,22 +307,22 @@ class Function(ast.NodeTransformer):
 def program_source(
     text: str, kernels: Mapping[str, Callable[..., Any]], arrays: Sequence[str], *, make: bool = True
 ) -> str:
-    """Write the function that a text defines, and the kernels that it calls, as one program.
+    """Return the text of a program that consists of a function and of the kernels that it calls.
 
-    The result is cached on disk until one of the sources changes.
+    The text is stored in the disk cache and used again as long as the sources are unchanged.
 
     Args:
-        text: Text of one function of numbers; its other names are kernels and arrays.
-        kernels: Kernels by name.
-        arrays: Names of the buffers, which become the function's first parameters if they are used.
-        make: Whether to write a program that is not cached; otherwise a LookupError is raised.
+        text: Text that defines the function. Its parameters are numbers.
+        kernels: Kernels by the names in the text.
+        arrays: Names of buffers in the text. The buffers that are used become the function's first parameters.
+        make: Whether a program that is not in the cache is written. If False, a LookupError is raised instead.
     """
     roots = {name: identity(kernel) for name, kernel in sorted(kernels.items())}
     request = json.dumps([text, roots, list(arrays)])
     key = request_key((kernel.__module__ for kernel in kernels.values()), "program", request)
     known = recall(key)
     if known is not None:
-        log.debug("program %s: written before", key[:12])
+        log.debug("program %s: text from the cache", key[:12])
         return known
     if not make:
         raise LookupError("not written yet")

@@ -1,13 +1,13 @@
-"""Records: typed views of flat float64 blocks, with declared fields instead of entry numbers.
+"""Records: typed views of flat blocks of float64 numbers, whose entries are accessed as declared fields.
 
     class Finger(Record):
         position: Vector  # p, world [m]
         touching: bool
         modes: Table = table("6", "1 + 4 * count")
 
-A field is a number (one entry: `float`, `int`, or `bool` as 0.0 and 1.0), a value class such as `Vector` (one entry per
-number), another record, a group of records, an array, or a reference to a record elsewhere in the block. Sizes may be
-expressions of the same record's integers. Fields follow one another without gaps.
+A field is a number (`float`, `int`, or `bool` as 0.0 or 1.0; one entry), a value such as a `Vector` (one entry for each
+number), another record, a group of records, an array, or a reference to another record in the block. The size of a
+group or an array may be an expression of integer fields of the same record. There are no gaps between fields.
 """
 
 from __future__ import annotations
@@ -36,34 +36,44 @@ SCALARS = (float, int, bool)
 
 @dataclasses.dataclass(frozen=True)
 class Extent:
-    """The size of a group or an array, as expressions of the record's fields."""
+    """Size of a field, as expressions of integer fields of the same record.
+
+    Attributes:
+        rows: Number of records, numbers, rows of a table, or entries of a record.
+        columns: Number of columns of a table, or of entries of each record; empty if not applicable.
+    """
 
     rows: str
     columns: str = ""
 
 
 def many(count: str, each: str = "") -> Any:
-    """Declare a group of `count` records; `each` is the number of entries per record, if it varies."""
+    """Declare a group of records as a field.
+
+    Args:
+        count: Number of records, as an expression of integer fields.
+        each: Number of entries of each record, as an expression of integer fields, if the size of the records varies.
+    """
     return Extent(count, each)
 
 
 def floats(size: str) -> Any:
-    """Declare an array of `size` numbers."""
+    """Declare an array as a field; `size` is the number of entries, as an expression of integer fields."""
     return Extent(size)
 
 
 def table(rows: str, columns: str) -> Any:
-    """Declare an array of `rows` times `columns` numbers, row by row."""
+    """Declare a table, which is stored row by row, as a field; its size is given by expressions of integer fields."""
     return Extent(rows, columns)
 
 
 def room(entries: str) -> Any:
-    """Declare a record of variable size, which has `entries` entries here."""
+    """Declare a record of variable size as a field; `entries` is its number of entries, as an expression of fields."""
     return Extent(entries)
 
 
 class Field:
-    """One field of a record: its kind, and the offset and size of its entries, as Python text."""
+    """Field of a record class: its kind, and offset and size of its entries as expressions of integer fields."""
 
     def __init__(self, name: str, extent: Extent | None) -> None:
         self.name, self.extent = name, extent
@@ -104,11 +114,11 @@ class Field:
 
 
 class Record:
-    """A view of a block, starting at an offset.
+    """Base class of records, which are views of the entries of a block from an offset on.
 
     Args:
-        buffer: Flat float64 buffer.
-        offset: Index of the record's first entry.
+        buffer: Block, a flat buffer of float64 numbers.
+        offset: Index of the record's first entry in the block.
     """
 
     __slots__ = ("buffer", "offset")
@@ -124,7 +134,7 @@ class Record:
             setattr(cls, name, Field(name, extent if isinstance(extent, Extent) else None))
 
     def array(self, field: Any) -> NDArray[np.float64]:
-        """Return the entries of a field as an array view, (size,): `finger.array(Finger.position)`."""
+        """Return a view of the entries of a field, (size,), as in `finger.array(Finger.position)`."""
         layout(type(self))
         start = field.place(self)
         numbers: NDArray[np.float64] = np.asarray(self.buffer)[start : start + evaluate(field.size, self)]
@@ -132,7 +142,7 @@ class Record:
 
 
 class Many(Generic[Member]):
-    """A group of contiguous records, or of one field's values in such records."""
+    """Group of contiguous records, or of the values of one field in contiguous records."""
 
     def __init__(self, kind: type[Member], buffer: Any, offset: int, count: int, stride: int | None = None) -> None:
         self.kind, self.buffer, self.offset, self.count = kind, buffer, offset, count
@@ -153,12 +163,12 @@ class Many(Generic[Member]):
             layout(self.kind)
 
     def part(self, field: Any) -> Many[Any]:
-        """Return the group of one field of all records: `fingers.part(Finger.site)`."""
+        """Return the group of the values of one field in all records, as in `fingers.part(Finger.site)`."""
         self._lay_out()
         return Many(field.kind, self.buffer, self.offset + int(field.offset), self.count, self.stride)
 
     def array(self, field: Any) -> NDArray[np.float64]:
-        """Return one field of all records as an array view, (count,) or (count, size)."""
+        """Return a view of one field of all records, (count,) for a field of one entry, otherwise (count, size)."""
         self._lay_out()
         block = np.asarray(self.buffer)[self.offset : self.offset + self.count * self.stride]
         rows = block.reshape(self.count, self.stride)
@@ -167,7 +177,7 @@ class Many(Generic[Member]):
 
 
 class Floats:
-    """An array of numbers in a block."""
+    """Array of numbers in a block."""
 
     def __init__(self, buffer: Any, offset: int = 0) -> None:
         self.buffer, self.offset = buffer, offset
@@ -180,7 +190,7 @@ class Floats:
 
 
 class Table:
-    """Rows of numbers in a block."""
+    """Table of numbers in a block, stored row by row."""
 
     def __init__(self, buffer: Any, offset: int, columns: int) -> None:
         self.buffer, self.offset, self.columns = buffer, offset, columns
@@ -198,15 +208,15 @@ class Table:
         self.buffer[self.offset + index[0] * self.columns + index[1]] = value
 
     def array(self, rows: int) -> NDArray[np.float64]:
-        """Return the first `rows` rows as an array view, (rows, columns)."""
+        """Return a view of the first `rows` rows, (rows, columns)."""
         return np.asarray(self.buffer)[self.offset : self.offset + rows * self.columns].reshape(rows, self.columns)
 
 
 def layout(cls: type[Record]) -> dict[str, Field]:
-    """Return the fields of a record in order, with offsets and sizes.
+    """Return the fields of a record class by name, in order, with their offsets and sizes.
 
     Raises:
-        InputError: If a field has an unsupported kind, or lacks a size that its kind needs.
+        InputError: If the kind of a field is not supported, or its size is missing.
     """
     fields = _LAYOUTS.get(cls)
     if fields is None:
@@ -253,7 +263,7 @@ def _code(text: str) -> Any:
 
 
 class _Fields(ast.NodeTransformer):
-    """Replacement of names in a size expression by fields of a record."""
+    """Replaces each name in the expression of a size by the integer field `name` of the variable `record`."""
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
         field = ast.Attribute(ast.Name("record", ast.Load()), node.id, ast.Load())
@@ -262,7 +272,7 @@ class _Fields(ast.NodeTransformer):
 
 @cache
 def _formula(text: str) -> Callable[[Record], int]:
-    """Make the function that computes a size or an offset."""
+    """Return a function that computes a size or an offset, given as the text of an expression, for a record."""
     if text.isdigit():
         number = int(text)
         return lambda record: number
@@ -275,17 +285,17 @@ def _formula(text: str) -> Callable[[Record], int]:
 
 
 def evaluate(text: str, record: Record) -> int:
-    """Compute a size or an offset for a record."""
+    """Compute a size or an offset, given as the text of an expression of integer fields, for a record."""
     return _formula(text)(record)
 
 
 def is_value(kind: Any) -> bool:
-    """Return whether a kind is a value class, a frozen dataclass of numbers and other value classes."""
+    """Return whether a kind is a value class, which is a frozen dataclass."""
     return dataclasses.is_dataclass(kind) and isinstance(kind, type) and kind.__dataclass_params__.frozen  # type: ignore[attr-defined]
 
 
 def parts_of(kind: Any) -> dict[str, Any]:
-    """Return the fields of a value class and their kinds."""
+    """Return the kinds of the fields of a value class, by name."""
     return _parts(kind)
 
 
@@ -297,7 +307,11 @@ def _parts(kind: Any) -> dict[str, Any]:
 
 @cache
 def size_of(kind: Any) -> int:
-    """Count the entries of a number, a value class, or a record of fixed size."""
+    """Return the number of entries of a number, a value class, or a record class of fixed size.
+
+    Raises:
+        InputError: If the size of the record class varies.
+    """
     if kind in SCALARS:
         return 1
     if is_value(kind):
@@ -305,23 +319,26 @@ def size_of(kind: Any) -> int:
     sizes = [field.size for field in layout(kind).values()]
     fixed = [int(size) for size in sizes if size.isdigit()]
     if len(fixed) < len(sizes):
-        raise InputError(kind.__name__, "a record whose size varies", "a record of fixed size")
+        raise InputError(kind.__name__, "a record of variable size", "a record of fixed size")
     return sum(fixed)
 
 
 def start_of(cls: type[Record], name: str) -> int:
-    """Return the offset of a field that precedes all fields of variable size."""
+    """Return the offset of a field in a record class; the field must precede all fields of variable size."""
     return int(layout(cls)[name].offset)
 
 
 def entries_of(cls: type[Record], *names: str, at: int = 0) -> list[int]:
-    """List the indices of the entries of fields that precede all fields of variable size, for a record at `at`."""
+    """Return the indices in a block of the entries of fields, for a record whose first entry has the index `at`.
+
+    The fields must precede all fields of variable size.
+    """
     fields = [layout(cls)[name] for name in names]
     return [at + int(field.offset) + k for field in fields for k in range(int(field.size))]
 
 
 def numbers(value: Any) -> Iterator[float]:
-    """List the numbers of a value in order."""
+    """Yield the numbers of a number or of a value, in the order of its fields."""
     if isinstance(value, bool | int | float | np.floating | np.integer | np.bool_):
         yield float(value)
     else:
@@ -332,7 +349,7 @@ def numbers(value: Any) -> Iterator[float]:
 
 @cache
 def _stored(kind: type) -> type:
-    """Create a value class whose item assignments are written to its block."""
+    """Return a subclass of a value class whose item assignments change the block from which the value was read."""
 
     def write(self: Any, i: int, number: float) -> None:
         if not 0 <= i < size_of(kind):
@@ -350,13 +367,16 @@ Reader = Callable[[Any, int, tuple[int, ...]], Any]
 
 
 def view(kind: Any, buffer: Any, at: int, shape: tuple[int, ...] = ()) -> Any:
-    """Read from an offset: a copy of a value, or a view of records and arrays."""
+    """Return a copy of a number or value, or a view of records or an array, at the index `at` of a buffer.
+
+    `shape` is the evaluated size of a group, an array or a table.
+    """
     return _reader(kind)(buffer, at, shape)
 
 
 @cache
 def _reader(kind: Any) -> Reader:
-    """Make the function that reads a kind from an offset of a buffer."""
+    """Return the function that `view` calls for a kind."""
     if kind is float:
         return lambda buffer, at, shape: float(buffer[at])
     if kind is int:
@@ -394,19 +414,20 @@ def _value_reader(kind: Any) -> Reader:
 
 
 def size_for(cls: type[Record], **whole: int) -> int:
-    """Count all entries of a record for given integers, without a block."""
+    """Return the number of entries of a record whose integer fields, on which its size depends, are given by name."""
     names: dict[str, Any] = dict(whole)
     return sum([int(eval(_code(field.size), {"__builtins__": {}}, names)) for field in layout(cls).values()])
 
 
 def name_of(cls: type[Record], entry: int, buffer: Any, prefix: str = "", offset: int = 0) -> str:
-    """Return the name of an entry of a block by its fields, such as `fingers[0].force.x`.
+    """Return the name of an entry of a record in a buffer, such as `fingers[0].force.x`.
 
     Args:
-        cls: Class of the record at `offset`.
+        cls: Class of the record.
         entry: Index of the entry in the buffer.
-        buffer: Buffer that contains the sizes of groups and arrays.
-        prefix: Text before the names of the record's fields, such as `fingers[0].`.
+        buffer: Buffer.
+        prefix: Text that precedes the names of the record's fields, such as `fingers[0].`.
+        offset: Index of the record's first entry in the buffer.
     """
     record = cls(buffer, offset)
     for name, field in layout(cls).items():

@@ -187,7 +187,7 @@ def test_a_radius_of_one_to_rounding_is_stable_as_its_margin_is() -> None:
     for excess in (0.0, 2.2e-16, 4e-12):
         report = Report("a scene", certificates=(certificate(1.0 + excess, 4.42),))
         assert report.verdict.startswith("stable: ball")
-        assert "the least margin: external" in report.verdict
+        assert "smallest margin: external" in report.verdict
     assert not certificate(1.0 + 1e-10, 4.42).stable
 
 

@@ -210,7 +210,7 @@ def test_what_is_left_out_or_taken_for_granted_is_said() -> None:
     loop = linearise(pinch(**STIFFENING, **REACTION, **noisy))
     text = "\n".join(loop.assumed)
     assert "tremor and noise omitted" in text
-    assert "as stiff as the grip makes them" in text
+    assert "have the stiffness of their grip forces" in text
     assert "delays of reactions are rounded to samples" in text
     quiet, plain = (radius_of(linearise(pinch(**each)).linear) for each in (noisy, {}))
     assert quiet == plain

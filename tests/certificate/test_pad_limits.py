@@ -141,7 +141,7 @@ def test_limits_say_that_pads_stand_in_series() -> None:
     """More room than without, internal too; passivity is not judged; the swept limits are the certificate's."""
     [soft] = certificates(pinch())
     [rigid] = certificates(pinch(finger__0__pad=None, finger__1__pad=None))
-    assert soft.why_not_passive == "its fingertips are compliant"
+    assert soft.why_not_passive == "fingertips are compliant"
     limits = [{row.mode: row.limit for row in each.limits} for each in (soft, rigid)]
     assert limits[0]["internal"] > limits[1]["internal"] and limits[0]["external"] > limits[1]["external"]
     swept = limits_of_scene(pinch())

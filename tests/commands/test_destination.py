@@ -80,7 +80,7 @@ def test_where_there_are_no_links_a_file_names_the_latest(
 def test_a_folder_of_ones_own_called_latest_stays(capsys: pytest.CaptureFixture[str]) -> None:
     (OUT / LATEST).mkdir(parents=True)
     assert main(QUICK) == 0
-    said = "note: out/latest cannot point to reference-1dof: a folder has that name\n"
+    said = "note: out/latest cannot point to reference-1dof: it is a folder\n"
     assert capsys.readouterr().err == said
     assert (OUT / LATEST).is_dir() and not (OUT / LATEST).is_symlink()
 
@@ -171,7 +171,8 @@ def test_a_pictures_ending_is_refused_by_the_path_that_was_typed(
 @pytest.mark.parametrize("time", ["100", "-1"])
 def test_a_picture_of_a_scene_is_of_a_time_that_it_takes(time: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["picture", "mug", "--time", time]) == 2
-    assert "a time from 0 to 2.5 s, the duration of the scene; --set duration" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert "a time from 0 to 2.5 s, the duration of the scene; to extend the run, add --set duration" in error
     assert not Path("out").exists()
 
 

@@ -336,7 +336,7 @@ def test_an_out_that_cannot_be_made_is_one_line(command: str, capsys: pytest.Cap
 def test_a_folder_where_the_picture_goes_is_said_before_the_run(capsys: pytest.CaptureFixture[str]) -> None:
     Path("here/figure.png").mkdir(parents=True)
     assert main(["run", "reference-1dof", "--out", "here"]) == 2
-    assert capsys.readouterr().err.startswith("here/figure.png is a folder, but the file needs this name")
+    assert capsys.readouterr().err.startswith("cannot write here/figure.png, because it is a folder")
     assert not Path("here/recording.h5").exists()
     assert main(["run", "reference-1dof", "--out", "here", "--no-figure", "--duration", "0.05"]) == 0
     assert main(["plot", "here"]) == 2

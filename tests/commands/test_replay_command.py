@@ -55,7 +55,7 @@ def test_overrides_are_said_to_be_an_open_loop(run: Path, tmp_path: Path, capsys
     words = ["replay", str(run), "--set", "coupling.internal.stiffness=120", "--out", str(out)]
     assert main(words) == 0
     said = capsys.readouterr().out
-    assert "open loop: the forces along the recorded motion" in said
+    assert "open loop: the fingers follow the recorded motion" in said
     assert "finger_force: up to " in said
     assert f"wrote {out / 'recording.h5'}" in said
     stored = Recording.load(out)

@@ -284,7 +284,7 @@ def test_an_entry_takes_floats_and_whole_numbers() -> None:
 @pytest.mark.parametrize("wrong", [np.zeros(4, np.float32), np.zeros((4, 4))[:, 0], b"12345678", np.zeros(0)])
 def test_only_buffers_of_floats_are_taken(wrong: object) -> None:
     native = compiled("def f(A):\n    A[0] = 1.0\n")
-    with pytest.raises(InputError, match="contiguous writable buffer"):
+    with pytest.raises(InputError, match="contiguous, writable, non-empty buffer"):
         native.bind(wrong)
     with pytest.raises(InputError, match="1: A"):
         native.bind(np.zeros(1), np.zeros(1))

@@ -138,7 +138,7 @@ def test_a_grasp_in_the_band_is_told_with_its_figure() -> None:
     made = 150.0 + (60.0 - 150.0) * b
     small = held(0.0008, contact="attached", squeeze=0.0)
     (note,) = blend_notes(resolve(small))
-    assert "of 0.8 mm arm" in note
+    assert "an arm of 0.8 mm" in note
     assert f"it has {made:.4g} N/m where eq. (4) has kep = 60 N/m ({100.0 * (made / 60.0 - 1.0):+.2g} %)" in note
     assert gx.run(small, duration=0.1).summary()["blended"] == 1.0
     off = small.replace({"coupling.blend": "off"})

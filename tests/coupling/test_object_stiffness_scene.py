@@ -158,7 +158,7 @@ def test_a_short_arm_has_a_note() -> None:
     gains = {"object_stiffness": [60.0, 60.0, 60.0, 0.09, 0.09, 0.09]}
     scene = gx.load("sphere-three-fingers", {"coupling.external": gains, "coupling.blend": [0.001, 0.05]})
     [note] = blend_notes(resolve(scene))
-    assert "21.2 mm arm" in note and "at most 12 N/m" in note and "up to 66.7 N/m" in note
+    assert "an arm of 21.2 mm" in note and "at most 12 N/m" in note and "up to 66.7 N/m" in note
     assert gx.load("sphere-three-fingers", {"coupling.external": gains}).coupling.blend == (0.001, 0.01)
 
 
@@ -195,7 +195,7 @@ def test_a_certificate_of_soft_fingers_is_that_of_the_run(damping: float, stable
     """A small turn of the bar about its axis dies away, or grows by the spectral radius in each sample, 0.5 %."""
     [certificate] = gx.certify(soft_pinch(damping))
     assert (certificate.spectral_radius < 1.0) == stable
-    assert any("torsion that K_o gives" in text for text in certificate.assumed)
+    assert any("torsion that object_stiffness gives" in text for text in certificate.assumed)
     rec = gx.run(soft_pinch(damping, **{"object.angular_velocity": [1e-7, 0.0, 0.0]}), duration=0.1)
     velocity = rec.objects["bar"].angular_velocity
     assert velocity is not None
@@ -222,5 +222,5 @@ def test_the_squeeze_adds_its_geometric_stiffness() -> None:
     wanted = np.diag([0.0, 0.0, added])
     np.testing.assert_allclose(geometric, wanted, rtol=0.0, atol=1e-6 * added)
     [note] = gx.certify(scene)[0].notes
-    assert f"add {added:+.3g} N m/rad to rotations" in note
+    assert f"add {added:+.3g} N m/rad in rotations" in note
     assert linearise(gx.load("paper-waving"), "squeezed").geometric == (None,)

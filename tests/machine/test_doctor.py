@@ -177,7 +177,7 @@ def test_the_command_ends_with_1_and_the_remedy(
     assert main(["doctor", "haply-2diy", "--set", "prot=x"]) == 2
     assert "did you mean 'port'?" in capsys.readouterr().err
     assert main(["doctor", "simulated", "--set", "mass=0.1"]) == 2
-    assert "a simulation is always on time" in capsys.readouterr().err
+    assert "a simulated device needs no test" in capsys.readouterr().err
     assert main(["doctor", "paper-spring"]) == 2
     assert "expected a scene with hardware" in capsys.readouterr().err
 

@@ -1,1 +1,1 @@
-"""C functions of other libraries, called by machine code with the platform's calling convention."""
+"""Calls of C functions of other libraries by machine code."""

@@ -1,4 +1,4 @@
-"""Parser of C calls given as text: `int dhdGetPosition(out 0, out 1, out 2, i8 id)`."""
+"""Parser of C calls that are given as text, such as `int dhdGetPosition(out 0, out 1, out 2, i8 id)`."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ MOST = 4096  # largest number of entries of a buffer
 
 @dataclass(frozen=True)
 class Argument:
-    """An argument of a C function.
+    """Argument of a C function.
 
     Attributes:
-        kind: Kind of the argument: "in" or "out" for entries of the block, "setting" or "buffer" for a name, or
-            "number".
-        type: "double" for an entry of the block; otherwise one of the values of TYPES.
-        first: Index of the first entry in the block.
-        count: Number of entries passed by address; 0 for a number passed by value.
-        factor: Factor on the entries, applied after the call for `out` and before it for `in`.
-        name: Name of a setting or buffer.
-        value: Value of a number.
+        kind: "in" or "out" for entries of a device's block of doubles, "setting" or "buffer" for a named value or
+            memory, "number" for a constant.
+        type: "double" for entries of the block; otherwise one of the values of TYPES.
+        first: Index of the first entry of the block, if `kind` is "in" or "out".
+        count: Number of entries of the block, or of the buffer, whose address is passed; 0 if a number is passed.
+        factor: Factor by which entries of the block are multiplied, before the call for "in" and after it for "out".
+        name: Name of the setting or buffer.
+        value: Value of the constant.
     """
 
     kind: str
@@ -52,10 +52,13 @@ class Argument:
 
 @dataclass(frozen=True)
 class CCall:
-    """One call: result type, function name, and arguments.
+    """Call of a C function.
 
     Attributes:
-        parts: Number of values of the result type in a returned struct; 1 if the function returns no struct.
+        result: Type of the result, or of the members of a returned struct.
+        name: Name of the function.
+        arguments: Arguments.
+        parts: Number of members of a returned struct; 1 if the function does not return a struct.
     """
 
     result: str
@@ -66,7 +69,14 @@ class CCall:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A comparison of a call's return value, or of an entry of a buffer, with a number."""
+    """Comparison of the return value of a call, or of an entry of a buffer, with a number.
+
+    Attributes:
+        sign: Operator of the comparison.
+        number: Number on the right side.
+        buffer: Name of the buffer; empty if the return value is compared.
+        entry: Index of the entry of the buffer.
+    """
 
     sign: str
     number: float
@@ -75,17 +85,17 @@ class Comparison:
 
     @property
     def subject(self) -> str:
-        """Left side of the comparison, as written."""
+        """Left side of the comparison as text; empty for the return value."""
         return f"{self.buffer}[{self.entry}]" if self.buffer else ""
 
 
 class Reader:
-    """Reader of a text, token by token.
+    """Reads a text token by token.
 
     Args:
-        subject: Argument for which the text was given.
-        text: Text of the calls or comparisons.
-        size: Number of entries of the block.
+        subject: Name of the argument that contained the text, for error messages.
+        text: Text of calls or comparisons.
+        size: Number of entries of the block to which the text may refer.
     """
 
     def __init__(self, subject: str, text: object, size: int = 0) -> None:
@@ -109,11 +119,11 @@ class Reader:
 
     @property
     def next(self) -> str:
-        """Next token; empty at the end."""
+        """Next token; empty at the end of the text."""
         return self.tokens[self.at] if self.at < len(self.tokens) else ""
 
     def take(self, *expected: str) -> str:
-        """Consume a token, which must be one of `expected` if any are given."""
+        """Consume and return the next token. If `expected` is not empty, the token must be one of its items."""
         token = self.next
         if not token or (expected and token not in expected):
             words = " or ".join(map(repr, expected)) if expected else "more"
@@ -122,7 +132,7 @@ class Reader:
         return token
 
     def has(self, token: str) -> bool:
-        """Consume the next token if it equals `token`; return whether it does."""
+        """Consume the next token if it is equal to `token`, and return whether it was."""
         if self.next != token:
             return False
         self.at += 1
@@ -154,15 +164,15 @@ class Reader:
 
 
 def read_calls(subject: str, text: object, size: int) -> tuple[CCall, ...]:
-    """Parse calls.
+    """Parse calls of C functions, separated by semicolons.
 
     Args:
-        subject: Argument for which the text was given, for error messages.
+        subject: Name of the argument that contained the text, for error messages.
         text: Text of the calls.
         size: Number of entries of the block.
 
     Raises:
-        InputError: If the text is invalid, a type is unknown, or an entry is out of range.
+        InputError: If the text is invalid, a type is unknown, or an entry of the block is out of range.
     """
     reader, calls = Reader(subject, text, size), []
     while True:
@@ -231,7 +241,7 @@ def _entries(reader: Reader, kind: str) -> Argument:
 
 
 def _require_one_size(reader: Reader, calls: Sequence[CCall]) -> None:
-    """Require that each buffer has the same type and size in all calls."""
+    """Raise an InputError if a buffer has different types or sizes in two calls."""
     buffers: dict[str, tuple[str, int]] = {}
     for call in calls:
         for each in call.arguments:
@@ -242,7 +252,11 @@ def _require_one_size(reader: Reader, calls: Sequence[CCall]) -> None:
 
 
 def read_comparisons(subject: str, text: object) -> tuple[Comparison, ...]:
-    """Parse comparisons separated by `or`, such as `< 0 or status[5] == 0`; an empty text yields none."""
+    """Parse comparisons that are separated by `or`, such as `< 0 or status[5] == 0`; the text may be empty.
+
+    Raises:
+        InputError: If the text is invalid.
+    """
     reader, comparisons = Reader(subject, text), list[Comparison]()
     while reader.next:
         if comparisons:

@@ -1,4 +1,8 @@
-"""LLVM text of one cycle of a vendor's thread: a tick of the loop, or an exchange with Python through memory."""
+"""LLVM text of the function that a vendor's thread calls in each cycle.
+
+The function runs a tick of the loop, or exchanges readings and forces with Python through a block of memory, the
+mailbox.
+"""
 
 from __future__ import annotations
 

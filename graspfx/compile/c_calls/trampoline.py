@@ -1,4 +1,4 @@
-"""LLVM text of functions `i64 f(ptr context, ptr block)`, each a sequence of C calls with fault conditions."""
+"""LLVM text of a device's functions `i64 f(ptr context, ptr block)`, which call C functions and test the results."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ REPEAT = 1  # return value without a new sample; 0 with one, a negative value fo
 
 @dataclass(frozen=True)
 class Estimation:
-    """Estimation of velocities from positions by a kernel `double (ptr state, i64 offset, double x, i64 missed)`.
+    """Estimation of velocities from positions, by a kernel `double (ptr state, i64 offset, double x, i64 missed)`.
 
     Args:
-        symbol: Symbol of the kernel.
-        count: Number of components; the block begins with their positions and continues with their velocities.
-        stride: Number of entries of each component's state.
+        symbol: Name of the kernel in machine code.
+        count: Number of components. The first `count` entries of the block are positions, the next are velocities.
+        stride: Number of entries of the state of each component.
     """
 
     symbol: str
@@ -32,11 +32,12 @@ class Estimation:
 
 @dataclass(frozen=True)
 class Role:
-    """One function of a device: its calls, and the velocity estimation that follows them.
+    """One function of a device.
 
     Args:
         name: Name of the function: "ask", "read", "write" or "stop".
-        estimation: Velocity estimation after the calls, if any.
+        calls: C calls of the function, in order.
+        estimation: Velocity estimation after the calls; None if there is none.
     """
 
     name: str
@@ -46,9 +47,16 @@ class Role:
 
 @dataclass
 class ContextPlan:
-    """Layout of a context: addresses of functions, settings, buffers, and values that caused a fault.
+    """Layout of a context, the memory that contains the data of a device's functions, in words of 64 bits.
 
-    The first word is the address of the number of missed samples, the second that of the estimator's state.
+    The first word is the address of the number of missed samples, and the second that of the estimator's state.
+
+    Attributes:
+        functions: Word with the address of each C function.
+        settings: Type of each setting, and word with its value.
+        buffers: Type and first word of each buffer.
+        values: Word for each fault condition, in which the value that caused a fault is stored.
+        size: Number of words.
     """
 
     functions: dict[str, int] = field(default_factory=dict)
@@ -73,7 +81,7 @@ class ContextPlan:
         return self.buffers[name]
 
     def value(self) -> int:
-        """Allocate the float that stores the value of one more fault condition."""
+        """Allocate and return the word of a further fault condition."""
         self.values.append(self._room(1))
         return self.values[-1]
 
@@ -90,13 +98,16 @@ class Trampolines:
 
     Args:
         roles: Functions of the device.
-        fault: Comparisons that indicate a fault, tested after each call.
-        repeat: Comparisons that indicate a repeated sample, tested after each call of "read".
-        errors: Call that pops the newest error from a library's stack and returns zero if there is none.
+        fault: Comparisons that are true after a call that failed.
+        repeat: Comparisons that are true after a call of "read" that returned the previous sample again.
+        errors: Call that removes the newest error from the error stack of a library and returns it, or returns zero if
+            the stack is empty; None if the library has no such stack.
 
     Attributes:
+        text: LLVM text of the functions.
         plan: Layout of the context.
-        faults: Meaning of a return value -(1 + k): name of the C function, and text that precedes the compared value.
+        faults: Meaning of the return value -(1 + k), in item k: name of the C function, and text that precedes the
+            compared value in a message.
     """
 
     def __init__(
@@ -134,7 +145,7 @@ class Trampolines:
         return self._op(f"getelementptr i64, ptr %context, i64 {word}")
 
     def _role(self, role: Role) -> None:
-        """Write one function; it returns after the first failed call, except for `stop`, which makes all calls."""
+        """Write the text of one function. After a failed call, "stop" continues; other functions return."""
         self._lines.append(f"define i64 @graspfx_{role.name}(ptr %context, ptr %block) nounwind {{")
         self._lines.append("start:")
         verdict = "0"
@@ -188,7 +199,7 @@ class Trampolines:
         return f"double {value}"
 
     def _scaled(self, argument: Argument) -> str:
-        """Multiply entries and store the products separately."""
+        """Write the multiplication of entries by their factor; return the address of the products."""
         room = self._op(f"alloca [{argument.count} x double]")
         for k in range(argument.count):
             place = self._op(f"getelementptr double, ptr %block, i64 {argument.first + k}")
@@ -200,7 +211,10 @@ class Trampolines:
     # Fault conditions ----------------------------------------------------------------------------------------------
 
     def _judged(self, role: Role, call: CCall, result: str, verdict: str) -> str:
-        """Write the fault conditions of a call; return the operand with the function's return value so far."""
+        """Write the tests of a call's result, which is in the operand `result` (empty for none).
+
+        The operands `verdict` and the returned one contain the return value of the function before and after the tests.
+        """
         names = {each.name for each in call.arguments if each.kind == "buffer"}
         faults = [each for each in self._fault if (each.buffer in names if each.buffer else result)]
         for each in faults:
@@ -219,7 +233,7 @@ class Trampolines:
         return verdict
 
     def _compared(self, each: Comparison, call: CCall, result: str) -> tuple[str, str]:
-        """Write a comparison; return its value as a double, and its result."""
+        """Write a comparison; return the operands of the compared value, as a double, and of the result."""
         type_ = call.result
         if each.buffer:
             type_, word = self.plan.buffer(each.buffer)
@@ -234,7 +248,10 @@ class Trampolines:
         return result, self._op(f"fcmp {'u' if order == 'ne' else 'o'}{order} double {result}, {_double(each.number)}")
 
     def _failed(self, role: Role, call: CCall, says: str, value: str, bad: str, verdict: str) -> str:
-        """Write the return of a failure's code; in `stop`, continue instead, and return the last code at the end."""
+        """Write the code for a failed call, and return the operand that contains the function's return value.
+
+        The compared value is stored in the context. Then "stop" continues; other functions return the failure's code.
+        """
         self.faults.append((call.name, says))
         code, here, fine, end = -len(self.faults), *(self._name(kind)[1:] for kind in ("bad", "fine", "end"))
         self._put(f"br i1 {bad}, label %{here}, label %{fine if role.name != 'stop' else end}")
@@ -250,11 +267,11 @@ class Trampolines:
         return self._op(f"phi i64 [ {verdict}, %{before} ], [ {code}, %{here} ]")
 
     def _block(self) -> str:
-        """Return the name of the current block."""
+        """Return the name of the basic block that is being written."""
         return next(line[:-1] for line in reversed(self._lines) if line.endswith(":") and not line.startswith(" "))
 
     def _emptied(self, role: Role, call: CCall, errors: CCall, verdict: str) -> str:
-        """Empty a library's error stack, and report the oldest error of this call."""
+        """Write a loop that empties the error stack of a library, and the code for a failure with the oldest error."""
         before = self._block()
         loop, more, done = (self._name(kind)[1:] for kind in ("pop", "more", "done"))
         self._put(f"br label %{loop}")
@@ -280,7 +297,7 @@ class Trampolines:
     # Velocity -----------------------------------------------------------------------------------------------------
 
     def _estimate(self, estimation: Estimation, verdict: str) -> None:
-        """Write the velocity estimation from a new sample; a repeated sample is counted as missed instead."""
+        """Write the estimation of velocities for a new sample. If the sample is repeated, it is counted as missed."""
         missed_at = self._op(f"load ptr, ptr {self._at(MISSED)}")
         missed = self._op(f"load i64, ptr {missed_at}")
         state = self._op(f"load ptr, ptr {self._at(STATE)}")
@@ -310,19 +327,19 @@ def width(type_: str) -> int:
 
 
 def plain(type_: str) -> str:
-    """Return a type in LLVM's language, which has no unsigned types."""
+    """Return a type of `TYPES` as a type of LLVM, which has no unsigned integers."""
     return type_ if type_ in FLOATS or type_ == "void" else f"i{width(type_)}"
 
 
 def passed(type_: str) -> str:
-    """Return the type of an argument; callers extend types of less than 32 bits."""
+    """Return the LLVM type of an argument; the caller must extend integers of less than 32 bits."""
     if type_ in FLOATS or width(type_) >= 32:
         return plain(type_)
     return f"{plain(type_)} {'signext' if type_.startswith('i') else 'zeroext'}"
 
 
 def words_of(type_: str, value: float) -> int:
-    """Return the word of a context that stores a number of a type."""
+    """Return the content of a word of a context that stores a number of a type."""
     if type_ in FLOATS:
         return int.from_bytes(struct.pack("<d" if type_ == "double" else "<f", value), "little", signed=False)
     return int(value) % (1 << width(type_))
@@ -337,7 +354,7 @@ def _result(call: CCall) -> str:
 
 
 def _struct(call: CCall) -> str:
-    """Return the LLVM type of a struct of 32-bit numbers, which functions on Linux return in 64-bit registers."""
+    """Return the LLVM type of a returned struct of 32-bit integers. On Linux, 64-bit registers contain the struct."""
     if call.parts == 2:
         return "i64"
     if platform.machine().lower() in ("aarch64", "arm64"):
@@ -352,5 +369,5 @@ def _constant(type_: str, value: float) -> str:
 
 
 def _double(value: float) -> str:
-    """Return the exact text of a float."""
+    """Return the LLVM text of a double, in hexadecimal digits, which is exact."""
     return f"0x{int.from_bytes(struct.pack('>d', value), 'big'):016X}"

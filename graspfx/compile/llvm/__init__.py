@@ -1,1 +1,1 @@
-"""Programs as text for LLVM."""
+"""Translation of programs to LLVM text."""

@@ -1,8 +1,8 @@
-"""LLVM text of functions that kernels call by name: calls by address, the clock, words of other threads.
+"""LLVM text of functions that compiled programs define: calls by address, the clock, and words shared by threads.
 
-Interpreted kernels call the Python function of the same name, which is marked `bound_late`. The buffer is the first
-argument, and *places* are indices of its entries. Addresses are derived from the buffer if possible, because LLVM may
-assume that other addresses do not alias it.
+Interpreted kernels call the Python function of the same name, which is decorated with `bound_late`. The first argument
+of each function is a buffer; an argument `place` is the index of an entry of the buffer. Addresses are computed from
+the address of the buffer if possible, because LLVM may assume that other addresses do not alias the buffer.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 
 class LateFunction(NamedTuple):
-    """A function that a program defines if the program calls it.
+    """Function that a program defines if the program calls it.
 
     Attributes:
-        text: Definition of the function.
+        text: LLVM text of the function.
         result: Type of the result.
         library: Functions of the platform's C library that the function calls.
     """

@@ -1,4 +1,4 @@
-"""A program as LLVM text, in which each function is written once for each combination of argument types."""
+"""Translation of a program to LLVM text. Each function is written once for each combination of argument types."""
 
 from __future__ import annotations
 
@@ -21,13 +21,14 @@ INTRINSICS = "".join(
 
 
 class LlvmProgram(NamedTuple):
-    """A program for LLVM.
+    """Program as LLVM text.
 
     Args:
-        text: Text in LLVM's language.
-        arrays: Parameters of the entry that are buffers of floats; they come first.
+        text: LLVM text.
+        arrays: Names of the entry's first parameters, which are buffers of floats.
         numbers: Types of the entry's other parameters, INT or FLOAT.
-        libm: Names of the functions of the platform's C library that the program calls as `graspfx_NAME`.
+        libm: Names of the functions of the C library that the program calls. It calls the function NAME as
+            `graspfx_NAME`.
     """
 
     text: str
@@ -37,7 +38,7 @@ class LlvmProgram(NamedTuple):
 
 
 class Module:
-    """Functions of a program; each is written when it is first called."""
+    """Functions of a program. A function is translated when the text of its first call is written."""
 
     def __init__(self, trees: Sequence[ast.FunctionDef]) -> None:
         self.trees = {tree.name: tree for tree in trees}
@@ -79,15 +80,17 @@ def llvm_program(
     *,
     apart: bool = True,
 ) -> LlvmProgram:
-    """Write a program as LLVM text; its last function becomes `graspfx_entry`, which returns an integer.
+    """Translate a program to LLVM text. The last function is the entry and is named `graspfx_entry`.
 
     Args:
-        source: Program in Python, for example from `Program.source()`.
-        floats: Float parameters of the entry. Indexed parameters are buffers, and the others are integers.
-        apart: Whether all buffers are distinct memory.
+        source: Text of the program in Python, for example from `Program.source()`.
+        floats: Names of the entry's parameters that are floats. Parameters that are indexed are buffers, and all others
+            are integers.
+        apart: Whether no two buffers overlap in memory.
 
     Raises:
-        InputError: If the program cannot be compiled; the error names the function and the line.
+        InputError: If the program contains a construct that cannot be compiled, or the entry does not return an integer
+            or nothing.
     """
     entry = entry_of(source)
     tree, names, arrays = entry.tree, list(entry.names), entry.arrays
@@ -115,12 +118,12 @@ def llvm_program(
 
 
 def function_text(source: str, symbol: str, types: Sequence[str]) -> LlvmProgram:
-    """Write the last function of a program for calls from other machine code by a symbol.
+    """Translate the last function of a program, and the functions that it calls, to be called by other machine code.
 
     Args:
-        source: Program in Python.
-        symbol: Name of the symbol.
-        types: Types of the call's arguments, `ptr` for a buffer. Two buffers may be the same memory.
+        source: Text of the program in Python.
+        symbol: Name by which other machine code calls the function.
+        types: LLVM types of the arguments, `ptr` for a buffer. Buffers may overlap in memory.
     """
     trees = [node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef)]
     module, name = Module(trees), trees[-1].name
@@ -164,13 +167,13 @@ def _entry(function: LlvmFunction, values: Sequence[Array | Number], alone: str)
 
 @dataclass(frozen=True)
 class Entry:
-    """Functions of a program; the last one is the entry.
+    """Parsed program with its entry.
 
     Attributes:
-        trees: All functions.
-        tree: Entry function.
-        names: Parameters of the entry.
-        arrays: Parameters that are buffers; they come first.
+        trees: Syntax trees of all functions.
+        tree: Syntax tree of the entry.
+        names: Names of the parameters of the entry.
+        arrays: Names of the parameters that are buffers, which are the first ones.
     """
 
     trees: tuple[ast.FunctionDef, ...]
@@ -180,15 +183,15 @@ class Entry:
 
     @property
     def numbers(self) -> tuple[str, ...]:
-        """Parameters after the buffers."""
+        """Names of the parameters that are numbers."""
         return self.names[len(self.arrays) :]
 
 
 def entry_of(source: str) -> Entry:
-    """Parse a program and find its entry.
+    """Parse a program, whose last function is the entry.
 
     Raises:
-        InputError: If there is no function, or a number precedes a buffer.
+        InputError: If the program has no function, or a number precedes a buffer in the entry's parameters.
     """
     trees = tuple(node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef))
     if not trees:
@@ -202,7 +205,7 @@ def entry_of(source: str) -> Entry:
 
 
 def is_indexed(tree: ast.FunctionDef, name: str, functions: Mapping[str, ast.FunctionDef]) -> bool:
-    """Return whether a parameter is indexed in a function or in functions that it calls."""
+    """Return whether a parameter of a function is indexed, in the function or in functions to which it is passed."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name) and node.value.id == name:
             return True

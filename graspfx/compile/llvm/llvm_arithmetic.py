@@ -1,4 +1,4 @@
-"""Python's numbers in LLVM: types, conversions and operators, bit-identical to CPython."""
+"""LLVM text of conversions and operators of numbers, with the same results as in CPython."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ ORDERS = {ast.Eq: "eq", ast.NotEq: "ne", ast.Lt: "lt", ast.LtE: "le", ast.Gt: "g
 
 
 class Number(NamedTuple):
-    """A number: its LLVM type, and its constant or register."""
+    """Number in LLVM text: its type, and the constant or register that contains it."""
 
     type: str
     text: str
 
 
 class LlvmFunction(NamedTuple):
-    """A function for given argument types: its name and the type of its result."""
+    """Function in LLVM text, for one combination of argument types: its name and the type of its result."""
 
     name: str
     result: Type
 
 
 class Code:
-    """Text of a function that is being written."""
+    """LLVM text of a function while it is written."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -73,7 +73,10 @@ class Code:
         return self.op(FLOAT, f"call double @llvm.{name}.f64({operands})")
 
     def libm(self, name: str, *arguments: Number) -> Number:
-        """Call the platform's function by a name unknown to LLVM, which would otherwise fold and rewrite `pow`."""
+        """Write a call of a C function, by a name that LLVM does not know.
+
+        LLVM would otherwise replace calls of functions that it knows, such as `pow`, by constants or other operations.
+        """
         self.used.add(name)
         operands = ", ".join(f"double {a.text}" for a in arguments)
         return self.op(FLOAT, f"call double @graspfx_{name}({operands})")
@@ -94,7 +97,7 @@ def widest(types: Sequence[str]) -> str:
 
 
 def convert(code: Code, number: Number, to: str) -> Number:
-    """Convert a number to a type of the same or greater width."""
+    """Write the conversion of a number to a type of the same or greater width."""
     if number.type == to:
         return number
     if number.type == BOOL:
@@ -108,7 +111,7 @@ def convert(code: Code, number: Number, to: str) -> Number:
 
 
 def truncated(code: Code, number: Number) -> Number:
-    """Write int(x)."""
+    """Write the conversion int(x)."""
     if number.type == FLOAT:
         raw = code.op(INT, f"fptosi double {number.text} to i64")
         return code.op(INT, f"freeze i64 {raw.text}")  # out of range: an arbitrary number, not undefined behaviour
@@ -124,7 +127,7 @@ def truth(code: Code, number: Number) -> Number:
 
 
 def _alike(code: Code, left: Number, right: Number) -> tuple[Number, Number]:
-    """Convert two numbers to two integers or two floats."""
+    """Write conversions of two numbers to a common type, integer or float."""
     to = widest((left.type, right.type, INT))
     return convert(code, left, to), convert(code, right, to)
 
@@ -145,7 +148,7 @@ def select(code: Code, test: Number, one: Number, other: Number) -> Number:
 
 
 def extreme(code: Code, name: str, numbers: Sequence[Number]) -> Number:
-    """Write min or max with Python's rules: the first of equal arguments, and Python's comparisons with NaN."""
+    """Write min or max. As in Python, the first of equal arguments is returned, and comparisons with NaN are false."""
     to = widest([n.type for n in numbers] + [INT])
     best, *others = (convert(code, n, to) for n in numbers)
     order = ast.Lt() if name == "min" else ast.Gt()
@@ -172,7 +175,7 @@ def negative(code: Code, number: Number) -> Number:
 
 
 def binary(code: Code, op: ast.operator, left: Number, right: Number) -> Number:
-    """Write left op right; the operator is one of + - * / // % **."""
+    """Write a binary operation; the operator is one of + - * / // % **."""
     a, b = _alike(code, left, right)
     if isinstance(op, ast.Div):
         a, b = convert(code, a, FLOAT), convert(code, b, FLOAT)
@@ -198,7 +201,7 @@ def _power(code: Code, a: Number, b: Number) -> Number:
 
 
 def _whole_division(code: Code, op: ast.operator, a: Number, b: Number) -> Number:
-    """Write // or % of integers; if the divisor is zero, where CPython raises, quotient and remainder are 0."""
+    """Write // or % of integers. If the divisor is zero, where CPython raises an exception, the result is 0."""
     divisor = b
     odd = Number(BOOL, "false")
     if not b.text.isdigit() or b.text == "0":  # the processor traps on a divisor of 0, and on -2^63 by -1
@@ -222,7 +225,7 @@ def _whole_division(code: Code, op: ast.operator, a: Number, b: Number) -> Numbe
 
 
 def _division(code: Code, op: ast.operator, a: Number, b: Number) -> Number:
-    """Write // and % of floats by the steps of CPython's float_divmod."""
+    """Write // or % of floats, with the operations of CPython's function float_divmod."""
     zero = floating(0.0)
     rest = code.libm("fmod", a, b)
     some = code.op(BOOL, f"fcmp une double {rest.text}, 0.0")
@@ -246,7 +249,10 @@ def _division(code: Code, op: ast.operator, a: Number, b: Number) -> Number:
 
 
 def mantissa_and_exponent(code: Code, x: Number) -> tuple[Number, Number]:
-    """Write math.frexp: x = m 2^e with 0.5 <= abs(m) < 1; zero and non-finite x are unchanged, with e = 0."""
+    """Write math.frexp, which returns m and e with x = m 2^e and 0.5 <= abs(m) < 1.
+
+    If x is zero or not finite, m is x and e is 0.
+    """
     size = code.intrinsic("fabs", x)
     tiny = code.op(BOOL, f"fcmp olt double {size.text}, {floating(2.0**-1022).text}")
     scaled = code.op(FLOAT, f"fmul double {x.text}, {floating(2.0**54).text}")
@@ -263,10 +269,10 @@ def mantissa_and_exponent(code: Code, x: Number) -> tuple[Number, Number]:
 
 
 def _scaled(code: Code, x: Number, exponent: Number) -> Number:
-    """Write math.ldexp: x 2^e, rounded once; a result that overflows is infinite, where CPython raises.
+    """Write math.ldexp, x 2^e. If the result overflows, where CPython raises an exception, it is infinite.
 
-    The power is applied in up to three factors. After a factor of 2^-969, a product below 2^-1022 leads to zero, so a
-    nonzero result is rounded only once.
+    x is multiplied by up to three powers of two, and the result is rounded only once: if a product after a factor of
+    2^-969 is below 2^-1022, so that it may be rounded, the final result is zero.
     """
     left = extreme(code, "max", [constant(-2200), extreme(code, "min", [constant(2200), exponent])])
     for least, most in ((-969, 1023), (-969, 1023), (-1022, 1023)):
@@ -281,7 +287,7 @@ def _scaled(code: Code, x: Number, exponent: Number) -> Number:
 
 
 def mathematical(code: Code, name: str, arguments: Sequence[Number]) -> Number | None:
-    """Write a function of `math`; return None if it is not supported."""
+    """Write a call of a function of the module `math`; return None if the function is not supported."""
     numbers = [convert(code, a, FLOAT) for a in arguments]
     if name in EXACT and len(numbers) == (2 if name == "copysign" else 1):
         return code.intrinsic(EXACT[name], *numbers)

@@ -1,4 +1,4 @@
-"""Expressions of a program in LLVM: values, branch conditions, array entries and calls."""
+"""LLVM text of a program's expressions: values, conditions of branches, entries of buffers, and calls."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ NAMES = {"inf": math.inf, "nan": math.nan}
 
 
 class Array(NamedTuple):
-    """A buffer of floats: its parameter of the entry, and the register with its address."""
+    """Buffer of floats in LLVM text: the parameter of the entry that it is, and the register with its address."""
 
     root: str
     text: str
 
 
 class Tuple(NamedTuple):
-    """Several numbers."""
+    """Tuple of numbers in LLVM text."""
 
     parts: tuple[Number, ...]
 
@@ -54,7 +54,7 @@ Variables = dict[str, Type | Array]
 
 
 class Functions(Protocol):
-    """Source of called functions."""
+    """Functions of a program that can be called."""
 
     def has(self, name: str) -> bool: ...
 
@@ -64,7 +64,7 @@ class Functions(Protocol):
 
 
 class Expressions:
-    """Expressions of one function."""
+    """Translates the expressions of one function."""
 
     def __init__(self, functions: Functions, node: ast.FunctionDef) -> None:
         self.functions, self.tree = functions, node
@@ -159,7 +159,7 @@ class Expressions:
         raise self.cannot(node, "is not an entry of a buffer")
 
     def entry_of_tuple(self, items: Tuple, index: Number) -> Number:
-        """Select an entry of a tuple; an index out of range selects the last entry."""
+        """Write the selection of a number of a tuple; if the index is out of range, the last number is selected."""
         *first, value = items.parts
         if index.text.isdigit() and int(index.text) < len(items.parts):
             return items.parts[int(index.text)]
@@ -168,7 +168,7 @@ class Expressions:
         return value
 
     def entry(self, array: Array, index: ast.expr, scope: Variables) -> str:
-        """Compute the address of an entry."""
+        """Write the computation of the address of a buffer's entry, and return the register."""
         number = self.number(index, scope)
         if number.type == FLOAT:
             raise self.cannot(index, "is not an integer, as an index must be")
@@ -176,7 +176,7 @@ class Expressions:
         return self.code.op("ptr", f"getelementptr inbounds double, ptr {array.text}, i64 {number.text}").text
 
     def value_of_branches(self, ways: Iterable[tuple[str, ast.expr]], scope: Variables) -> Number:
-        """Merge the values of several branches, each a block and an expression."""
+        """Write branches, each with a label and an expression, and return the value of the branch that is taken."""
         code, end = self.code, self.code.name("b")
         edges = []
         for label, node in ways:
@@ -185,7 +185,11 @@ class Expressions:
         return self.meet(end, edges)
 
     def edge(self, number: Number) -> tuple[int, str, Number]:
-        """Reserve the jump at the end of a block; it is written when the common type of all branches is known."""
+        """Reserve a line for the jump at the end of a branch, which `meet` writes when all types are known.
+
+        Returns:
+            Index of the line, label of the branch's block, and value of the branch.
+        """
         self.code.lines.append("")
         return len(self.code.lines) - 1, self.code.block, number
 
@@ -201,7 +205,11 @@ class Expressions:
         return code.op(to, f"phi {to} {', '.join(sources)}")
 
     def detached(self, write: Callable[[], Number]) -> tuple[Number, list[str]]:
-        """Call `write`, and remove the lines that it writes from the text; return its number and these lines."""
+        """Call `write`, and move the lines that it writes from the text to a list.
+
+        Returns:
+            Number that `write` returned, and the list of lines.
+        """
         mark = len(self.code.lines)
         number = write()
         text = self.code.lines[mark:]
@@ -209,7 +217,7 @@ class Expressions:
         return number, text
 
     def logic(self, node: ast.BoolOp, scope: Variables) -> Number:
-        """Write `and` or `or`: the value of the deciding operand, without evaluating later operands."""
+        """Write `and` or `or`. The value is the first operand that decides; later operands are not evaluated."""
         code, end = self.code, self.code.name("b")
         stops = isinstance(node.op, ast.Or)
         number = self.number(node.values[0], scope)
@@ -249,7 +257,7 @@ class Expressions:
         return self.meet(end, [*edges, self.edge(outcome)]) if edges else outcome
 
     def test(self, node: ast.expr, one: str, other: str, scope: Variables) -> None:
-        """Jump to block `one` if the expression is true, else to `other`."""
+        """Write a jump to the label `one` if an expression is true, and to the label `other` if not."""
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
             self.test(node.operand, other, one, scope)
         elif isinstance(node, ast.BoolOp) and not all(map(_harmless, node.values)):
@@ -266,7 +274,7 @@ class Expressions:
             self.code.choose(truth(self.code, self.number(node, scope)), one, other)
 
     def call(self, node: ast.Call, scope: Variables) -> Number | Tuple | None:
-        """Write a call and return its value; None if the function returns nothing."""
+        """Write a call, and return its value; None if the function returns nothing."""
         if node.keywords:
             raise self.cannot(node, "has a keyword argument")
         arguments = [self.value(a, scope) for a in node.args]
@@ -304,7 +312,7 @@ class Expressions:
         return None
 
     def own(self, node: ast.Call, name: str, arguments: Sequence[Value]) -> Number | Tuple | None:
-        """Write a call to another function of the program."""
+        """Write a call of another function of the program, and return its value; None if it returns nothing."""
         function = self.functions.function_for(name, arguments, lambda why: self.cannot(node, why))
         operands = ", ".join(f"ptr {a.text}" if isinstance(a, Array) else f"{a.type} {a.text}" for a in flat(arguments))
         text = f'call {result_type(function.result)} @"{function.name}"({operands})'
@@ -319,7 +327,7 @@ class Expressions:
 
 
 def result_type(result: Type) -> str:
-    """Return the type of a result in LLVM's language."""
+    """Return the LLVM type of a function's result."""
     if result is None:
         return "void"
     return result if isinstance(result, str) else f"{{ {', '.join(result)} }}"
@@ -330,7 +338,10 @@ def flat(values: Iterable[Value]) -> list[Number | Array]:
 
 
 def _harmless(node: ast.expr) -> bool:
-    """Return whether an expression may be evaluated speculatively: it has no entry of a buffer, call, `/` or `**`."""
+    """Return whether an expression may be evaluated even if its value is not needed.
+
+    Such an expression contains no entry of a buffer, no call, and none of the operators `/` and `**`.
+    """
     if not isinstance(node, ast.Compare | ast.BoolOp | ast.UnaryOp | ast.Name | ast.Constant):
         return False
     inner = (n for n in ast.walk(node) if isinstance(n, ast.Call | ast.Subscript | ast.IfExp | ast.Div | ast.Pow))

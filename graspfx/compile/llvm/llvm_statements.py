@@ -1,4 +1,4 @@
-"""Statements of a program in LLVM: every variable has one slot for each of its types."""
+"""LLVM text of a program's statements. A variable has a separate memory location for each of its types."""
 
 from __future__ import annotations
 
@@ -20,7 +20,12 @@ from graspfx.compile.llvm.llvm_expressions import (
 
 @dataclass
 class Join:
-    """A join of several paths: its label and, for each path, the position of the jump and the variables."""
+    """Point at which several paths of a function join.
+
+    Attributes:
+        label: Label of the block that begins at the point.
+        edges: For each path, the index of the line with the jump, and the types of the variables at the jump.
+    """
 
     label: str
     edges: list[tuple[int, Variables]] = field(default_factory=list)
@@ -28,21 +33,21 @@ class Join:
 
 @dataclass
 class Loop:
-    """Targets of `continue` and `break`."""
+    """Targets of `continue` (`again`) and of `break` (`after`) in a loop."""
 
     again: Join
     after: Join
 
 
 class Statements(Expressions):
-    """One function for given argument types."""
+    """Translates one function for one combination of argument types."""
 
     def __init__(self, functions: Functions, node: ast.FunctionDef) -> None:
         super().__init__(functions, node)
         self.returns: list[tuple[int, Number | Tuple | None]] = []
 
     def function_text(self, name: str, arguments: Sequence[Value]) -> tuple[LlvmFunction, str]:
-        """Write the function; return its name, its result type and its text."""
+        """Translate the function; return its name with the type of its result, and its LLVM text."""
         scope: Variables = {}
         parameters = []
         roots = [a.root for a in arguments if isinstance(a, Array)]
@@ -72,7 +77,7 @@ class Statements(Expressions):
         self.returns.append((len(self.code.lines) - 1, value))
 
     def returned(self) -> Type:
-        """Return the common type of all results; a path without a return value returns unused zeros."""
+        """Return the common type of the values of all return statements; None if there are none."""
         result: Type = None
         for _, value in self.returns:
             if value is not None:
@@ -110,7 +115,7 @@ class Statements(Expressions):
         join.edges.append((len(self.code.lines) - 1, dict(scope)))
 
     def seal(self, join: Join, to: Variables) -> None:
-        """Write the jumps to a join; before each, convert the path's variables to the types after the join."""
+        """Write the jumps to a join, each preceded by conversions of variables to the types `to` after the join."""
         for place, scope in join.edges:
             _, text = self.detached(lambda variables=scope: self.adapt(variables, to))  # type: ignore[misc]
             self.code.lines[place] = "\n".join([*text, f"  br label {join.label}"])
@@ -133,7 +138,7 @@ class Statements(Expressions):
         return Number(BOOL, "true")
 
     def meet_here(self, join: Join, scope: Variables) -> bool:
-        """Continue at a join of branches; return whether no branch reaches it."""
+        """Continue the text at a join of branches; return whether the join is unreachable."""
         if not join.edges:
             return True
         to = together(variables for _, variables in join.edges)
@@ -146,7 +151,7 @@ class Statements(Expressions):
     # Statements ---------------------------------------------------------------------------------------------------
 
     def block(self, statements: Sequence[ast.stmt], scope: Variables, loop: Loop | None) -> bool:
-        """Write statements in order; return whether their end is unreachable."""
+        """Write statements in order; return whether the end of the statements is unreachable."""
         return any(self.statement(statement, scope, loop) for statement in statements)
 
     def statement(self, node: ast.stmt, scope: Variables, loop: Loop | None) -> bool:
@@ -292,7 +297,12 @@ class Statements(Expressions):
         enter: Callable[[Variables], None],
         advance: Callable[[], None],
     ) -> bool:
-        """Write a loop repeatedly until the types at its head equal those at its end; return whether it never ends."""
+        """Write a loop, and return whether its end is unreachable.
+
+        The type of a variable may change in the body. The loop is therefore written again with wider types, until the
+        types of the variables at the end of the body are equal to those at the beginning. The functions `test`, `enter`
+        and `advance` write the condition, and the statements before and after the body.
+        """
         code = self.code
         mark, returns = len(code.lines), len(self.returns)
         types = dict(scope)

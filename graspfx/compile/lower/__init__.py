@@ -1,1 +1,1 @@
-"""Lowering of kernels on records and vectors to kernels on numbers and entries, with arithmetic in the same order."""
+"""Lowering of kernels: functions of records and values become functions of numbers and entries of buffers."""

@@ -1,4 +1,4 @@
-"""Lowering of a kernel's expressions: fields become entries of buffers, and operators of values are inlined."""
+"""Lowering of a kernel's expressions. Fields become entries of buffers, and operators of values are inlined."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ OPERATORS: dict[type[ast.operator], str] = {
 
 
 class Expressions(Scratch):
-    """Expressions of one kernel during lowering."""
+    """Lowers the expressions of one kernel."""
 
     # Names and constants ------------------------------------------------------------------------------------------
 
@@ -277,7 +277,10 @@ class Expressions(Scratch):
         return self.kernel_call(node, called.value, function, arguments, keywords, frame)
 
     def method(self, func: ast.Attribute, node: ast.Call, frame: Frame) -> Lowered | None:
-        """Lower the call of a method of a value, record or group (`part`); return None for a function of a module."""
+        """Lower the call of a method of a value or a record, or of the method `part` of a group.
+
+        The result is None if the attribute is a function of a module instead of a method.
+        """
         owner = self.value(func.value, frame)
         if isinstance(owner, Group) and func.attr == "part":
             field = self.value(node.args[0], frame)
@@ -301,7 +304,7 @@ class Expressions(Scratch):
         return Bundle(kind, tuple(self.value(values[name], frame) for name in fields))
 
     def view(self, kind: type[Record] | type[Floats] | type[Table], node: ast.Call, frame: Frame) -> Lowered:
-        """Lower `Kind(record.buffer, offset)`, which is a record or an array at an offset of a buffer."""
+        """Lower a call `Kind(record.buffer, offset)`, which creates a view of a record or an array in a buffer."""
         buffer, *rest = [self.value(a, frame) for a in node.args]
         numbers = [self.atom(number) for number in rest if isinstance(number, ast.expr)]
         if not isinstance(buffer, ast.Name) or node.keywords or len(numbers) != 1 + (kind is Table):
@@ -319,7 +322,7 @@ class Expressions(Scratch):
         by_name: Mapping[str, Lowered],
         frame: Frame,
     ) -> Lowered:
-        """Lower the call of a function that is not inlined."""
+        """Lower the call of a kernel, or of another function that is not inlined."""
         name = self.callee(node.func, called, frame)
         kinds = parameter_kinds(function) if isinstance(function, FunctionType) else {}
         order = list(kinds)
@@ -344,7 +347,10 @@ class Expressions(Scratch):
         return result
 
     def passed(self, value: Lowered, kind: Any, arguments: Sequence[Lowered]) -> Lowered:
-        """Pass an argument in the form of its parameter; None becomes a negative offset."""
+        """Return an argument in the form that a parameter of a kind requires.
+
+        None is passed as a record or an array with a negative offset, in the buffer of one of the call's arguments.
+        """
         if isinstance(value, ast.Constant) and value.value is None and kind is not None:
             inner, _ = optional(kind)
             buffers = [p.buffer for a in arguments for p in pieces(a) if isinstance(p, Place | Span | Grid | Group)]
@@ -357,7 +363,7 @@ class Expressions(Scratch):
     def inline(
         self, function: Any, arguments: Sequence[Lowered], node: ast.AST, keywords: Mapping[str, Lowered] | None = None
     ) -> Lowered:
-        """Inline a function that consists of assignments and a return."""
+        """Inline a call of a function that consists of assignments and a return, and return its value."""
         tree = definition(function)
         self.files.add(function.__code__.co_filename)
         frame = Frame({}, function.__globals__, f"{self.temporary('i')}_", names_of(tree))

@@ -1,4 +1,4 @@
-"""Kinds of a kernel's expressions during lowering: numbers, values and views that consist of numbers, constants."""
+"""Representation of a kernel's expressions during lowering: numbers, values, views of buffers, and constants."""
 
 from __future__ import annotations
 
@@ -13,7 +13,12 @@ from graspfx.compile.records import SCALARS, Floats, Many, Record, Table, is_val
 
 @dataclass(frozen=True)
 class Bundle:
-    """A value such as a vector, with its position in memory if it is stored there."""
+    """Value of a value class `kind`, such as a vector, and its fields.
+
+    Attributes:
+        buffer: Name of the buffer that contains the value; empty if it is not in a buffer.
+        offset: Index of the value's first entry in the buffer; None if it is not in a buffer.
+    """
 
     kind: type
     parts: tuple[Lowered, ...]
@@ -23,7 +28,7 @@ class Bundle:
 
 @dataclass(frozen=True)
 class Place:
-    """A record: the name of its buffer, and the offset of its first entry."""
+    """Record of a class `kind`: the name of its buffer, and the index of its first entry in the buffer."""
 
     kind: type[Record]
     buffer: str
@@ -32,7 +37,13 @@ class Place:
 
 @dataclass(frozen=True)
 class Group:
-    """A group of records, or of values, one in each of several records."""
+    """Group of records, or of the values of one field in a group of records.
+
+    Attributes:
+        kind: Class of the members.
+        offset: Index of the first member's first entry in the buffer.
+        stride: Distance between the first entries of successive members.
+    """
 
     kind: type
     buffer: str
@@ -41,13 +52,13 @@ class Group:
     count: ast.expr
 
     def member(self, at: ast.expr) -> Lowered:
-        """Return the member at an offset."""
+        """Return the member whose first entry has the index `at` in the buffer."""
         return entries(self.kind, self.buffer, at) if is_value(self.kind) else Place(self.kind, self.buffer, at)
 
 
 @dataclass(frozen=True)
 class Span:
-    """An array of numbers."""
+    """Array of numbers: the name of its buffer, and the index of its first entry."""
 
     buffer: str
     offset: ast.expr
@@ -55,7 +66,7 @@ class Span:
 
 @dataclass(frozen=True)
 class Grid:
-    """An array of rows of numbers."""
+    """Table of numbers: the name of its buffer, the index of its first entry, and the number of columns."""
 
     buffer: str
     offset: ast.expr
@@ -64,14 +75,14 @@ class Grid:
 
 @dataclass(frozen=True)
 class Pack:
-    """A tuple."""
+    """Tuple of expressions."""
 
     parts: tuple[Lowered, ...]
 
 
 @dataclass(frozen=True)
 class Constant:
-    """A function, a class or a module, known before the kernel runs."""
+    """Function, class or module, which is known when a kernel is lowered."""
 
     value: Any
 
@@ -82,7 +93,7 @@ NOTHING = ast.Constant(-1)  # offset of a missing optional record
 
 
 def expressions(value: Lowered) -> Iterator[ast.expr]:
-    """List the numbers and buffers with which a value is passed."""
+    """Yield the numbers and buffers that represent a value in the arguments of a call."""
     if isinstance(value, ast.expr):
         yield value
     elif isinstance(value, Bundle | Pack):
@@ -103,7 +114,7 @@ def load(name: str) -> ast.Name:
 
 
 def variable(kind: Any, name: str) -> Lowered:
-    """Return a value of this kind, with variables named after `name` as its numbers."""
+    """Return a value of a kind whose numbers and buffers are variables with names that begin with `name`."""
     kind, _ = optional(kind)
     if get_origin(kind) is tuple:
         return Pack(tuple(variable(part, f"{name}_{k}") for k, part in enumerate(get_args(kind))))
@@ -121,7 +132,10 @@ def variable(kind: Any, name: str) -> Lowered:
 
 
 def labels_of(kind: Any) -> list[str]:
-    """Return the types of a parameter's variables in order: "int", "float" or "bool", and "" for a buffer."""
+    """Return the types of the variables that represent a parameter of a kind.
+
+    A type is "int", "float" or "bool"; it is empty for a buffer, or if the type of a number is not known.
+    """
     kind, _ = optional(kind)
     if get_origin(kind) is tuple:
         return [label for part in get_args(kind) for label in labels_of(part)]
@@ -137,7 +151,7 @@ def labels_of(kind: Any) -> list[str]:
 
 
 def like(value: Lowered, name: str) -> Lowered:
-    """Return a copy of a value whose numbers are variables named after `name`; its buffers are unchanged."""
+    """Return a copy of a value whose numbers are variables with names that begin with `name`, in the same buffers."""
     if isinstance(value, Bundle):
         fields = parts_of(value.kind)
         return Bundle(value.kind, tuple(like(p, f"{name}_{k}") for k, p in zip(fields, value.parts, strict=True)))
@@ -155,7 +169,7 @@ def like(value: Lowered, name: str) -> Lowered:
 
 
 def offsets(value: Lowered) -> list[ast.expr]:
-    """List the numbers of a value, without the names of its buffers."""
+    """Return the numbers of a value in order, without its buffers."""
     if isinstance(value, Place | Span):
         return [value.offset]
     if isinstance(value, Grid):
@@ -170,7 +184,7 @@ def offsets(value: Lowered) -> list[ast.expr]:
 
 
 def entries(kind: Any, buffer: str, at: ast.expr) -> Lowered:
-    """Return the entries of a number or a value class at an offset."""
+    """Return the number or value of a kind whose first entry has the index `at` in a buffer."""
     if kind in SCALARS:
         entry = ast.Subscript(load(buffer), at, ast.Load())
         if kind is int:
@@ -184,7 +198,7 @@ def entries(kind: Any, buffer: str, at: ast.expr) -> Lowered:
 
 
 def plus(offset: ast.expr, k: int) -> ast.expr:
-    """Add a number to an offset, or to the constant at its end."""
+    """Return the sum of an offset and a number; a constant at the end of the offset is added to the number."""
     if isinstance(offset, ast.Constant) and isinstance(offset.value, int):
         return ast.Constant(offset.value + k)
     if isinstance(offset, ast.BinOp) and isinstance(offset.op, ast.Add) and isinstance(offset.right, ast.Constant):

@@ -1,4 +1,4 @@
-"""Lowering of a kernel on records and values to a Python function of numbers and entries, and its disk cache."""
+"""Lowering of kernels to Python functions of numbers and entries of buffers, and disk cache of the lowered kernels."""
 
 from __future__ import annotations
 
@@ -25,10 +25,12 @@ if TYPE_CHECKING:
 
 @cache
 def lowered(function: FunctionType) -> FunctionType:
-    """Lower a kernel; kernels that it calls are lowered on their first call, other names of its module are unchanged.
+    """Lower the original function of a kernel, and return the lowered function.
+
+    Kernels that the function calls are lowered when they are first called.
 
     Raises:
-        InputError: If a statement or an expression is not supported in kernels; the error names its file and line.
+        InputError: If the function contains a statement or an expression that kernels do not support.
     """
     file = f"<{function.__module__}.{function.__qualname__}, lowered>"
     stored = store().find(function)
@@ -54,7 +56,10 @@ def lowered(function: FunctionType) -> FunctionType:
 
 
 def _on_call(namespace: dict[str, Any], name: str, kernel: Any) -> Any:
-    """Return a function that lowers a kernel on its first call; most scenes call few of the kernels that they name."""
+    """Return a function that, on its first call, lowers a kernel and replaces itself in the caller's namespace.
+
+    Kernels are not lowered in advance, because a scene calls only few of the kernels to which its kernels refer.
+    """
     original = getattr(kernel, LOWERED)
 
     def first(*arguments: Any, **keywords: Any) -> Any:
@@ -66,7 +71,11 @@ def _on_call(namespace: dict[str, Any], name: str, kernel: Any) -> Any:
 
 
 def lowered_text(function: FunctionType) -> tuple[str, dict[str, Any], tuple[str, ...]]:
-    """Return a kernel's lowered text, the functions that it calls by other names, and its source files."""
+    """Lower the original function of a kernel.
+
+    Returns:
+        `text`, `callees` and `files` of a `Lowering`.
+    """
     import ast  # only for a kernel that is not in the cache
 
     node, body = _lower(function)
@@ -74,7 +83,7 @@ def lowered_text(function: FunctionType) -> tuple[str, dict[str, Any], tuple[str
 
 
 def written_lines(function: FunctionType) -> list[int]:
-    """Return the line of the kernel's source for each line of its lowered text."""
+    """Return the line number in the source of a kernel for each line of the lowered text."""
     from graspfx.compile.syntax import unparsed_statements
 
     lines = [function.__code__.co_firstlineno]
@@ -99,7 +108,14 @@ def _lower(function: FunctionType) -> tuple[ast.FunctionDef, Body]:
 
 @dataclass(frozen=True)
 class Lowering:
-    """A kernel's lowered text and its code, the functions that it calls by names in the text, and its source files."""
+    """Lowered kernel.
+
+    Attributes:
+        text: Text of the lowered function.
+        code: Code object of the text.
+        callees: Functions that the text calls by names other than in the source, by these names.
+        files: Source files of the kernel and of inlined functions.
+    """
 
     text: str
     code: CodeType
@@ -109,14 +125,20 @@ class Lowering:
 
 @dataclass
 class Store:
-    """Lowered kernels by name; `save` writes new kernels."""
+    """Lowered kernels of this package, in one entry of the disk cache.
+
+    Attributes:
+        key: Key of the entry.
+        entries: Digest of the sources, and lowered kernel, by name of the kernel.
+        changed: Whether kernels were added that the disk cache does not contain.
+    """
 
     key: str
     entries: dict[str, Any] = field(default_factory=dict)
     changed: bool = False
 
     def find(self, function: FunctionType) -> Lowering | None:
-        """Look up a kernel of this package; None if it is not stored, or its sources have changed."""
+        """Return the lowered kernel of a function; None if it is not stored, or if its sources have changed."""
         digest, *entry = self.entries.get(_name(function), ("",))
         if digest != _sources_of(function):
             return None
@@ -124,14 +146,14 @@ class Store:
         return Lowering(text, marshal.loads(code), dict(callees), tuple(files))
 
     def add(self, function: FunctionType, lowering: Lowering) -> None:
-        """Add a kernel if all its sources belong to this package, because the key covers no other sources."""
+        """Add a lowered kernel if all its sources belong to this package; changes of other sources are not detected."""
         if all(is_own(file) for file in lowering.files):
             parts = lowering.text, marshal.dumps(lowering.code), tuple(lowering.callees.items()), lowering.files
             self.entries[_name(function)] = _sources_of(function), *parts
             self.changed = True
 
     def save(self) -> None:
-        """Write new entries; if this fails, the next process lowers the kernels again."""
+        """Write the entry to the disk cache if kernels were added."""
         if self.changed:
             disk.store(self.key, marshal.dumps(self.entries))
             self.changed = False
@@ -139,7 +161,7 @@ class Store:
 
 @cache
 def store() -> Store:
-    """Open the cache of this installation for this Python."""
+    """Return the lowered kernels of this installation and this version of Python."""
     digest = hashlib.sha256(repr((sys.version, marshal.version, source_folders())).encode())
     key = f"lowered-{digest.hexdigest()}"
     content = disk.load(key)

@@ -1,4 +1,4 @@
-"""Operations on lowered values: split, rebuild, add as offsets, assign."""
+"""Operations on the expressions of `kinds`: parts, copies with other numbers, sums of offsets, and assignments."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ from graspfx.compile.records import parts_of
 
 @cache
 def indexed(tree: ast.FunctionDef) -> set[str]:
-    """Return the names of indexed variables."""
+    """Return the names of the variables that a function indexes."""
     subscripts = [node for node in ast.walk(tree) if isinstance(node, ast.Subscript)]
     return {node.value.id for node in subscripts if isinstance(node.value, ast.Name)}
 
 
 @cache
 def names_of(tree: ast.FunctionDef) -> frozenset[str]:
-    """Return the names of a function's variables and parameters, and the names that it uses from its module."""
+    """Return all names in a function: parameters, variables, and names of its module."""
     names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
     return frozenset(names | {node.arg for node in ast.walk(tree) if isinstance(node, ast.arg)})
 
 
 @cache
 def repeated(tree: ast.FunctionDef) -> set[str]:
-    """Return the variables that are used more than once, as a whole or by one of their numbers."""
+    """Return the names of variables that occur more than once, not counting uses of different attributes."""
     uses: Counter[tuple[str, str]] = Counter()
     whole: Counter[str] = Counter()
     for node in ast.walk(tree):
@@ -54,14 +54,14 @@ def repeated(tree: ast.FunctionDef) -> set[str]:
 
 
 def value_of(item: Any) -> Lowered:
-    """Convert a number or a value of a module to a lowered value."""
+    """Return the expression of a constant number or value of a module."""
     if isinstance(item, bool | int | float):
         return ast.Constant(item)
     return Bundle(type(item), tuple(value_of(getattr(item, name)) for name in parts_of(type(item))))
 
 
 def kind_of(value: Lowered) -> tuple[object, ...]:
-    """Return the properties that all values of one variable must share."""
+    """Return the properties of a value that must be the same for all values of one variable."""
     if isinstance(value, ast.expr):
         return ("number",)
     if isinstance(value, Bundle):
@@ -74,14 +74,14 @@ def kind_of(value: Lowered) -> tuple[object, ...]:
 
 
 def pieces(value: Lowered) -> list[Lowered]:
-    """List the parts of a value, recursively."""
+    """Return the parts of values and tuples, recursively; any other expression is its only part."""
     if isinstance(value, Bundle | Pack):
         return [piece for part in value.parts for piece in pieces(part)]
     return [value]
 
 
 def rebuild(value: Lowered, numbers: Any) -> Lowered:
-    """Return a copy of a value whose numbers are the next ones of the iterator `numbers`."""
+    """Return a copy of a value whose numbers are taken from an iterator, in the order of `offsets`."""
     if isinstance(value, Bundle):
         return Bundle(value.kind, tuple(rebuild(part, numbers) for part in value.parts))
     if isinstance(value, Pack):
@@ -111,7 +111,7 @@ def replace_buffer(value: Place | Span | Grid | Group, buffer: str) -> Lowered:
 
 
 def sum_of(a: ast.expr, b: ast.expr) -> ast.expr:
-    """Add two offsets; fold constants."""
+    """Return the sum of two offsets; constants are added."""
     if isinstance(b, ast.Constant) and isinstance(b.value, int):
         return plus(a, b.value)
     if isinstance(a, ast.Constant):
@@ -120,7 +120,7 @@ def sum_of(a: ast.expr, b: ast.expr) -> ast.expr:
 
 
 def product_of(a: ast.expr, b: ast.expr) -> ast.expr:
-    """Multiply an index by a stride; fold constants."""
+    """Return the product of an index and a stride; constants are multiplied."""
     if isinstance(a, ast.Constant) and isinstance(b, ast.Constant):
         return ast.Constant(int(a.value) * int(b.value))  # type: ignore[arg-type] # whole numbers
     if isinstance(a, ast.Constant) and a.value == 0:
@@ -137,7 +137,7 @@ def assign(name: str, value: ast.expr) -> ast.stmt:
 
 
 def assign_all(names: Sequence[ast.expr], values: Sequence[ast.expr]) -> ast.stmt:
-    """Assign numbers to variables simultaneously."""
+    """Return a statement that assigns all numbers to variables at once."""
     return ast.Assign([store_of(names)], values[0] if len(values) == 1 else ast.Tuple(list(values), ast.Load()))
 
 

@@ -1,4 +1,4 @@
-"""State of a lowering: statements, temporary variables, entries of records, errors."""
+"""State of the lowering of a kernel: statements, temporary variables, offsets of fields, and error messages."""
 
 from __future__ import annotations
 
@@ -35,16 +35,26 @@ from graspfx.errors import InputError, KernelError
 
 @dataclass
 class Frame:
-    """Names that one function uses: its variables, and the names of its module."""
+    """Names in a kernel or in an inlined function.
+
+    Attributes:
+        scope: Expressions of the variables, by name.
+        namespace: Objects of the module, by name.
+        prefix: Prefix of the variables of an inlined function.
+        written: All names in the source, which new variables must not have.
+    """
 
     scope: dict[str, Lowered]
     namespace: Mapping[str, Any]
-    prefix: str = ""  # prefix of the variables of an inlined function
-    written: frozenset[str] = frozenset()  # all names in its source, which a lowering must not use
+    prefix: str = ""
+    written: frozenset[str] = frozenset()
 
 
 class Scratch:
-    """Statements and temporary variables of one kernel; `out` collects statements that precede an expression."""
+    """Statements and temporary variables of one kernel while it is lowered.
+
+    Statements that must be executed before the expression that is being lowered are appended to `out`.
+    """
 
     def __init__(self, file: str) -> None:
         self.file = file
@@ -55,10 +65,10 @@ class Scratch:
         self.callees: dict[str, Callable[..., Any]] = {}
         self.buffers: list[str] = []  # buffers among the kernel's parameters
         self.records: set[str] = set()  # offsets of parameters that are records and not optional
-        self.sizes: dict[tuple[str, str], tuple[str, ast.expr]] = {}  # sizes of their fields, each computed once
+        self.sizes: dict[tuple[str, str], tuple[str, ast.expr]] = {}  # sizes of fields of these records, computed once
 
     def entry(self, owner: Place, field: Field) -> Lowered:
-        """Read a field of a record."""
+        """Return the expression of a field of a record."""
         at = self.at(owner, field)
         kind = field.kind
         if field.reference:
@@ -80,7 +90,7 @@ class Scratch:
         return entries(kind, owner.buffer, at)
 
     def at(self, owner: Place, field: Field) -> ast.expr:
-        """Return an expression for the offset of a field."""
+        """Return the index in the buffer of the first entry of a record's field."""
         at = owner.offset
         for term, count in field.terms.items():
             size = self.fixed_size(owner, term)
@@ -88,7 +98,10 @@ class Scratch:
         return plus(at, field.start)
 
     def fixed_size(self, owner: Place, text: str) -> ast.expr:
-        """Return a size on which offsets depend; a size of a parameter's record is computed once, at the beginning."""
+        """Return a size, as `size` does, on which the offsets of a record's fields depend.
+
+        If the record is a parameter of the kernel, the size is computed once, at the beginning of the kernel.
+        """
         if not (isinstance(owner.offset, ast.Name) and owner.offset.id in self.records):
             return self.size(owner, text)
         if (owner.buffer, text) not in self.sizes:
@@ -96,7 +109,7 @@ class Scratch:
         return load(self.sizes[owner.buffer, text][0])
 
     def size(self, owner: Place, text: str) -> ast.expr:
-        """Return a size as an expression of the record's entries."""
+        """Return a size, given as the text of an expression of a record's integer fields."""
 
         class Loads(ast.NodeTransformer):
             def visit_Name(self, node: ast.Name) -> ast.expr:
@@ -117,7 +130,11 @@ class Scratch:
         return Constant(item)
 
     def callee(self, node: ast.expr, function: Any, frame: Frame) -> ast.expr:
-        """Return the name of a called function; a new name for a kernel or in an inlined function, unless a builtin."""
+        """Return the name by which the lowered text calls a function.
+
+        The name in the source is used, except for kernels and in inlined functions. There, a new name is chosen, unless
+        the function is a builtin.
+        """
         if not frame.prefix and not hasattr(function, LOWERED):
             return node
         own = str(function.__name__)
@@ -131,13 +148,16 @@ class Scratch:
     # Names ----------------------------------------------------------------------------------------------------------
 
     def free_name(self, name: str) -> str:
-        """Lengthen a name until it does not occur in the kernel's source."""
+        """Return a name that does not occur in the source of the kernel, by appending underscores."""
         while name in self.written:
             name += "_"
         return name
 
     def temporary(self, letter: str = "t") -> str:
-        """Return a new variable; no name in the source equals its name, or begins with it and an underscore."""
+        """Return the name of a new variable.
+
+        No name in the source of the kernel is equal to it, or begins with it and an underscore.
+        """
         while True:
             self.temporaries += 1
             name = f"{letter}{self.temporaries}"
@@ -145,21 +165,21 @@ class Scratch:
                 return name
 
     def require_other(self, name: str, value: Lowered, node: ast.AST, frame: Frame) -> None:
-        """Require that the names of the variables for a value's numbers do not occur in the source."""
+        """Raise an error if a variable for a number of the value `name` has a name that also occurs in the source."""
         for number in expressions(value):
             own = number.id.removeprefix(frame.prefix) if isinstance(number, ast.Name) else name
             if own != name and own in frame.written:
                 raise self.cannot(node, f"lowers {name!r} to {own!r}, which already exists: rename one of them")
 
     def variables(self, value: Lowered, name: str, node: ast.AST, frame: Frame) -> Lowered:
-        """Return variables for the numbers of a value, named after a name in the source."""
+        """Return a copy of a value whose numbers are variables with names that begin with `name`."""
         result = like(value, frame.prefix + name)
         for number in offsets(result):
             self.require_other(name, number, node, frame)
         return result
 
     def atom(self, node: ast.expr) -> ast.expr:
-        """Assign a number to a variable, unless it is a variable or a constant."""
+        """Return a variable to which a number is assigned; the number itself if it is a variable or a constant."""
         if isinstance(node, ast.Name | ast.Constant):
             return node
         name = self.temporary()
@@ -167,7 +187,7 @@ class Scratch:
         return load(name)
 
     def atoms(self, value: Lowered, name: str = "") -> Lowered:
-        """Assign all numbers of a value to variables."""
+        """Return a copy of a value whose numbers are variables; the value itself if they are variables or constants."""
         if isinstance(value, Constant):
             return value
         numbers = offsets(value)
@@ -180,7 +200,7 @@ class Scratch:
         return result
 
     def require_index(self, node: ast.Subscript, *indices: ast.expr) -> None:
-        """Require that no constant index is negative: in a block, such an index is out of range."""
+        """Raise a KernelError if an index is a negative constant, which is out of range in a block."""
         for index in indices:
             try:
                 negative = ast.literal_eval(index) < 0

@@ -1,4 +1,4 @@
-"""Lowering of a kernel's statements; loops over a group of records become loops over their offsets."""
+"""Lowering of a kernel's statements. A loop over a group of records becomes a loop over their offsets."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from graspfx.compile.syntax import place
 
 
 class Body(Expressions):
-    """One kernel during its lowering."""
+    """Lowers one kernel."""
 
     def lower(self, tree: ast.FunctionDef, frame: Frame, kinds: dict[str, object]) -> ast.FunctionDef:
         self.written = frame.written
@@ -155,7 +155,7 @@ class Body(Expressions):
         self.out.append(assign_all(names, values))
 
     def target(self, node: ast.expr, value: Lowered, frame: Frame) -> list[ast.expr]:
-        """List the numbers of a target; a name gets the kind of the value."""
+        """Return the variables or entries to which a value is assigned; a name gets the kind of the value."""
         if isinstance(node, ast.Name):
             frame.scope[node.id] = self.variables(value, node.id, node, frame)
             return offsets(frame.scope[node.id])
@@ -206,7 +206,10 @@ class Body(Expressions):
         self.out.append(ast.If(test, body, otherwise))
 
     def joined(self, name: str, a: Lowered, b: Lowered, frame: Frame, node: ast.AST) -> Lowered:
-        """Join a variable after a branch: both branches must have it in the same variables or constants."""
+        """Return the value of a variable after an if statement, from its values `a` and `b` after the two branches.
+
+        An error is raised unless the numbers of both values are the same variables or constants.
+        """
         if isinstance(a, Constant) and isinstance(b, Constant):
             if a.value is not b.value:
                 raise self.cannot(node, f"assigns different functions to {name!r} in its branches")
@@ -253,7 +256,7 @@ class Body(Expressions):
         return ast.Name(frame.prefix + target.id, ast.Store())
 
     def each(self, node: ast.For, frame: Frame) -> None:
-        """Lower `for record in group`, or `for i, record in enumerate(group)`."""
+        """Lower a loop `for record in group`, or `for i, record in enumerate(group)`."""
         call = node.iter
         target, index = node.target, ""
         if isinstance(call, ast.Call):
@@ -288,7 +291,7 @@ class Body(Expressions):
 
 
 def entry_of(number: ast.expr) -> ast.expr:
-    """Return the entry from which a number was read."""
+    """Return the entry of a buffer from which a number was read, without the conversion to int or bool."""
     if isinstance(number, ast.Compare):
         number = number.left
     if isinstance(number, ast.Call):
@@ -301,5 +304,5 @@ def is_float(node: ast.expr) -> bool:
 
 
 def leaves(statements: Sequence[ast.stmt]) -> bool:
-    """Return whether the end of a branch is unreachable."""
+    """Return whether the end of a block is unreachable, because the last statement leaves the block."""
     return bool(statements) and isinstance(statements[-1], ast.Return | ast.Break | ast.Continue | ast.Raise)
