@@ -250,7 +250,7 @@ class MujocoCarrier(Carrier):
 
     def _fault(self, code: int) -> InputError:
         return InputError(
-            "motion", "a number that is too large", f"positions and velocities below {RANGE:g} m, m/s and rad/s",
+            "motion", "a number out of range", f"positions and velocities below {RANGE:g} m, m/s and rad/s",
             "the run is unstable: shorten the period, or lower the gains",
         )  # fmt: skip
 
