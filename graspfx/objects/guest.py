@@ -343,7 +343,10 @@ class Carrier:
     def free_motion(self, T: float) -> None:
         """Raise InputError, because the program has no implicit integrator whose new state could be predicted."""
         raise InputError(
-            "integrator", "implicit", f"'semi-implicit', because {self.program} has one integrator", "use native dynamics"
+            "integrator",
+            "implicit",
+            f"'semi-implicit', because {self.program} has one integrator",
+            "use native dynamics",
         )
 
     def _set_step(self, T: float) -> None:
