@@ -48,7 +48,7 @@ def finite(name: str, argument: object, expected: str = "", do: str = "", *, lar
         return value  # none is NaN, and none exceeds the sum
     expected = expected or "finite values"
     if not np.isfinite(value).all():
-            raise InputError(name, argument, expected, do or "find the calculation that gave NaN or infinity")
+        raise InputError(name, argument, expected, do or "find the calculation that gave NaN or infinity")
     if np.abs(value).max(initial=0.0) > largest:
         raise InputError(name, argument, expected, do or f"use at most {largest:g} in SI units: check the units")
     return value
