@@ -40,7 +40,7 @@ BUILT_IN: dict[Group, dict[str, str]] = {  # groups without a folder of built-in
 
 
 class PluginError(GraspFXError):
-    """Exception in the code of a plug-in; the message names file and line, and `__cause__` is the original exception."""
+    """Exception in the code of a plug-in; the message names file and line, and `__cause__` is the exception."""
 
 
 @dataclass(frozen=True)

@@ -370,8 +370,8 @@ def mode_name(
     """Return the name of the mode with the largest energy of an oscillation.
 
     The modes are internal, external translation and external rotation. If some fingers do not touch, the name is
-    "pushing with" and the names of those that touch. The split into modes is eq. (3) for hard fingers: the external part
-    is the free motion of the object that fits the motion of the touching fingers best.
+    "pushing with" and the names of those that touch. The split into modes is eq. (3) for hard fingers: the external
+    part is the free motion of the object that fits the motion of the touching fingers best.
 
     Args:
         swing: Amplitudes of fingertips relative to their contacts, (n, d).
