@@ -1,4 +1,4 @@
-"""Checks of numeric input: real, finite, and within bounds for which all formulas stay finite."""
+"""Checks of numeric input: real, finite, and within bounds for which no formula overflows."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from graspfx.errors import InputError
 FloatArray = NDArray[np.float64]
 
 LARGEST = 1e40
-"""Largest accepted number in SI units; its squares and products do not overflow."""
+"""Largest accepted magnitude of a number in SI units; its square does not overflow."""
 FINITE = 1e300
 FEW = 100  # size up to which a sum in Python is faster than NumPy
 SMALLEST = 1e-60
@@ -18,12 +18,12 @@ SMALLEST = 1e-60
 
 
 def real(name: str, argument: object, expected: str = "", do: str = "") -> FloatArray:
-    """Copy real numbers of any shape into a float array; NaN and infinity are accepted.
+    """Return a copy of real numbers of any shape as a float array; NaN and infinity are accepted.
 
     Args:
-        name: Argument's name, for errors.
+        name: Name of the argument, for the error message.
         argument: Numbers to copy.
-        expected, do: Description of a valid value, and the next step, for errors.
+        expected, do: Description of a valid value, and advice to the user, for the error message.
 
     Raises:
         InputError: If the argument is not a rectangular array of real numbers.
@@ -38,27 +38,27 @@ def real(name: str, argument: object, expected: str = "", do: str = "") -> Float
 
 
 def finite(name: str, argument: object, expected: str = "", do: str = "", *, largest: float = LARGEST) -> FloatArray:
-    """Copy finite numbers within +-largest into a float array.
+    """Return a copy of finite numbers as a float array, after a check that no magnitude exceeds `largest`.
 
     Raises:
-        InputError: As for `real`, or if a number is not finite, or too large.
+        InputError: As for `real`, or if a number is not finite or its magnitude exceeds `largest`.
     """
     value = real(name, argument, expected, do)
     if value.size <= FEW and sum(map(abs, value.ravel().tolist())) <= min(largest, FINITE):
         return value  # none is NaN, and none exceeds the sum
     expected = expected or "finite values"
     if not np.isfinite(value).all():
-        raise InputError(name, argument, expected, do or "find the origin of the NaN or infinity")
+        raise InputError(name, argument, expected, do or "find the calculation that gave NaN or infinity")
     if np.abs(value).max(initial=0.0) > largest:
         raise InputError(name, argument, expected, do or f"use at most {largest:g} in SI units: check the units")
     return value
 
 
 def number(name: str, argument: object, expected: str, do: str = "", *, zero: bool = True) -> float:
-    """Return one non-negative number; with zero=False, one of at least SMALLEST.
+    """Return one number that is zero or above; if `zero` is False, at least SMALLEST.
 
     Raises:
-        InputError: As for `finite`, or if the number is negative or too small, or there are several.
+        InputError: As for `finite`, or if the argument is not a single number, or is below the bound.
     """
     value = finite(name, argument, expected, do)
     if value.ndim or not (value >= 0.0 if zero else value >= SMALLEST):
@@ -67,10 +67,10 @@ def number(name: str, argument: object, expected: str, do: str = "", *, zero: bo
 
 
 def each(name: str, argument: object, n: int, expected: str, *, largest: float = LARGEST) -> FloatArray:
-    """Return non-negative numbers (n,), from n numbers or one.
+    """Return n numbers (n,) that are zero or above, from n numbers or from one number for all.
 
     Raises:
-        InputError: As for `finite`, or if a number is negative, or there are neither n nor one.
+        InputError: As for `finite`, or if a number is negative, or the shape is neither () nor (n,).
     """
     value = finite(name, argument, expected, largest=largest)
     if value.shape not in ((), (n,)) or (value < 0.0).any():
@@ -79,7 +79,7 @@ def each(name: str, argument: object, n: int, expected: str, *, largest: float =
 
 
 def fraction(name: str, argument: float) -> float:
-    """Return a relative tolerance; raise InputError if it is not in [0, 1)."""
+    """Return a relative tolerance; raise InputError if the argument is not in [0, 1)."""
     if type(argument) is float and 0.0 <= argument < 1.0:
         return argument
     value = number(name, argument, "a relative tolerance in [0, 1)")

@@ -1,4 +1,4 @@
-"""Look up devices, hands, scenes and dynamics by name: a file's path, a built-in name, or an installed entry point."""
+"""Lookup of devices, hands, scenes and dynamics by the path of a file, a built-in name, or an entry point's name."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ BUILT_IN: dict[Group, dict[str, str]] = {  # groups without a folder of built-in
 
 
 class PluginError(GraspFXError):
-    """A plug-in's own code raised an exception. The message names the line; the exception is the cause."""
+    """Exception in the code of a plug-in; the message names file and line, and `__cause__` is the exception."""
 
 
 @dataclass(frozen=True)
 class Plugin:
-    """A plug-in: a file, or a module that is not imported yet."""
+    """A plug-in, as the path of a file or the name of a module that may not be imported yet."""
 
     origin: str
     path: Path | None = None
@@ -53,23 +53,23 @@ class Plugin:
 
 
 def names(group: Group) -> dict[str, str]:
-    """List the names of a group, each with its origin, without importing anything."""
+    """Return the names of a group, each with a description of its origin, without importing a plug-in."""
     return {name: " and ".join(plugin.origin for plugin in plugins) for name, plugins in sorted(_table(group).items())}
 
 
 def find(group: Group, name: str | PathLike[str], folder: Path | None = None) -> Path:
-    """Find the file of a name or path; a relative path is taken from `folder` (default: the current folder).
+    """Return the path of a plug-in's file; a relative path is relative to `folder` (default: the current folder).
 
     Raises:
-        UnknownNameError: If no plug-in has that name.
-        InputError: If the file does not exist, or two plug-ins have the same name.
+        UnknownNameError: If no plug-in has this name.
+        InputError: If the file does not exist, or several plug-ins have this name.
     """
     plugin = _plugin(group, name, folder)
     return plugin.path if plugin.path is not None else _module_file(group, plugin)
 
 
 def source_of(group: Group, name: str) -> Path | None:
-    """Find the file of a plug-in without importing anything; None if this is impossible."""
+    """Return the path of a plug-in's file without importing a module; None if the file cannot be found in this way."""
     plugin, *_ = _table(group)[name]
     if plugin.path is not None:
         return plugin.path
@@ -83,12 +83,12 @@ def source_of(group: Group, name: str) -> Path | None:
 
 
 def load(group: Group, name: str | PathLike[str], folder: Path | None = None) -> ModuleType:
-    """Import the module of a name or path; raise the errors of `find`, and those of the module."""
+    """Return the module for a name or path; the errors are those of `find`, and those that the module raises."""
     return _loaded(group, _plugin(group, name, folder))
 
 
 def load_blaming(group: Group, name: str | PathLike[str], folder: Path | None = None) -> ModuleType:
-    """Import like `load`, but convert exceptions of the module to a PluginError with file and line."""
+    """Return the module as `load` does, but convert exceptions that the module raises to a PluginError."""
     plugin = _plugin(group, name, folder)
     with blaming(plugin.path or Path(plugin.module)):
         return _loaded(group, plugin)
@@ -103,12 +103,12 @@ def _loaded(group: Group, plugin: Plugin) -> ModuleType:
 
 
 def is_file_name(text: str) -> bool:
-    """Return whether a text is the path of a file rather than the name of a plug-in."""
+    """Return whether a text is the path of a plug-in's file, by its suffix, and not the name of a plug-in."""
     return text.endswith((".py", ".toml"))
 
 
 def shelf(group: Group) -> Path:
-    """Return the folder of the built-in drivers or scenes: inside the package, or next to it in a checkout."""
+    """Return the folder of the built-in drivers or scenes: in the package, or beside the package in a checkout."""
     package = Path(__file__).parent
     inside = package / group
     return inside if inside.is_dir() else package.parent / group
@@ -116,9 +116,9 @@ def shelf(group: Group) -> Path:
 
 @contextmanager
 def blaming(path: Path) -> Iterator[None]:
-    """Convert exceptions of the code in a file to a PluginError with file and line; pass on GraspFX's own errors.
+    """Convert exceptions of the code in a file to a PluginError that names file and line; pass on GraspFX's own errors.
 
-    User code may raise any exception, so all of them are caught.
+    All exceptions are converted, because a user's code may raise any of them.
     """
     try:
         yield
@@ -130,7 +130,7 @@ def blaming(path: Path) -> Iterator[None]:
 
 
 def blamed(path: Path, error: Exception, text: str) -> PluginError:
-    """Return a PluginError with a text and the line of the file that raised `error` or called what raised it."""
+    """Return a PluginError with a text and the line of the file in which `error` was raised or passed on."""
     line = error.lineno if isinstance(error, SyntaxError) and error.filename == str(path) else None
     trace = error.__traceback__
     while trace is not None:
@@ -142,7 +142,7 @@ def blamed(path: Path, error: Exception, text: str) -> PluginError:
 
 
 def shown_path(path: Path) -> str:
-    """Return a path for messages, relative to the current folder if it lies inside."""
+    """Return a path for messages; a path in the current folder is relative to this folder."""
     here = Path.cwd()
     return str(path.relative_to(here)) if path.is_relative_to(here) else str(path)
 
@@ -164,7 +164,7 @@ def _plugin(group: Group, name: str | PathLike[str], folder: Path | None) -> Plu
     if others:
         origins = " and ".join(plugin.origin for plugin in table[text])
         raise InputError(
-            SINGULAR[group], text, f"one plug-in of that name, but found {origins}", "name a file by its path"
+            SINGULAR[group], text, f"one plug-in of that name, but found {origins}", "give the path of a file instead"
         )
     return first
 
@@ -174,10 +174,10 @@ def _file_hint(group: Group, text: str, folder: Path) -> str:
         return f"give the path of a file that ends in {' or '.join(SUFFIXES[group])}"
     for suffix in SUFFIXES[group]:
         if text and (folder / f"{text}{suffix}").is_file():
-            return f"there is a file {text}{suffix}: give its name with the ending"
+            return f"there is a file {text}{suffix}: give its name with the suffix"
         close = closest(text, [path.stem for path in folder.glob(f"*{suffix}")]) if folder.is_dir() else None
         if close:
-            return f"there is a file {close}{suffix}: give its name with the ending"
+            return f"there is a file {close}{suffix}: give its name with the suffix"
     return f"give the path of a file that ends in {' or '.join(SUFFIXES[group])}"
 
 
@@ -186,7 +186,7 @@ _tables: ContextVar[dict[Group, dict[str, list[Plugin]]] | None] = ContextVar("k
 
 @contextmanager
 def unchanged() -> Iterator[None]:
-    """Search installed packages and built-in files only once within the block."""
+    """Search installed packages and built-in files at most once per group while the block runs."""
     token = _tables.set({})
     try:
         yield
@@ -232,7 +232,7 @@ def _entry_points(group: Group) -> Iterator[tuple[str, Plugin]]:
 
 
 def _module_file(group: Group, plugin: Plugin) -> Path:
-    """Find the file of a module; for scenes, `package.name` may also mean package/name.toml."""
+    """Return the file of a module; for scenes, `package.name` may also refer to the file package/name.toml."""
     parent, _, stem = plugin.module.rpartition(".")
     spec = find_spec(plugin.module)
     if spec is not None and spec.origin is not None:
@@ -246,7 +246,7 @@ def _module_file(group: Group, plugin: Plugin) -> Path:
 
 
 def _imported_file(path: Path) -> ModuleType:
-    """Import a file as a module; return the same module while the file is unchanged."""
+    """Return the module of a file, which is imported once and again after each change of the file."""
     stamp = path.stat()
     key = sha256(f"{path} {stamp.st_mtime_ns} {stamp.st_size}".encode()).hexdigest()[:12]
     name = f"graspfx_file_{path.stem.replace('-', '_')}_{key}"

@@ -1,11 +1,11 @@
-"""Progress of long computations, shown by a listener if there is one.
+"""Progress of long computations, which a listener can display.
 
     with waiting("limits", total=len(points), unit="points") as wait:
         for point in points:
             wait.done += 1
             ...
 
-A listener reads the progress in its own thread; this module neither draws nor waits.
+The listener reads the progress in a thread of its own. This module does not display anything, and never waits.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from typing import Protocol
 
 
 class Wait:
-    """A computation for which the user waits.
+    """A computation that may take long.
 
     Attributes:
-        text: Description for users.
+        text: Description of the computation, for users.
         total: Amount of work; None if unknown.
         unit: Unit of `total` and `done`, in the plural; empty if there is none.
-        done: Amount of work done.
-        count: Function that returns the amount of work done, used instead of `done`; None to use `done`.
-        began: Start time, on the clock of `time.perf_counter` [s].
+        done: Amount of work that has been done.
+        count: Function that returns the amount of work that has been done; None if `done` contains it.
+        began: Start time of the computation, on the clock of `time.perf_counter` [s].
     """
 
     def __init__(self, text: str, total: float | None, unit: str, count: Callable[[], float] | None) -> None:
@@ -34,23 +34,23 @@ class Wait:
         self.done, self.began = 0.0, perf_counter()
 
     def progress(self) -> float:
-        """Return the amount done so far."""
+        """Return the amount of work that has been done."""
         return self.done if self.count is None else self.count()
 
 
 class Listener(Protocol):
-    """Display of waits. All methods are called by the waiting thread."""
+    """Display of the progress of computations. All methods are called by the thread that computes."""
 
     def begin(self, wait: Wait) -> None:
-        """Show a wait, which may be nested in another one."""
+        """Show the progress of a computation, which may be part of another one that is shown."""
         ...
 
     def end(self, wait: Wait) -> None:
-        """Remove a wait from the display."""
+        """Remove a computation from the display."""
         ...
 
     def clear(self) -> None:
-        """Hide the display temporarily, because other text is printed."""
+        """Hide the display for a time, because other text is printed."""
         ...
 
 
@@ -61,7 +61,7 @@ _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
 def waiting(
     text: str, total: float | None = None, unit: str = "", count: Callable[[], float] | None = None
 ) -> Iterator[Wait]:
-    """Announce a wait within the block, and yield it; the arguments are those of `Wait`."""
+    """Show a computation to the listener while the block runs, and yield it; the arguments are those of `Wait`."""
     listener = _listener.get()
     wait = Wait(text, total, unit, count)
     if listener is None:
@@ -75,20 +75,20 @@ def waiting(
 
 
 def clear() -> None:
-    """Hide the display before other text is printed; it reappears later."""
+    """Hide the display before other text is printed; the display reappears afterwards."""
     listener = _listener.get()
     if listener is not None:
         listener.clear()
 
 
 def is_heard() -> bool:
-    """Return whether the waits of this thread are displayed."""
+    """Return whether a listener displays the computations of this thread."""
     return _listener.get() is not None
 
 
 @contextmanager
 def listening(listener: Listener) -> Iterator[None]:
-    """Let a listener show the waits within the block, those of this thread and of threads that copy its context."""
+    """Let a listener display the computations of the block, and those of threads that run in a copy of its context."""
     token = _listener.set(listener)
     try:
         yield
@@ -98,7 +98,7 @@ def listening(listener: Listener) -> Iterator[None]:
 
 @contextmanager
 def unheard() -> Iterator[None]:
-    """Hide waits within the block, which is part of a wait that is already shown."""
+    """Hide the computations within the block from the listener, because they are part of one that is displayed."""
     token = _listener.set(None)
     try:
         yield

@@ -1,9 +1,10 @@
 """API for drivers, hands and bodies: protocols, kernels and records, numeric checks, and errors.
 
 A driver is a module with `connect(**settings) -> Device`, a hand is a module with `hold(**settings) -> Hand`, and
-dynamics are a module with `create(state) -> Body`. A dynamics module also states its integrator for certificates, such
-as `INTEGRATOR = "semi-implicit"`. The first protocol of each kind is sufficient. The others are optional: for simulated
-devices, for force limits that change, and for blocks and kernels that become part of the compiled tick.
+dynamics are a module with `create(state) -> Body`. For certificates, a dynamics module also states its integrator, such
+as `INTEGRATOR = "semi-implicit"`. Each of the objects returned must implement `Device`, `Hand` or `Body`. The other
+protocols are optional: they are for simulated devices, for force limits that change, and for blocks and kernels that
+become part of the compiled tick.
 """
 
 from __future__ import annotations

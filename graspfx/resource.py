@@ -1,4 +1,4 @@
-"""Base class of objects that a `with` statement closes."""
+"""Base class of objects that are closed at the end of a `with` block."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Self
 
 
 class Resource(ABC):
-    """Context manager that is open from its creation, and closed when its block ends."""
+    """Context manager that is open when it is created, and is closed at the end of the `with` block."""
 
     @abstractmethod
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Serial port of a microcontroller board: exclusive access, whole frames, time limits on sending and receiving."""
+"""Serial port of a microcontroller board, with exclusive access, and time limits for sending and receiving."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ MOST_SELECTED = 1024  # `select` accepts descriptors below this number
 
 
 class SerialPort:
-    """Serial port with exclusive access, by a lock that ends with the program, and by TIOCEXCL.
+    """Serial port to which this program has exclusive access while the port is open, by a lock and by TIOCEXCL.
 
-    All faults raise a DeviceError that names the port.
+    The lock ends with the program. Errors of the port are raised as DeviceError, with the path in the message.
 
     Args:
         path: Path of the port, such as /dev/ttyACM0 or a link in /dev/serial/by-id.
-        baud: Rate [bit/s]; None to leave it unchanged, for boards with native USB, which ignore it.
+        baud: Rate [bit/s]; None to keep the present rate, for example for boards with native USB, which ignore the
+            rate.
     """
 
     def __init__(self, path: str, baud: int | None = None) -> None:
@@ -31,11 +32,11 @@ class SerialPort:
         self._poll: select.poll | None = None
 
     def now(self) -> float:
-        """Return the time of `time.perf_counter` [s], the clock of `receive`."""
+        """Return the present time [s], on the clock of `time.perf_counter`."""
         return time.perf_counter()
 
     def sleep(self, duration: float) -> None:
-        """Sleep for about `duration` [s]."""
+        """Sleep for `duration` [s]."""
         time.sleep(duration)
 
     @property
@@ -44,10 +45,10 @@ class SerialPort:
         return self._descriptor >= 0
 
     def open(self) -> None:
-        """Open the port; if it is already open, reopen it.
+        """Open the port; if it is already open, close it first.
 
         Raises:
-            DeviceError: If the port cannot be opened, does not support the rate, or is used by another program.
+            DeviceError: If the port cannot be opened, does not support the rate, or is open in another program.
         """
         self.close()
         try:
@@ -89,14 +90,14 @@ class SerialPort:
         return f"{self.path} is taken by another program; end that program first: only one may drive a device"
 
     def send(self, frame: bytes, patience: float = 0.01) -> None:
-        """Send a frame in one write if the port accepts the whole frame, otherwise in several.
+        """Send a frame; if the port accepts only a part of the frame at once, send the rest as soon as possible.
 
         Args:
-            frame: Complete frame; boards wait for the rest of a partial frame.
-            patience: Time limit for sending [s].
+            frame: Complete frame of the board's protocol.
+            patience: Longest duration of sending [s].
 
         Raises:
-            DeviceError: If the port has failed, or does not accept the frame in time.
+            DeviceError: If the port has failed, or has not accepted the whole frame in `patience`.
         """
         left, deadline = memoryview(frame), self.now() + patience
         while True:
@@ -105,15 +106,18 @@ class SerialPort:
             except BlockingIOError:
                 pass
             except OSError as error:
-                raise DeviceError(f"the board at {self.path} is gone: {error.strerror}") from error
+                raise DeviceError(f"the board at {self.path} is disconnected: {error.strerror}") from error
             if not left:
                 return
             if self.now() > deadline:
-                raise DeviceError(f"the board at {self.path} does not accept more bytes: a frame is incomplete")
+                raise DeviceError(
+                    f"the board at {self.path} accepted only a part of a frame in {patience:g} s: "
+                    f"{len(left)} of {len(frame)} bytes were not sent"
+                )
             select.select([], [self._descriptor], [], 0.001)
 
     def receive(self, deadline: float) -> bytes:
-        """Wait for bytes until `deadline`, on the clock of `now` [s]; return the received bytes, possibly none."""
+        """Wait until bytes arrive or `now()` reaches `deadline` [s]; return the bytes, or b"" if none arrived."""
         wait = max(0.0, deadline - self.now())
         try:
             if self._poll is None or not self._wait(wait):
@@ -122,9 +126,9 @@ class SerialPort:
         except BlockingIOError:
             return b""
         except OSError as error:
-            raise DeviceError(f"the board at {self.path} is gone: {error.strerror}") from error
+            raise DeviceError(f"the board at {self.path} is disconnected: {error.strerror}") from error
         if not data:
-            raise DeviceError(f"the board at {self.path} is gone: the line is closed")
+            raise DeviceError(f"the board at {self.path} is disconnected: its port was closed")
         return data
 
     def _wait(self, seconds: float) -> bool:
@@ -134,12 +138,12 @@ class SerialPort:
         return bool(self._poll.poll(1e3 * seconds))  # in whole milliseconds, rounded up
 
     def flush(self) -> None:
-        """Discard the received bytes."""
+        """Discard all bytes that were received and not read."""
         while self.receive(0.0):
             pass
 
     def close(self) -> None:
-        """Close the port; safe to call twice, and after the hardware is gone."""
+        """Close the port, without an error if it is already closed or the board is disconnected."""
         descriptor, self._descriptor, self._poll = self._descriptor, -1, None
         if descriptor < 0:
             return

@@ -1,4 +1,4 @@
-"""Parts of a servo: devices with their fingers, objects, bodies, plants with their hands, and observers."""
+"""Parts that a servo runs: devices, objects, bodies, plants and observers, with the indices that connect the parts."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Index = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class GraspedPart:
-    """An object and the indices of the fingers that touch it."""
+    """An object, and the index of the finger of each contact on the object."""
 
     name: str
     grasped: GraspedObject
@@ -33,7 +33,7 @@ class GraspedPart:
 
 @dataclass(frozen=True)
 class BodyGroup:
-    """A body, or a world of bodies with mutual contacts, and the indices of the objects that it moves."""
+    """A body or a world of bodies, and the index of the object that each of these bodies moves."""
 
     body: Any
     objects: Sequence[int]
@@ -41,7 +41,7 @@ class BodyGroup:
 
 @dataclass(frozen=True)
 class DeviceWiring:
-    """A device, the finger of each channel (-1 for an unused one), and its fitting to the scene."""
+    """A device, the index of the finger of each device channel (-1 for an unused channel), and the device's fitting."""
 
     device: Device
     fingers: Index
@@ -50,7 +50,7 @@ class DeviceWiring:
 
 @dataclass(frozen=True)
 class PlantWiring:
-    """A plant, the hand that holds it, the devices that drive it and the fingers that it moves."""
+    """A plant, the hand that holds it, the devices that drive the plant, and the fingers that the plant moves."""
 
     plant: Plant
     hand: Hand
@@ -60,7 +60,7 @@ class PlantWiring:
 
 @dataclass(frozen=True)
 class Parts:
-    """All parts that a servo runs."""
+    """All parts of a servo."""
 
     period: float
     layout: Layout
@@ -75,7 +75,7 @@ class Parts:
 
 
 def guest_of(body: object) -> Guest | None:
-    """Return the body if its kernels and `exchange` replace its `step`."""
+    """Return the body if its kernels and `exchange` can replace its `step`; otherwise None."""
     if isinstance(body, Guest) and unaltered(body, ("step",), ("exchange", "handing", "taking")):
         return body
     return None

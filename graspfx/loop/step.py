@@ -1,7 +1,7 @@
-"""Tick of every scene, in stages: take, read, predict, couple, add work, display; stop, record, move, advance.
+"""Tick of a scene, in stages: take, read, predict, couple, add work, display, stop, record, move and advance.
 
-`steps` runs ticks of any scene by looping over the records of its `World`. The same source runs interpreted or
-compiled, as one function for all scenes. `graspfx check SCENE --tick` lists the kernels that run in one scene.
+`steps` runs the ticks of any scene: it loops over the records of the scene's `World`. The same source runs interpreted
+or compiled. `graspfx check SCENE --tick` lists the kernels that run in one scene.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ from graspfx.loop.world import (
 
 @kernel
 def steps(world: World, k: int, count: int, r: int, rows: Floats) -> int:
-    """Run ticks k, ..., k + count - 1, recorded from row r on; return the number of completed ticks.
+    """Run ticks k, ..., k + count - 1, and return the number of completed ticks.
 
-    If one of every m ticks is recorded, r counts ticks: the tick at r is recorded in row r / m, if m divides its index.
-    The caller reads Python devices before a tick. With Python devices, `steps` returns twice per tick: when the devices
-    must be written (`world.phase` is WRITE), and at the end of the tick. With Python bodies or plants, `steps` returns
-    at the end of each tick. The tick of the first fault is the last tick of a call.
+    If one of every m ticks is recorded, tick k + i is written to row (r + i) // m of `rows`, provided that m divides
+    k + i. A call ends after the tick of the first fault. If bodies or plants are in Python, a call ends after each
+    tick. If devices are in Python, the caller reads them before each tick, and `steps` returns twice per tick: when the
+    devices must be written (`world.phase` is then WRITE), and at the end of the tick.
     """
     servo = ServoState(world.buffer, world.servo)
     i = 0
@@ -78,7 +78,7 @@ def steps(world: World, k: int, count: int, r: int, rows: Floats) -> int:
 
 @kernel
 def begin(world: World, servo: ServoState, k: int) -> None:
-    """Run tick k up to the forces that devices display."""
+    """Run the stages of tick k up to and including the display of forces."""
     take(world, servo, k)
     read(world, servo, k)
     predict(world, servo)
@@ -91,7 +91,7 @@ def begin(world: World, servo: ServoState, k: int) -> None:
 
 @kernel
 def end(world: World, servo: ServoState, k: int, r: int, rows: Floats) -> None:
-    """Run the rest of tick k, recorded at r (`steps`)."""
+    """Run the stages of tick k after the display of forces; `r` and `rows` are those of `steps`."""
     if servo.faulted:
         stop(world)
     record(world, k, r, rows)
@@ -101,14 +101,14 @@ def end(world: World, servo: ServoState, k: int, r: int, rows: Floats) -> None:
 
 @kernel
 def copy(memory: Floats, to: int, source: int, count: int) -> None:
-    """Copy entries one by one."""
+    """Copy `count` entries from index `source` of the memory to index `to`."""
     for a in range(count):
         memory[to + a] = memory[source + a]
 
 
 @kernel
 def carry(memory: Floats, wire: Wire) -> None:
-    """Copy the entries of a wire."""
+    """Copy the entries that a wire connects."""
     copy(memory, wire.to, wire.source, wire.count)
 
 
@@ -117,7 +117,7 @@ def carry(memory: Floats, wire: Wire) -> None:
 
 @kernel
 def take(world: World, servo: ServoState, k: int) -> None:
-    """Copy the motion of bodies that other software moved after the last tick."""
+    """Copy the motion of the bodies that other software has moved since the last tick."""
     memory = Floats(world.buffer, 0)
     for body in world.bodies:
         if body.guest and memory[body.stuck] == 0.0:
@@ -129,7 +129,7 @@ def take(world: World, servo: ServoState, k: int) -> None:
 
 @kernel
 def read(world: World, servo: ServoState, k: int) -> None:
-    """Read each device: its fingers' positions and velocities."""
+    """Read the positions and velocities of each device's fingers."""
     memory, wires, channels, fingers = Floats(world.buffer, 0), world.wires, world.channels, world.fingers
     d = world.dimensions
     for i, device in enumerate(world.devices):
@@ -157,7 +157,7 @@ def read(world: World, servo: ServoState, k: int) -> None:
 
 @kernel
 def predict(world: World, servo: ServoState) -> None:
-    """Predict the motion of bodies without coupling forces, for couplings under the implicit integrator."""
+    """Predict the motion of each body without coupling forces, where a coupling uses the implicit integrator."""
     for body in world.bodies:
         if body.predicting != NONE:
             invoke_beside(world.buffer, body.predicting, body.state, body.beside, servo.period)
@@ -165,7 +165,7 @@ def predict(world: World, servo: ServoState) -> None:
 
 @kernel
 def couple_objects(world: World, servo: ServoState, k: int) -> None:
-    """Couple the fingers to the objects: compute forces, limit them, and update the ledger of energies."""
+    """Compute and limit the forces between fingers and objects, and update the energy ledgers."""
     memory = Floats(world.buffer, 0)
     if world.pace != NONE and not servo.faulted:
         code = keep_pace(Pace(world.buffer, world.pace), k)
@@ -198,7 +198,7 @@ def couple_objects(world: World, servo: ServoState, k: int) -> None:
 
 @kernel
 def couple_safely(world: World, grasp: Grasp) -> int:
-    """Couple fingers to an object by stiffness and damping times gamma, and limit the forces, before any brake."""
+    """Compute an object's coupling forces, scale stiffness and damping by the gain gamma, and limit the forces."""
     state, safety = GraspState(world.buffer, grasp.state), SafetyState(world.buffer, grasp.safety)
     if grasp.steered:
         adjust(state, safety)
@@ -211,7 +211,7 @@ def couple_safely(world: World, grasp: Grasp) -> int:
 
 @kernel
 def couple_to_host(world: World, servo: ServoState, grasp: Grasp, k: int) -> int:
-    """Apply the forces of another program, if any, with the same soft start and trust factors as the law's forces."""
+    """Apply the forces that another program sent, if any, scaled by the gain gamma of soft start and trust."""
     state, safety = GraspState(world.buffer, grasp.state), SafetyState(world.buffer, grasp.safety)
     host, pace = HostState(world.buffer, grasp.host), Pace(world.buffer, world.pace)
     code = host_forces(state, host)
@@ -226,7 +226,7 @@ def couple_to_host(world: World, servo: ServoState, grasp: Grasp, k: int) -> int
 
 @kernel
 def finish_safely(world: World, servo: ServoState, grasp: Grasp, k: int) -> None:
-    """Apply the passivity controller, limit an object's forces, and store the displayed forces in the ledger."""
+    """Apply the passivity controller, limit an object's forces, and store the displayed forces in the energy ledger."""
     state, safety = GraspState(world.buffer, grasp.state), SafetyState(world.buffer, grasp.safety)
     ledger = LedgerState(world.buffer, grasp.ledger)
     if grasp.ledger != NONE:
@@ -241,7 +241,7 @@ def finish_safely(world: World, servo: ServoState, grasp: Grasp, k: int) -> None
 
 @kernel
 def add_work(world: World, servo: ServoState, k: int) -> None:
-    """Add the work of the last sample's forces at the fingertips, and store the present fingertip positions."""
+    """Add the work that the last sample's displayed forces did on each fingertip, and store the fingertip positions."""
     memory, d = Floats(world.buffer, 0), world.dimensions
     working = k > 0 and not servo.faulted
     for finger in world.fingers:
@@ -256,7 +256,7 @@ def add_work(world: World, servo: ServoState, k: int) -> None:
 
 @kernel
 def release(world: World) -> None:
-    """Set the forces on all fingers and objects to zero."""
+    """Set the forces on all fingers and all objects to zero."""
     for grasp in world.grasps:
         let_go(GraspState(world.buffer, grasp.state))
 
@@ -266,7 +266,7 @@ def release(world: World) -> None:
 
 @kernel
 def display(world: World, servo: ServoState, k: int) -> None:
-    """Write to each device the forces on its operator."""
+    """Write to each device the forces that it displays to its operator."""
     memory, channels, fingers = Floats(world.buffer, 0), world.channels, world.fingers
     d = world.dimensions
     for finger in fingers:
@@ -284,7 +284,7 @@ def display(world: World, servo: ServoState, k: int) -> None:
 
 @kernel
 def stop(world: World) -> None:
-    """Zero every force after a fault."""
+    """Set all forces to zero and stop the devices, after a fault."""
     memory = Floats(world.buffer, 0)
     release(world)
     for finger in world.fingers:
@@ -300,7 +300,7 @@ def stop(world: World) -> None:
 
 @kernel
 def record(world: World, k: int, r: int, rows: Floats) -> None:
-    """Write a row, if this tick is recorded."""
+    """Write the row of tick k, if this tick is recorded."""
     if world.recorded > 0 and k % world.every == 0:
         memory, columns = Floats(world.buffer, 0), world.columns
         row = r // world.every * world.width
@@ -313,10 +313,10 @@ def record(world: World, k: int, r: int, rows: Floats) -> None:
 
 @kernel
 def move(world: World, servo: ServoState, k: int) -> None:
-    """Move the bodies, and pass wrenches to other software for the bodies that it moves.
+    """Move the bodies that kernels move, and send the wrenches of the others to the software that moves them.
 
-    The force of tick k has already been displayed and recorded. A fault of a body or plant is therefore a fault of tick
-    k + 1, the first tick without force.
+    The forces of tick k have already been displayed and recorded. A fault of a body is therefore stored as a fault of
+    tick k + 1, which is the first tick with zero forces.
     """
     memory = Floats(world.buffer, 0)
     for body in world.bodies:
@@ -329,7 +329,7 @@ def move(world: World, servo: ServoState, k: int) -> None:
 
 @kernel
 def exchange(world: World) -> None:
-    """Let other software move its bodies: apply the wrenches, step, and read the motion."""
+    """Exchange data with other software, which applies the wrenches, steps its bodies, and returns their motion."""
     memory = Floats(world.buffer, 0)
     for each in world.exchanges:
         if memory[each.stuck] == 0.0 and not world.failed:
@@ -338,7 +338,7 @@ def exchange(world: World) -> None:
 
 @kernel
 def advance(world: World, servo: ServoState, k: int) -> None:
-    """Move the plants under the devices' efforts and their hands."""
+    """Move each plant by one sample, under the efforts of the plant's devices and the targets of the plant's hand."""
     memory, wires = Floats(world.buffer, 0), world.wires
     for plant in world.plants:
         if memory[plant.stuck] == 0.0:
@@ -354,7 +354,7 @@ def advance(world: World, servo: ServoState, k: int) -> None:
 
 @kernel
 def ask(world: World, plant: Plant, servo: ServoState, k: int) -> None:
-    """Compute a hand's targets at the end of the next sample and, if the plant needs them, in its middle."""
+    """Compute a hand's targets at the end of the next sample and, if the plant needs them, at its middle."""
     memory, n, T = Floats(world.buffer, 0), plant.width, servo.period
     position, velocity = plant.target_position, plant.target_velocity
     if plant.middle_position != NONE:

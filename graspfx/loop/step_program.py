@@ -1,4 +1,4 @@
-"""Program of `steps` for all scenes, in Python: all kernels that it calls, and the kernels of parts by number."""
+"""Python source of the program that is compiled to run `steps`, and that contains every kernel that a scene can use."""
 
 from __future__ import annotations
 
@@ -22,18 +22,19 @@ def run(world, k, count, r):
 
 @cache
 def program_key() -> str:
-    """Return the cache key of the program, which depends on the sources from which it is made."""
+    """Return the cache key of the program, which depends on the sources of the kernels."""
     modules = {name.rpartition(".")[0] for name in KERNELS if name}
     return request_key(("graspfx.loop.step", *sorted(modules)), "steps", ENTRY)
 
 
 def source(*, make: bool = True) -> str:
-    """Write the program of `steps` as Python: run(arena, rows, world, k, count, r).
+    """Return the Python source of the program, which defines run(arena, rows, world, k, count, r).
 
-    With a count of -1 the program instead runs `sample` of the grasp at the place `world`. With a count below -1 it
-    runs `external_forces` of that grasp, and writes the forces to the rows from entry r on.
+    If `count` >= 0, `run` calls `steps`. If `count` is -1, `run` calls `sample` for the grasp at place `world`. If
+    `count` < -1, `run` calls `external_forces` for that grasp, and writes the forces to `rows` from entry r on.
 
     Args:
+        make: Whether to write and cache the program if it is not in the cache. If False, LookupError is raised instead.
         make: Whether to write the program if it is not cached; if False, a missing program raises LookupError.
     """
     from graspfx.compile.kernel import keep_lowerings
@@ -42,7 +43,7 @@ def source(*, make: bool = True) -> str:
     text = recall(key := program_key())
     if text is None:
         if not make:
-            raise LookupError("not written yet")
+            raise LookupError("the program of `steps` is not in the cache, and `make` is False")
         program = Program()
         for name, kernels, parameters, arguments, others in (
             ("invoke", PARTS, "kernel, place", "arena, place", call),

@@ -1,8 +1,8 @@
-"""Listing of the step for one scene: the kernels that ran in some ticks, and the skipped calls with their reasons.
+"""Listing of the kernels that run in the ticks of one scene, and of the skipped calls with the reasons.
 
 The listing is obtained by observation: ticks run interpreted, and every call of a kernel is recorded. Calls that did
-not occur are found in the source of `graspfx.loop.step`. The reason for a skipped call is the first enclosing condition
-that the scene's `World` does not satisfy.
+not occur are found in the source of `graspfx.loop.step`. The reason given for a skipped call is the first of the
+enclosing conditions that no record of the scene's `World` satisfies.
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ HANDING = "invoke", "invoke_at", "invoke_beside", "run", "checked", "first"
 
 @dataclass(eq=False)
 class Call:
-    """A kernel and its callees.
+    """Calls of one kernel by one caller.
 
     Attributes:
-        name: Name of the function.
-        code: Code of the function that ran.
+        name: Name of the kernel.
+        code: Code object of the kernel.
         count: Number of calls.
-        parts: Parts of the scene for which it was called, in the order of their first calls.
-        calls: Calls that this kernel makes, by the code of the called kernel, in the order of their first calls.
+        parts: Names of the scene's parts for which the kernel was called, in the order of the first calls.
+        calls: Calls that the kernel made, by the code object of the called kernel, in the order of the first calls.
     """
 
     name: str
@@ -59,7 +59,7 @@ class Call:
     calls: dict[CodeType, Call] = field(default_factory=dict)
 
     def walk(self, depth: int = 0) -> Iterator[tuple[int, Call]]:
-        """Yield this call and all calls below it, each with its depth."""
+        """Yield these calls and all calls made within them, each with its depth in the call tree."""
         yield depth, self
         for each in self.calls.values():
             yield from each.walk(depth + 1)
@@ -67,13 +67,13 @@ class Call:
 
 @dataclass(frozen=True)
 class Skipped:
-    """A call in `graspfx.loop.step` that no tick made.
+    """A call in `graspfx.loop.step` that was made in no observed tick.
 
     Attributes:
-        stage: Function that contains the call.
-        name: Name of the function that would be called.
-        line: Line of the call.
-        why: Reason why the call is not made in the scene.
+        stage: Name of the function that contains the call.
+        name: Name of the kernel that the call names.
+        line: Line number of the call.
+        why: Condition because of which the scene never makes the call.
     """
 
     stage: str
@@ -84,12 +84,12 @@ class Skipped:
 
 @dataclass(frozen=True)
 class Used:
-    """Result of an observation of some ticks of a scene.
+    """Kernels that ran in the observed ticks of a scene, and calls that were skipped.
 
     Attributes:
-        ticks: Number of ticks observed.
-        root: Call of `steps`.
-        skipped: Calls of the step that no tick made.
+        ticks: Number of observed ticks.
+        root: Calls of `steps`, with all calls made within them.
+        skipped: Calls in `graspfx.loop.step` that were made in no observed tick.
     """
 
     ticks: int
@@ -98,17 +98,17 @@ class Used:
 
     @property
     def kernels(self) -> frozenset[str]:
-        """Names of the kernels of parts that ran."""
+        """Names of the kernels that ran and that are not defined in `graspfx.loop.step`."""
         return frozenset(call.name for _, call in self.root.walk() if not _is_stage(call))
 
     @property
     def stages(self) -> frozenset[str]:
-        """Names of the kernels of the step itself that ran."""
+        """Names of the kernels that ran and that are defined in `graspfx.loop.step`."""
         return frozenset(call.name for _, call in self.root.walk() if _is_stage(call))
 
 
 class _Rows:
-    """Rows of the observed ticks, which are discarded."""
+    """Buffer for the rows of the observed ticks; the rows are not written to a recording."""
 
     def __init__(self, ticks: int, width: int) -> None:
         self._rows, self._ticks = np.empty((ticks, width)), 0
@@ -131,9 +131,9 @@ class _Rows:
 
 
 def used(servo: Servo, ticks: int = TICKS) -> Used:
-    """Run ticks of a new servo interpreted, and find which parts of the step ran.
+    """Run ticks of a new servo interpreted, and return the kernels that ran and the calls that were skipped.
 
-    Hardware is neither read nor moved; its fingers remain at their initial positions in the scene.
+    Hardware is neither read nor written: the positions of its fingers remain the initial positions of the scene.
     """
     arena = servo.arena
     watch = _Watch(arena)
@@ -151,14 +151,14 @@ def used(servo: Servo, ticks: int = TICKS) -> Used:
 
 
 def listing(servo: Servo, ticks: int = TICKS) -> list[str]:
-    """List the kernels that ran in a scene's first ticks, in order, and the skipped calls with their reasons."""
+    """List the kernels that ran in the first `ticks` ticks, in order, and the skipped calls with the reasons."""
     found = used(servo, ticks)
-    lines = [f"kernels that ran in ticks 0 to {found.ticks - 1}, in order: calls per tick, parts, and source", ""]
+    lines = [f"kernels that ran in ticks 0 to {found.ticks - 1}: calls per tick, parts of the scene, source line", ""]
     for depth, call in found.root.walk():
         often = f"{call.count / found.ticks:.4g}"
         name = f"{'  ' * depth}{call.name}"
         lines.append(f"{name:<{WIDTH}} {often:>6}  {_listed(list(call.parts)):<32}  {_place(call.code)}".rstrip())
-    lines += ["", "skipped calls of graspfx/loop/step.py, and the reasons", ""]
+    lines += ["", "calls in graspfx/loop/step.py that were skipped, and the reasons", ""]
     groups: dict[tuple[str, str], list[str]] = {}
     for each in found.skipped:
         groups.setdefault((each.name, each.why), []).append(f"{each.stage}:{each.line}")
@@ -169,7 +169,7 @@ def listing(servo: Servo, ticks: int = TICKS) -> list[str]:
 
 
 class _Watch:
-    """Record calls of kernels within a `with` block."""
+    """Record the calls of kernels while a `with` block runs."""
 
     def __init__(self, arena: Arena) -> None:
         self.root = Call("steps", source_function(step.steps).__code__)
@@ -211,12 +211,12 @@ class _Watch:
 
 
 def _hands_on(code: CodeType) -> bool:
-    """Return whether a function only forwards a call between two kernels."""
+    """Return whether a function only passes a call from one kernel to another."""
     return code.co_name in HANDING and Path(code.co_filename).name in BETWEEN
 
 
 def _is_kernel(code: CodeType) -> bool:
-    """Return whether a function called by a kernel is a kernel, not a method of a buffer or part of the compiler."""
+    """Return whether a function is a kernel, and not a buffer's method or a function of the compiler."""
     if code.co_filename.endswith(LOWERED_FILE):
         return True
     own = str(Path(graspfx.__path__[0]) / "compile")
@@ -224,7 +224,7 @@ def _is_kernel(code: CodeType) -> bool:
 
 
 class _Places:
-    """Search for the part of a scene on which a kernel operates, by the place in memory that the kernel receives."""
+    """Names of the scene's parts by the range of the arena that each part uses."""
 
     def __init__(self, arena: Arena) -> None:
         parts, self._ranges = arena.parts, list[tuple[int, int, str]]()
@@ -254,7 +254,11 @@ class _Places:
                 add(_state(each), _listed([names[f] for f in m.fingers.tolist() if f >= 0]))
 
     def of(self, frame: FrameType) -> str | None:
-        """Return the name of the part; if the kernel receives an object and a finger, return the finger's name."""
+        """Return the name of the part on which a kernel operates; None if the kernel's arguments refer to no part.
+
+        If the arguments refer to several parts, the part with the smallest range is returned: a finger of an object
+        rather than the object.
+        """
         code, values = frame.f_code, frame.f_locals
         arguments = [values[name] for name in code.co_varnames[: code.co_argcount]]
         found = [
@@ -284,12 +288,12 @@ STAGES = {
 
 
 def _is_stage(call: Call) -> bool:
-    """Return whether a kernel belongs to the step, because kernels of parts may have the same name."""
+    """Return whether a kernel is defined in `graspfx.loop.step`; the kernel of a part may have the same name."""
     return call.code.co_filename == f"<{step.__name__}.{call.name}{LOWERED_FILE}"
 
 
 def _skipped(arena: Arena, root: Call) -> Iterator[Skipped]:
-    """List the calls that the stages never made, each with the first condition that was not satisfied."""
+    """Yield the calls that the stages never made, each with the first condition that no record satisfied."""
     ran: dict[str, set[CodeType]] = {}
     for _, call in root.walk():
         if _is_stage(call):
@@ -312,7 +316,7 @@ Guard = tuple[ast.expr, bool] | ast.For
 
 
 def _calls(body: Sequence[ast.stmt], guards: tuple[Guard, ...]) -> Iterator[tuple[ast.Call, tuple[Guard, ...]]]:
-    """List calls within statements, each with the enclosing loops and conditions."""
+    """Yield the calls in some statements, each with the loops and conditions that enclose it."""
     for statement in body:
         if isinstance(statement, ast.If):
             yield from ((c, guards) for c in _within(statement.test))
@@ -331,7 +335,7 @@ def _within(node: ast.AST) -> Iterator[ast.Call]:
 
 
 def _reason(arena: Arena, guards: Sequence[Guard]) -> str:
-    """Return the loop that was empty, or the condition that no record satisfies."""
+    """Return a description of the first enclosing loop without records, or condition that no record satisfies."""
     scopes: list[dict[str, Any]] = [{"world": arena.world, "servo": arena.servo}]
     for guard in guards:
         if isinstance(guard, ast.For):
@@ -346,11 +350,11 @@ def _reason(arena: Arena, guards: Sequence[Guard]) -> str:
                 return _words(part, wanted)
             scopes = met
     last = next((guard for guard in reversed(guards) if not isinstance(guard, ast.For)), None)
-    return "it was not reached" if last is None else _words(*last)
+    return "no observed tick reached the call" if last is None else _words(*last)
 
 
 def _bound(loop: ast.For, scope: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """Bind the variable of a loop over records to each of them; other loops bind nothing."""
+    """Yield one binding of the loop variable per record; for a loop over anything else, yield one empty binding."""
     source, target = loop.iter, loop.target
     if isinstance(source, ast.Call) and isinstance(source.func, ast.Name) and source.func.id == "enumerate":
         source = source.args[0]
@@ -369,7 +373,7 @@ def _table(loop: ast.For) -> str:
 
 
 def _value(node: ast.expr, scope: dict[str, Any]) -> Any:
-    """Evaluate an expression on the world; None if it depends on values of a tick."""
+    """Evaluate an expression on the records of the world; return None if its value depends on the tick."""
     try:
         return eval(compile(ast.Expression(node), "<condition>", "eval"), vars(step) | scope)
     except (NameError, TypeError, AttributeError, ValueError):
@@ -385,7 +389,7 @@ def _holds(test: ast.expr, scope: dict[str, Any]) -> bool | None:
 
 
 def _words(test: ast.expr, wanted: bool) -> str:
-    """Return a description of a condition that no record of the world satisfies."""
+    """Return a description of why no record of the world gives a condition the value `wanted`."""
     match test:
         case ast.UnaryOp(ast.Not(), operand):
             return _words(operand, not wanted)
@@ -405,12 +409,12 @@ def _words(test: ast.expr, wanted: bool) -> str:
 
 
 def _listed(names: Sequence[str]) -> str:
-    """List names, abbreviated if there are many."""
+    """Join names by commas; from five names on, return the first name, the last name and the number of names."""
     return ", ".join(names) if len(names) < 5 else f"{names[0]}, ..., {names[-1]} ({len(names)})"
 
 
 def _place(code: CodeType) -> str:
-    """Return the file and line of a function."""
+    """Return the file, relative to the package's parent folder, and the first line of a function."""
     file, line = code.co_filename, code.co_firstlineno
     if file.endswith(LOWERED_FILE):
         module, _, name = file[1:].removesuffix(LOWERED_FILE).rpartition(".")

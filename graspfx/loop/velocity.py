@@ -1,4 +1,4 @@
-"""Estimation of velocity from sampled positions, with a window whose length adapts to the sensor's resolution."""
+"""Velocity estimates from sampled positions, by a difference quotient over an adaptive number of samples."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from graspfx.errors import InputError
 FloatArray = NDArray[np.float64]
 
 WINDOW = 16
-"""Largest window of a velocity estimate [samples]."""
+"""Default of the longest window of a velocity estimate [samples]."""
 
 SLACK = 1e-6  # relative tolerance of the noise bound, because positions in whole counts reach the bound exactly
 
 
 class VelocityEstimate(Record):
-    """State of one component's estimate: its settings, and its last positions in a ring buffer."""
+    """State of the velocity estimate of one component: parameters, and a ring buffer of the last positions."""
 
     period: float  # sampling period T [s]
     noise: float  # largest error of the sensor [m or rad]
@@ -32,7 +32,7 @@ class VelocityEstimate(Record):
 
 
 def estimate_size(window: int) -> int:
-    """Count the entries of one component's state."""
+    """Return the number of array entries for the state of one component with a longest window of `window` samples."""
     return size_for(VelocityEstimate, length=window)
 
 
@@ -40,10 +40,10 @@ def estimate_size(window: int) -> int:
 def estimate(state: VelocityEstimate, x: float) -> float:
     """Accept the next position x of a component, and return the component's velocity.
 
-    v_k = (x_k - x_(k-n)) / (n T), where n is the longest window for which every line from x_k to x_(k-j), j = 2 ... n,
-    passes within the noise bound h of the positions between its ends (`VelocityEstimator`). A line of slope s satisfies
-    this if s is in [(x_k - x_(k-i) - h) / i, (x_k - x_(k-i) + h) / i] for each i < j, so one pass over the positions
-    suffices.
+    v_k = (x_k - x_(k-n)) / (n T), where T is the sampling period and n is the longest window for which every line from
+    x_k to x_(k-j), j = 2, ..., n, passes within the noise bound h of all positions between (see `VelocityEstimator`).
+    This holds for a line of slope s (per sample) if, for each i < j, s is in the interval
+    [(x_k - x_(k-i) - h) / i, (x_k - x_(k-i) + h) / i]. One pass over the positions therefore suffices.
     """
     length = state.length
     positions = state.positions
@@ -94,11 +94,12 @@ def estimate(state: VelocityEstimate, x: float) -> float:
 
 @kernel
 def estimate_between(state: VelocityEstimate, times: Floats, x: float, time: float) -> float:
-    """Accept the next position x of a component, sampled at `time`, and return its velocity.
+    """Accept the next position x of a component, sampled at `time` [s], and return the component's velocity.
 
-    v_k = (x_k - x_(k-n)) / (t_k - t_(k-n)). The method is that of `estimate`, with times in place of counts of samples:
-    a slope must be in [(x_k - x_(k-i) - h) / (t_k - t_(k-i)), (x_k - x_(k-i) + h) / (t_k - t_(k-i))] for each i < j.
-    `times` is a ring buffer, parallel to that of the positions.
+    v_k = (x_k - x_(k-n)) / (t_k - t_(k-n)), where n is chosen as in `estimate`, with time intervals in place of numbers
+    of samples: the slope s of a line to x_(k-j) must be, for each i < j, in the interval
+    [(x_k - x_(k-i) - h) / (t_k - t_(k-i)), (x_k - x_(k-i) + h) / (t_k - t_(k-i))]. `times` is the ring buffer of the
+    sampling times t, in the same order as the ring buffer of the positions.
     """
     length = state.length
     positions = state.positions
@@ -137,9 +138,9 @@ def estimate_between(state: VelocityEstimate, times: Floats, x: float, time: flo
 
 @kernel
 def estimate_after(state: VelocityEstimate, x: float, missed: int) -> float:
-    """Accept the next position x of a component after `missed` lost samples, and return its velocity.
+    """Accept the next position x of a component after `missed` lost samples, and return the component's velocity.
 
-    The lost samples are interpolated linearly between the last position and x.
+    The lost samples are linearly interpolated between the last position and x.
     """
     if missed > 0 and state.filled > 0:
         before = state.positions[0]
@@ -151,34 +152,35 @@ def estimate_after(state: VelocityEstimate, x: float, missed: int) -> float:
 
 
 class VelocityEstimator:
-    """First-order adaptive windowing with end fit, for each component separately.
+    """Velocity estimator with first-order adaptive windowing (end-fit method), applied to each component separately.
 
         v_k = (x_k - x_(k-n)) / (n T)
 
-    where n <= window is the longest window up to which every line through the newest and an older position passes
-    within `noise` of all positions between them (F. Janabi-Sharifi, V. Hayward and C.-S. J. Chen, Discrete-time
-    adaptive windowing for velocity estimation, IEEE Trans. Control Systems Technology 8(6), 2000). The window is short
-    when the velocity changes, and long in steady motion.
+    where T is the sampling period, and n <= window is the largest number of samples for which every line from the
+    newest position to one of the n last positions passes within `noise` of all positions between the two (F.
+    Janabi-Sharifi, V. Hayward and C.-S. J. Chen, Discrete-time adaptive windowing for velocity estimation, IEEE Trans.
+    Control Systems Technology 8(6), 2000). The window n is short when the velocity changes, and long when the velocity
+    is constant.
 
-    For a sensor error of at most h and an acceleration of at most A, |v_k - v(t_k)| <= 2 h / (n T) + A n T / 2. The
-    first term is noise. The second term is due to the delay of the window's centre by n T / 2. Windows longer than 1
-    reduce this bound if h / T exceeds A T / 2, that is, for a fast loop or a coarse sensor. Otherwise the plain
-    difference (window 1) has the smallest bound.
+    If the sensor's error is at most h and the acceleration is at most A, then
+    |v_k - v(t_k)| <= 2 h / (n T) + A n T / 2. The first term is noise. The second term is the delay of the difference
+    quotient, n T / 2, times the acceleration. Windows longer than one sample reduce this bound if h / T > A T / 2, that
+    is, for a short period or a coarse sensor. Otherwise a window of one sample has the smallest bound.
 
-    For samples at irregular times, pass the times to `update`. The estimate then uses the true intervals, and an
-    unchanged time leaves the velocity unchanged. If some regular samples are lost, call `miss` for each lost sample:
-    lost samples are interpolated linearly.
+    For samples at irregular times, pass the times to `update`, which then uses the true intervals; a sample at an
+    unchanged time leaves the velocity unchanged. If samples at regular times are lost, call `miss` once for each lost
+    sample; the lost samples are then interpolated linearly.
 
-    The first velocity is zero. After a non-finite position, velocities are non-finite until two finite positions have
-    followed.
+    The first velocity is zero. After a non-finite position, the velocity is non-finite until two finite positions have
+    been passed.
 
     Args:
         period: Sampling period T [s].
-        shape: Shape of a position.
-        noise: Largest error of the sensor, half its resolution [m or rad]; with 0 the velocity is the backward
-            difference over one sample, for any window.
+        shape: Shape of the position array.
+        noise: Largest error h of the sensor, half its resolution [m or rad]. With 0 the velocity is the backward
+            difference over one sample, whatever the window.
         window: Longest window [samples].
-        memory: Array for the state, `estimate_size(window)` entries per component; if None, a new array is made.
+        memory: Array for the state, with `estimate_size(window)` entries per component; None to allocate an array.
     """
 
     def __init__(
@@ -192,7 +194,7 @@ class VelocityEstimator:
         if not (np.isfinite(period) and period > 0.0):
             raise InputError("period", period, "a finite time above zero [s]")
         if not (np.isfinite(noise) and noise >= 0.0):
-            raise InputError("noise", noise, "a finite bound of zero or more")
+            raise InputError("noise", noise, "a finite number, zero or above")
         if int(window) != window or window < 1:
             raise InputError("window", window, "a whole number of samples, 1 or more")
         self._length = int(window) if noise > 0.0 else 1
@@ -219,20 +221,20 @@ class VelocityEstimator:
 
     @property
     def window(self) -> NDArray[np.intp]:
-        """Number of samples in the last estimate of each component, in the shape of a position; 0 for none."""
+        """Window n of each component's last estimate [samples], in the position's shape; 0 without an estimate."""
         return self._used.astype(np.intp).reshape(self._velocity.shape)
 
     @property
     def memory(self) -> tuple[FloatArray, int, NDArray[np.int64]]:
-        """State of all components, entries per component, and number of missed samples, for machine code."""
+        """State of all components, its number of entries per component, and the number of lost samples (1,)."""
         return self._state, self._size, self._missed
 
     def miss(self) -> None:
-        """Record a lost sample."""
+        """Record that the next sample was lost."""
         self._missed[0] += 1
 
     def reset(self, position: ArrayLike | None = None) -> None:
-        """Forget all positions. If a position is given, it becomes the first."""
+        """Discard all positions. If a position is given, it becomes the first position."""
         self._memory[...] = 0.0
         self._velocity[...] = 0.0
         self._time = -np.inf
@@ -241,15 +243,15 @@ class VelocityEstimator:
             self.update(position)
 
     def update(self, position: ArrayLike, time: float | None = None) -> FloatArray:
-        """Update the velocity with the next position. The returned array is overwritten by the next call.
+        """Return the velocity after the next position, in an array that the next call overwrites.
 
         Args:
-            position: Position in the estimator's shape.
-            time: Time of the sample [s]; if None, one period after the last sample. Times must be given for all samples
-                or none.
+            position: Position, in the estimator's shape.
+            time: Time of the sample [s]; if None, one period after the last sample. Either all calls or none must give
+                a time.
 
         Raises:
-            InputError: If the time is earlier than the last time, or not finite.
+            InputError: If the time is not finite, or is earlier than that of the last sample.
         """
         if time is not None:
             return self._update_at(position, time)

@@ -1,7 +1,7 @@
-"""Memory layout of a scene: records of fingers, devices, objects, bodies and plants, with the places of their blocks.
+"""Memory layout of a scene: records that list the scene's parts and where in memory the data of each part begin.
 
-All memory of a scene is one float64 array, the arena. `World` lists the parts. Its records contain *places*. A place is
-the index of the arena's entry where a part's block, or a quantity in a block, begins. Place 0, `NONE`, is unused.
+All memory of a scene is one float64 array, the arena. `World` lists the parts. The records contain *places*: a place is
+the index of the arena's entry at which a block of data, or a quantity in a block, begins. Place 0, `NONE`, is unused.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ STILL, KERNEL, TABLE = 0, 1, 2  # kinds of hands: constant, a kernel, or plain P
 
 
 class ServoState(Record):
-    """Memory of a tick: the first fault, the failed part, and each finger's force, position and energy."""
+    """State of the loop: the first fault, the parts that have failed, and each finger's force, position and energy."""
 
     faulted: bool
     tick: int  # tick of the first fault
@@ -42,7 +42,7 @@ class ServoState(Record):
 
 @kernel
 def latch(servo: ServoState, k: int, kind: int, index: int, code: int) -> None:
-    """Store a fault if it is the first one; from then on every force is zero."""
+    """Store the fault of a part in tick k, if no earlier fault is stored; after a fault all forces are zero."""
     if not servo.faulted:
         servo.faulted = True
         servo.tick = k
@@ -52,7 +52,7 @@ def latch(servo: ServoState, k: int, kind: int, index: int, code: int) -> None:
 
 
 class Wire(Record):
-    """Entries to be copied."""
+    """A number of entries (`count`) that are copied from place `source` to place `to`."""
 
     to: int
     source: int
@@ -60,7 +60,7 @@ class Wire(Record):
 
 
 class Finger(Record):
-    """Places of one finger's quantities, d entries each."""
+    """Places of the quantities of one finger; each vector has d entries, one per dimension."""
 
     position: int  # position read from the device, in the object's block [m]
     velocity: int  # [m/s]
@@ -73,7 +73,7 @@ class Finger(Record):
 
 
 class Channel(Record):
-    """One channel of a device: places of a finger's readings and of the force to display."""
+    """One channel of a device: places of its readings and of the force that it displays."""
 
     finger: int  # index of the finger
     position: int
@@ -83,7 +83,7 @@ class Channel(Record):
 
 
 class Device(Record):
-    """A device; a device in plain Python is read and written by the caller of `steps`."""
+    """A device. The caller of `steps` reads and writes devices in plain Python."""
 
     plain: bool  # in plain Python
     state: int  # place of its block; for a plain device, an entry that tells whether the device could be read
@@ -97,7 +97,7 @@ class Device(Record):
 
 
 class Grasp(Record):
-    """An object and its coupling."""
+    """Places of the data of an object and its coupling, and settings of the coupling."""
 
     state: int
     ledger: int
@@ -110,7 +110,7 @@ class Grasp(Record):
 
 
 class Body(Record):
-    """A body that is moved by kernels, or by other software between two ticks."""
+    """A body, moved by kernels in the tick or by other software between two ticks."""
 
     index: int
     stuck: int
@@ -123,7 +123,7 @@ class Body(Record):
 
 
 class Exchange(Record):
-    """An exchange with other software, which machine code calls."""
+    """An exchange with other software that machine code performs."""
 
     stuck: int
     address: int
@@ -131,7 +131,7 @@ class Exchange(Record):
 
 
 class Plant(Record):
-    """A plant that a kernel moves, and its hand."""
+    """A plant moved by a kernel, and the hand that holds the plant."""
 
     index: int
     stuck: int
@@ -152,7 +152,7 @@ class Plant(Record):
 
 
 class World(Record):
-    """Index of all parts of a scene, over which a tick iterates."""
+    """Records of all parts of a scene, over which a tick iterates."""
 
     phase: int  # BEGIN or WRITE
     pauses: bool  # return after each tick to the caller, which runs devices, bodies or plants in plain Python

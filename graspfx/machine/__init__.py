@@ -1,1 +1,1 @@
-"""Checks of this machine: connected hardware, and fitness for real-time loops."""
+"""Checks of this computer: connected devices, and suitability for real-time loops."""

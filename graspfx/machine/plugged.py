@@ -1,4 +1,4 @@
-"""Search for the ports, libraries and services of drivers, by file names; nothing is opened."""
+"""Search for the ports, libraries and services that device drivers need, by names of files; no device is opened."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ PRINTABLE = 200  # longest name of a port that is listed
 
 @dataclass(frozen=True)
 class Sighting:
-    """A driver, and the hardware or software found for it.
+    """Result of the search for one driver.
 
     Attributes:
-        driver: Name of the driver.
-        sight: Description of the port, library or service that was found, or of the part that is missing.
+        driver: Name of the driver; "-" for a port that matches no driver.
+        sight: Port, library or service that was found, or a description of what is missing.
         device: Device table for a scene, in TOML; empty if nothing was found.
     """
 
@@ -39,7 +39,7 @@ class Sighting:
 
 
 def sightings(root: Path = Path("/")) -> list[Sighting]:
-    """List all drivers, each with the result of the search, then the serial ports that match no driver.
+    """Return the results of the search for all drivers, followed by the serial ports that match no driver.
 
     Args:
         root: Root of the file system.
@@ -60,7 +60,7 @@ def sightings(root: Path = Path("/")) -> list[Sighting]:
 
 
 def hints_of(driver: str) -> Mapping[str, object]:
-    """Read a driver's hints.toml without importing the driver; empty if there is none."""
+    """Read the file hints.toml of a driver without importing the driver; return an empty mapping if there is none."""
     source = source_of("devices", driver)
     if source is None or source.name != "__init__.py":
         return {}
@@ -97,7 +97,7 @@ def _name(path: Path, root: Path) -> str:
 
 
 def _rest(driver: str, hints: Mapping[str, object], root: Path) -> Iterator[Sighting]:
-    """Report the result of the search for a driver without a port."""
+    """Yield the result of the search for a driver that matches no port."""
     package, extra = hints.get("package"), hints.get("extra")
     if isinstance(package, str) and isinstance(extra, str) and version(package) is None:
         yield Sighting(driver, f"the package {package} is not installed: pip install 'graspfx[{extra}]'")
@@ -112,13 +112,13 @@ def _rest(driver: str, hints: Mapping[str, object], root: Path) -> Iterator[Sigh
     elif isinstance(service := hints.get("service"), str):
         yield Sighting(driver, f"a service at {service}, not queried", f'{{ name = "{driver}" }}')
     elif hints:
-        yield Sighting(driver, "nothing plugged in")
+        yield Sighting(driver, "no matching device is connected")
     else:
-        yield Sighting(driver, "unknown: the driver has no hints.toml")
+        yield Sighting(driver, "not searched: the driver has no hints.toml")
 
 
 def library_at(libraries: Sequence[str], root: Path = Path("/")) -> Path | None:
-    """Find a library by its names in the loader's folders, without loading it."""
+    """Return the path of the first library found by its file name in the loader's folders; None if there is none."""
     variable = os.environ.get(PATHS.get(sys.platform, ELSEWHERE), "")
     folders = [Path(each) for each in variable.split(os.pathsep) if each]
     for place in FOLDERS:

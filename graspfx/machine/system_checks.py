@@ -1,4 +1,4 @@
-"""Checks of system settings for real-time loops, and a report of findings that a lab can send without private data."""
+"""Checks of system settings for real-time loops, and a report of the results without private data."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ VENDORS = {
     "Google": "Google Compute Engine", "Microsoft Corporation": "Hyper-V", "Parallels": "Parallels",
 }  # fmt: skip
 CONTAINERS = (".dockerenv", "run/.containerenv")
-NO_PLACE = "do not run hardware from a shared virtual machine: use a physical machine"
+NO_PLACE = "do not run hardware from a virtual machine that shares its processors: use a physical machine"
 SHORTEST = 3  # shortest setting that is removed from the report
 PERSON = (
     "Force gauge at the finger, 0.2 N commanded in each direction: measured force",
@@ -38,12 +38,12 @@ PERSON = (
 
 @dataclass(frozen=True)
 class Finding:
-    """Result of one check.
+    """Result of one check of the computer.
 
     Attributes:
-        subject: Part of the machine or of its settings that was checked.
-        text: Result of the check.
-        remedy: Advice to the user; empty if none is needed.
+        subject: Name of the setting or part of the computer that was checked.
+        text: Description of the result.
+        remedy: Advice to the user; empty if the check has passed.
     """
 
     subject: str
@@ -58,13 +58,13 @@ class Finding:
 def lab_report(
     kind: str, findings: Sequence[Finding], devices: Sequence[tuple[str, Features]], settings: Sequence[object]
 ) -> str:
-    """Write a report in Markdown.
+    """Write a report of the computer, its devices and the results of the checks, in Markdown.
 
     Args:
-        kind: Description of the machine.
-        findings: Findings of `graspfx doctor`.
-        devices: Drivers' names, each with the features of its device.
-        settings: Settings of the devices; their texts, such as ports and serial numbers, are removed from the report.
+        kind: Description of the computer.
+        findings: Results of `graspfx doctor`.
+        devices: Names of the drivers, each with the features of its device.
+        settings: Settings of the devices. Their texts, such as ports and serial numbers, are removed from the report.
     """
     lines = [f"# GraspFX {__version__}: report of a machine", "", f"- machine: {kind}"]
     lines += [f"- device: {name}; {_figures(features)}" for name, features in devices]
@@ -92,10 +92,10 @@ def _cell(text: str) -> str:
 
 
 def system_findings(root: Path = Path("/")) -> Iterator[Finding]:
-    """Check the settings of the system.
+    """Yield the results of all checks of system settings.
 
     Args:
-        root: Root of the file system.
+        root: Root of the file system that is checked.
     """
     if not sys.platform.startswith("linux"):
         text = f"{platform.system() or sys.platform}: priority, memory and preemption are checked on Linux only"
@@ -111,7 +111,7 @@ def system_findings(root: Path = Path("/")) -> Iterator[Finding]:
 
 
 def priority_finding() -> Finding:
-    """Try the real-time priority of a servo in a short-lived thread."""
+    """Check whether a thread may get the real-time priority of a servo."""
     policies: list[str] = []
     thread = Thread(target=lambda: policies.append(set_fifo(SERVO)))
     thread.start()
@@ -119,11 +119,11 @@ def priority_finding() -> Finding:
     if policies[0].startswith("fifo"):
         return Finding("priority", f"SCHED_FIFO {SERVO} is allowed")
     remedy = f"add '@realtime - rtprio 99' to {LIMITS}, add yourself to the group realtime, and log in again"
-    return Finding("priority", "SCHED_FIFO is not allowed: other programs make the loop late", remedy)
+    return Finding("priority", "SCHED_FIFO is not allowed: other programs can delay the loop", remedy)
 
 
 def memory_finding() -> Finding:
-    """Check whether memory can be locked, so that no tick waits for the disk."""
+    """Check whether memory can be locked; a tick that accesses locked memory never waits for the disk."""
     most = most_locked()
     if most is None:
         return Finding("memory", "unknown")
@@ -134,7 +134,7 @@ def memory_finding() -> Finding:
 
 
 def throttling_finding(root: Path) -> Finding:
-    """Check the share of processor time for real-time threads."""
+    """Check which share of the processor time real-time threads may use."""
     runtime = _number(root / "proc/sys/kernel/sched_rt_runtime_us")
     period = _number(root / "proc/sys/kernel/sched_rt_period_us")
     if runtime is None or not period:
@@ -149,7 +149,7 @@ def throttling_finding(root: Path) -> Finding:
 
 
 def governor_finding(root: Path) -> Finding:
-    """Check the governor of the processors' clock rate."""
+    """Check whether the frequency governor of the processors is `performance`."""
     files = sorted((root / "sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor"))
     kinds = sorted({text for file in files if (text := _text(file))})
     if not kinds:
@@ -175,7 +175,7 @@ def preemption_finding(root: Path) -> Finding:
 
 
 def clock_finding(root: Path) -> Finding:
-    """Check the kernel's clock source: some sources are slow to read."""
+    """Check whether the kernel's clock source can be read quickly."""
     name = _text(root / "sys/devices/system/clocksource/clocksource0/current_clocksource")
     if not name or name in GOOD_CLOCKS:
         return Finding("clock", name or "unknown")
@@ -183,7 +183,7 @@ def clock_finding(root: Path) -> Finding:
 
 
 def sharing_finding(root: Path) -> Finding:
-    """Check whether this machine is virtual and shares its processors."""
+    """Check whether this computer is a virtual machine, which shares its processors with others."""
     vendor = _text(root / "sys/class/dmi/id/sys_vendor") + " " + _text(root / "sys/class/dmi/id/product_name")
     name = next((kind for words, kind in VENDORS.items() if words in vendor and not _is_bare(vendor)), "")
     guest = re.search(r"^flags\s*:.*\bhypervisor\b", _text(root / "proc/cpuinfo"), re.MULTILINE) is not None
@@ -204,7 +204,7 @@ def machine_kind(root: Path = Path("/")) -> str:
 
 
 def _is_bare(vendor: str) -> bool:
-    """Tell whether this machine is hardware of a vendor that also makes hypervisors, such as a Surface."""
+    """Return whether a computer whose vendor also makes hypervisors, such as Microsoft, is physical."""
     return "Microsoft Corporation" in vendor and "Virtual Machine" not in vendor
 
 

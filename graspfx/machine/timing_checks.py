@@ -1,4 +1,4 @@
-"""Timing checks: how late a loop wakes up, and how long a round trip to the hardware takes."""
+"""Checks of timing: lateness of a loop, and duration of an exchange with the hardware."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ FRESH = 0.95  # smallest share of readings with a new sample
 def round_trip_findings(
     stations: Sequence[DeviceWiring], names: Sequence[str], period: float, clock: Clock | None = None
 ) -> Iterator[Finding]:
-    """Open hardware at zero force, exchange data as in a run, and close it.
+    """Open the devices, exchange data at zero force at the period of a run, close the devices, and yield the results.
 
     Args:
         stations: Connected devices, none of them simulated.
         names: Names of the fingers.
         period: Period of the exchanges [s].
-        clock: Clock to use; None for the machine's.
+        clock: Clock that gives the time; None for `WallClock`.
     """
     clock = clock or WallClock()
     devices = DeviceExchange([_port(i, each, names, period) for i, each in enumerate(stations)])
@@ -49,9 +49,9 @@ def round_trip_findings(
             _exchange(devices, period, clock, count, trips)
             fresh = [each.readings.samples - n for each, n in zip(devices.ports, first, strict=True)]
     except GraspFXError as error:
-        yield Finding(labels, message(error), "fix this, and try again")
+        yield Finding(labels, message(error), "correct this, and run the check again")
         return
-    yield Finding(labels, f"at rest; a round trip of {1e6 * rest.round_trip:.0f} us at zero force")
+    yield Finding(labels, f"stationary at zero force; a round trip takes {1e6 * rest.round_trip:.0f} us")
     middle, most = (float(np.percentile(trips, share)) for share in (50.0, 99.0))
     text = f"p50 {1e6 * middle:.0f} us, p99 {1e6 * most:.0f} us, max {1e6 * max(trips):.0f} us"
     slow = most > TRIP_SHARE * period
@@ -60,12 +60,12 @@ def round_trip_findings(
     for each, samples in zip(devices.ports, fresh, strict=True):
         part = samples * each.fitting.every / count
         few = part < FRESH
-        remedy = "use a longer period, or set `rate` in its table" if few else ""
+        remedy = "use a longer period, or set `rate` in the device's table" if few else ""
         yield Finding(f"samples of {each.name}", f"{min(part, 1.0):.1%} of the readings were new", remedy)
 
 
 def _exchange(devices: DeviceExchange, period: float, clock: Clock, count: int, trips: list[float]) -> None:
-    """Read and write at zero force; append the duration of each exchange [s]."""
+    """Read and write `count` times at zero force; append the duration of each exchange [s] to `trips`."""
     pacer = Pacer(period, clock)
     for _ in range(count):
         skipped = pacer.wait()
@@ -78,7 +78,7 @@ def _exchange(devices: DeviceExchange, period: float, clock: Clock, count: int, 
 
 
 def _port(i: int, station: DeviceWiring, names: Sequence[str], period: float) -> DevicePort:
-    """Make a device's port as in a tick, with zero forces."""
+    """Return the port of device i with newly allocated memory, as in a run; its forces are zero."""
     features = station.device.features
     shape = features.fingers, features.dimensions
     size = shape[0] * shape[1]
@@ -94,21 +94,22 @@ MISSED = 1e-3  # largest number of skipped periods per tick
 MUCH, LITTLE = 3.0, 100e-6  # the pacer's 99th percentile may be this factor of the bare loop's, plus this [s]
 
 REMEDY = (
-    "close other programs, keep processors awake (governor performance, no deep sleep), boot with PREEMPT_RT; "
-    "with a longer period, less of this is needed"
+    "close other programs; prevent the processors from sleeping (governor performance, no deep sleep states); "
+    "boot a PREEMPT_RT kernel; or use a longer period"
 )
 
 
 class Jitter:
-    """Lateness of two loops that only wait, at the priority of a servo.
+    """Lateness of two loops that only wait for the next tick, at the real-time priority of a servo.
 
     Args:
         period: Period of the ticks [s].
-        duration: Duration of both loops together [s].
+        duration: Sum of the durations of both loops [s].
 
     Attributes:
-        pacer, bare: Lateness of a run's pacer, and of bare nanosleep calls to absolute times.
-        missed, bare_missed: Number of skipped periods of each loop.
+        pacer: Lateness of a loop that waits by the pacer of a run.
+        bare: Lateness of a loop that waits by nanosleep until absolute times.
+        missed, bare_missed: Numbers of periods that the two loops skipped.
         ticks: Number of ticks of each loop.
     """
 
@@ -148,13 +149,13 @@ class Jitter:
             deadline += late // step * step
 
     def findings(self) -> Iterator[Finding]:
-        """Judge the skipped periods of the pacer, and the 99th percentile of its lateness against the bare loop's."""
+        """Yield results: skipped periods of the pacer, and the 99th percentiles of both loops' lateness compared."""
         ours, bare = self.pacer.figures, self.bare.figures
         text = f"{_figures_text(ours)}; {self.missed} of {self.ticks} ticks of {1e3 * self.period:g} ms skipped"
         bad = self.missed > MISSED * self.ticks
         yield Finding("jitter of the loop", text, REMEDY if bad else "")
         worse = ours["p99"] > MUCH * bare["p99"] + LITTLE and not bad
-        remedy = "report it: the pacer is later than this machine requires" if worse else ""
+        remedy = "report this as a bug of GraspFX: the pacer is later than this computer requires" if worse else ""
         yield Finding("jitter of a bare loop", f"{_figures_text(bare)}; {self.bare_missed} skipped", remedy)
 
 

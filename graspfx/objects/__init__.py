@@ -1,1 +1,1 @@
-"""Rigid bodies that move freely, on fixed planes, or in the worlds of PyBullet and MuJoCo."""
+"""Rigid bodies: free, on fixed planes, or simulated by PyBullet or MuJoCo."""

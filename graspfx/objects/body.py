@@ -1,4 +1,4 @@
-"""Native rigid bodies with four integrators: protocol of a body, and initialisation of its block."""
+"""Native rigid bodies with four integrators: protocol of a body, and its memory block with parameters and state."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ VISCOUS_LIMIT = 2.0  # b T/m from which viscosity treated explicitly is unstable
 
 
 class Body(Protocol):
-    """Protocol of an object's body. One block contains the body's parameters, its state and the sample's wrench."""
+    """Protocol of an object's body. One block of memory contains the body's parameters, state and present wrench."""
 
     @property
     def state(self) -> FloatArray:
-        """Block of the body, (SIZE,), with the offsets of `objects.integrators`."""
+        """Block of the body, (SIZE,); `objects.integrators` defines the offsets of its entries."""
         ...
 
     def step(self, T: float) -> None:
-        """Advance by T [s] under the wrench in the block, constant over the sample."""
+        """Move the body by T [s] under the wrench in the block, which is constant over the sample."""
 
     def free_motion(self, T: float) -> None:
-        """Fill the NEXT and COMPLIANCE entries: implicit motion over T [s] without a wrench, and compliance to one."""
+        """Fill the NEXT and COMPLIANCE entries: motion after T [s] without a wrench, and displacement per wrench."""
 
 
 class BlockBody:
-    """Named views into a body's block."""
+    """Body whose attributes are views of a memory block."""
 
     def __init__(self, state: FloatArray) -> None:
         if state.shape != (at.SIZE,) or state.dtype != np.float64 or not state.flags.c_contiguous:
@@ -62,14 +62,14 @@ class BlockBody:
 
     @property
     def orientation(self) -> float | FloatArray | None:
-        """Orientation: None on a line, the unwrapped angle [rad] in the plane, the quaternion x y z w in space."""
+        """Orientation: None on a line; unwrapped angle [rad] in the plane; quaternion (x, y, z, w) in space."""
         if self.dimensions == 3:
             return self._quaternion
         return self._body.motion.angle if self.dimensions == 2 else None
 
     @property
     def angular_velocity(self) -> float | FloatArray | None:
-        """Angular velocity [rad/s]: None on a line, about z in the plane, (3,) in world axes in space."""
+        """Angular velocity [rad/s]: None on a line; a number, about z, in the plane; (3,), in world axes, in space."""
         if self.dimensions == 3:
             return self._angular_velocity
         return float(self._angular_velocity[2]) if self.dimensions == 2 else None
@@ -77,25 +77,25 @@ class BlockBody:
 
 @kernel
 def advance(body: BodyState, beside: Record, T: float) -> int:
-    """Move a body without obstacles; the additional record is unused."""
+    """Move a body without obstacles by T [s]; the record `beside` is unused."""
     at.step(body, T)
     return 0
 
 
 @kernel
 def expect(body: BodyState, beside: Record, T: float) -> None:
-    """Predict the motion of a body without obstacles, with the implicit integrator and without a wrench."""
+    """Predict the motion of a body without obstacles or wrench over T [s], with the implicit integrator."""
     at.predict(body, T)
 
 
 class NativeBody(BlockBody):
-    """A rigid body that is moved by the integrator named in its block.
+    """A rigid body that is moved by the integrator stored in its block.
 
-    A run may move the body by its kernels: `stepping(S, o, F, f, T)`, which returns 0 or a fault code, and
-    `predicting(S, o, F, f, T)`. The block starts at S[o] and the `buffer` at F[f]; F is S if `buffer` is None.
+    A run may call the kernels `stepping(S, o, F, f, T)`, which moves the body and returns 0 or a fault code, and
+    `predicting(S, o, F, f, T)`. The body's block starts at S[o], and the `buffer` at F[f]; without `buffer`, F is S.
 
     Args:
-        state: Block filled by `fill_body`, (SIZE,); the body owns the block and updates it in place.
+        state: Block filled by `fill_body`, (SIZE,), which the body updates in place.
     """
 
     stepping: Callable[..., int] = staticmethod(advance)
@@ -103,27 +103,27 @@ class NativeBody(BlockBody):
     buffer: FloatArray | None = None
 
     def fault_text(self, code: int) -> str:
-        """Raise InputError, because `stepping` of a body without contacts returns no fault code."""
-        raise InputError("code", code, "0: the step of a body without contacts always succeeds")
+        """Raise InputError, because the kernel `stepping` of this body never returns a fault code."""
+        raise InputError("code", code, "0, because the step of a body without contacts cannot fail")
 
     def step(self, T: float) -> None:
-        """Advance by T [s] under the wrench in the block, constant over the sample."""
+        """Move the body by T [s] under the wrench in the block, which is constant over the sample."""
         at.step(self._body, T)
 
     def free_motion(self, T: float) -> None:
         """Fill the NEXT and COMPLIANCE entries for a sample of T [s].
 
         Raises:
-            InputError: If the integrator is not "implicit", so the entries would not describe a step.
+            InputError: If the integrator is not "implicit". The entries do not describe a step of other integrators.
         """
         if self._body.integrator != at.IMPLICIT:
             name = next(name for name, kind in INTEGRATORS.items() if kind == self._body.integrator)
-            raise InputError("integrator", name, "'implicit', the only one that solves for the body's new state")
+            raise InputError("integrator", name, "'implicit', because only this integrator solves for the new state")
         at.predict(self._body, T)
 
 
 def create(state: FloatArray) -> NativeBody:
-    """Create the body for `dynamics = "native"`."""
+    """Return the body for `dynamics = "native"`."""
     return NativeBody(state)
 
 
@@ -143,28 +143,29 @@ def fill_body(
     velocity: ArrayLike | None = None,
     angular_velocity: float | ArrayLike | None = None,
 ) -> None:
-    """Write a body's parameters and its initial state into its block.
+    """Write a body's parameters and initial state to its block.
 
     Args:
-        state: Block, (SIZE,), overwritten completely.
+        state: Block, (SIZE,); all entries are overwritten.
         dimensions: Number of dimensions d: 1, 2 or 3.
         mass: Mass m [kg].
-        inertia: Moment of inertia about the centre of mass [kg m^2]: a number, or in space the principal moments (3,)
-            about the body's axes (also accepted in the plane, where the third is used). Required if a rotation is free.
+        inertia: Moment of inertia about the centre of mass [kg m^2]: a number or, in space, the principal moments (3,)
+            about the body's axes. The plane also accepts (3,) and uses the third. Required if a rotation is free.
         viscosity: Viscosity b [N s/m].
         rotational_viscosity: Rotational viscosity b_w [N m s/rad].
         integrator: Name of the integrator: "explicit", "semi-implicit", "exact" or "implicit".
-        free: Mask of the free degrees of freedom, w = 1, 3 or 6 entries in the order of G's rows; all are free by
-            default.
-        gravity: Gravity, (d,) [m/s^2]. If None, this and each of the following quantities is zero (no rotation).
-        position: Position, (d,) [m].
-        orientation: Angle [rad], or unit quaternion x y z w.
-        velocity: Velocity, (d,) [m/s].
-        angular_velocity: Angular velocity [rad/s]: a number, or (3,) in world axes.
+        free: Mask of the free degrees of freedom: 1, 3 or 6 entries for d = 1, 2 or 3, first the translations, then the
+            rotations. All are free by default.
+        gravity: Gravity, (d,) [m/s^2]; None for zero.
+        position: Position, (d,) [m]; None for zero.
+        orientation: Angle [rad] in the plane, or unit quaternion (x, y, z, w) in space; None for no rotation.
+        velocity: Velocity, (d,) [m/s]; None for zero.
+        angular_velocity: Angular velocity [rad/s]: a number in the plane, or (3,), in world axes, in space; None for
+            zero.
 
     Raises:
-        InputError: If an argument is invalid; the error names it.
-        UnknownNameError: If no integrator has that name.
+        InputError: If an argument is invalid; the message names the argument.
+        UnknownNameError: If there is no integrator of this name.
     """
     d = int(number("dimensions", dimensions, "1, 2 or 3"))
     if d not in FREEDOMS or d != dimensions:
@@ -218,7 +219,7 @@ def fill_body(
 
 
 def _vector(name: str, argument: float | ArrayLike | None, length: int, expected: str = "") -> FloatArray:
-    """Convert an argument to an array; None becomes zeros. The length 0 denotes a single number."""
+    """Return an argument as an array of `length` numbers, or of shape () if `length` is 0; None becomes zeros."""
     shape = (length,) if length else ()
     if argument is None:
         return np.zeros(shape)
@@ -230,7 +231,7 @@ def _vector(name: str, argument: float | ArrayLike | None, length: int, expected
 
 
 def _moments(inertia: float | ArrayLike | None, d: int, needed: bool) -> FloatArray:
-    """Convert an inertia to the principal moments (3,) of the block."""
+    """Return the principal moments (3,) for the block [kg m^2]; `needed` is True if a rotation is free."""
     if inertia is None:
         if needed:
             raise InputError(

@@ -1,4 +1,4 @@
-"""State of a rigid body, in a block."""
+"""Records of a rigid body's parameters, motion and wrench in a block of memory."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ EXPLICIT, SEMI_IMPLICIT, EXACT, IMPLICIT = 0, 1, 2, 3  # integrators
 
 
 class Motion(Record):
-    """Position and motion of a body; components that do not exist on a line or in a plane are zero."""
+    """Position, orientation and velocities of a body; components that a line or a plane does not have are zero."""
 
     position: Vector  # x, the centre of mass [m]
     quaternion: Quaternion  # body to world; space
@@ -21,7 +21,7 @@ class Motion(Record):
 
 
 class Decay(Record):
-    """Values of exp(-z) and its integrals (`integrators.decay_integrals`), cached for one z."""
+    """Cached values of exp(-z) and its integrals (see `integrators.decay_integrals`) for one value of z."""
 
     z: float  # b T/m, or b_w T/J
     exponential: float
@@ -31,7 +31,7 @@ class Decay(Record):
 
 
 class BodyState(Record):
-    """A rigid body: its parameters, its motion, and the wrench of the sample."""
+    """Parameters of a rigid body, its motion, and the wrench of the present sample."""
 
     dimensions: int  # d
     mass: float  # m [kg]
@@ -54,6 +54,6 @@ class BodyState(Record):
 
 @kernel
 def copy_motion(source: Motion, to: Motion) -> None:
-    """Copy position and motion of a body."""
+    """Copy all entries of a motion record to another one."""
     to.position, to.quaternion, to.angle = source.position, source.quaternion, source.angle
     to.velocity, to.angular_velocity, to.rotation = source.velocity, source.angular_velocity, source.rotation

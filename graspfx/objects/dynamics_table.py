@@ -1,4 +1,4 @@
-"""Table of the values of `object.dynamics`, with the facts that plan, certificate, checks and recording use."""
+"""Properties of each value of `object.dynamics`, for plans, certificates, checks and recordings."""
 
 from __future__ import annotations
 
@@ -10,19 +10,20 @@ from graspfx.errors import installation
 
 @dataclass(frozen=True)
 class Dynamics:
-    """Facts about a value of `object.dynamics`.
+    """Properties of a value of `object.dynamics`.
 
     Attributes:
+        name: Value of `object.dynamics`; also the extra of GraspFX that installs the program, if one is needed.
         label: Name of the program, for messages.
-        package: Python package of the program; empty if no package is needed.
-        distribution: Distribution that contains the package, for its version. The extra `name` installs it.
-        integrator: Integrator of the program, for linearised models; empty if the scene's integrator applies.
-        meets: True if objects collide with obstacles of every shape and with one another, and may bounce.
-        partial: True if a colliding body may have locked degrees of freedom, and may be in a plane or on a line.
-        rotations: Numbers of free rotations, out of three, that a colliding body may have.
-        least: Mass [kg] and moment of inertia [kg m^2] that a moving body must exceed.
-        hulls: Kinds of shapes whose collisions use the convex hull.
-        otherwise: Alternatives to the installation of the package, for messages.
+        package: Python package of the program; empty if none is needed.
+        distribution: Distribution that contains the package.
+        integrator: Integrator of the program, for linearised models; empty if the scene's integrator is used.
+        meets: Whether objects can collide with obstacles of every shape and with one another, and bounce.
+        partial: Whether a colliding body may have locked degrees of freedom, and may be in a plane or on a line.
+        rotations: Numbers of free rotations that a colliding body in space may have.
+        least: Lower bounds on the mass [kg] and the moment of inertia [kg m^2] of a moving body, as one number.
+        hulls: Kinds of shapes that are replaced by their convex hull in collisions.
+        otherwise: Alternatives to installing the package, for messages.
     """
 
     name: str
@@ -39,12 +40,12 @@ class Dynamics:
 
     @property
     def missing(self) -> bool:
-        """True if the program's package is not installed."""
+        """Whether the program's package is needed and not installed."""
         return bool(self.package) and find_spec(self.package) is None
 
     @property
     def remedy(self) -> str:
-        """Advice if the program's package is not installed."""
+        """Advice to install the program's package, with the alternatives."""
         return f"{installation(self.name)}{self.otherwise}"
 
 
@@ -67,5 +68,5 @@ MEETING = " or ".join(repr(each.name) for each in DYNAMICS.values() if each.meet
 
 
 def dynamics_of(name: str) -> Dynamics:
-    """Return the facts about dynamics by name. A plug-in has only its name, and may collide with anything."""
+    """Return the properties of dynamics by name; the properties of a plug-in are the defaults."""
     return DYNAMICS.get(name) or Dynamics(name, name)

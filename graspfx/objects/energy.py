@@ -1,6 +1,7 @@
-"""Energy of a rigid body over one sample: work, viscous loss, and energy error of its integrator.
+"""Energy of a rigid body over one sample: work, viscous loss, and energy error of the integrator.
 
-With the constant force F, gravity g, the contact force C of the planes, and the displacement dx of the sample,
+For a body of mass m and viscosity b that moves from velocity v to v+ in a sample of T [s], under the fingers' force F,
+the obstacles' force C and gravity g, all constant over the sample, with the displacement dx,
 
     1/2 m v+^2 - 1/2 m v^2 = (F + C + m g)'dx - loss + defect
 
@@ -11,8 +12,9 @@ With the constant force F, gravity g, the contact force C of the planes, and the
 | implicit | T b v+^2 | -1/2 m (v+ - v)^2 |
 | exact | integral of b v^2 | 0 |
 
-Rotations obey the same balance, with moments and the rotation vector. In space the rotation of the inertia tensor adds
-another defect: 1/2 w+'(I+ - I) w+, and also -T w+'(w x I w) if w+ moves the body.
+Rotations obey the same balance, with moments and the rotation vector in place of forces and dx. In space, the rotation
+of the inertia tensor from I to I+ adds the defect 1/2 w+'(I+ - I) w+, where w and w+ are the angular velocities before
+and after the sample. If w+ moves the body, the defect -T w+'(w x I w) is also added.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ SERIES = 0.5  # b T/m below which a series is used, because differences of expon
 
 
 class SampleStart(Record):
-    """State of a body at the beginning of a sample, and the displacement since then."""
+    """State of a body at the beginning of a sample, and the body's displacement over the sample."""
 
     motion: Motion
     force: Vector  # force of the fingers, constant over the sample [N]
@@ -44,7 +46,7 @@ class SampleStart(Record):
 
 @dataclass(frozen=True, slots=True)
 class SampleEnergy:
-    """Terms of the energy balance of one sample [J]."""
+    """Terms of the energy balance of one sample of a body [J]."""
 
     work: float  # work of the wrench
     fallen: float  # work of gravity
@@ -65,7 +67,7 @@ def keep(body: BodyState, start: SampleStart) -> None:
 
 @kernel
 def kinetic(body: BodyState) -> float:
-    """Compute 1/2 m v^2 + 1/2 w'I w [J]."""
+    """Return the kinetic energy 1/2 m v^2 + 1/2 w'I w of a body [J]."""
     motion, d = body.motion, body.dimensions
     energy = 0.5 * body.mass * dot(motion.velocity, motion.velocity)
     w = motion.angular_velocity
@@ -78,7 +80,7 @@ def kinetic(body: BodyState) -> float:
 
 @kernel
 def settle(body: BodyState, start: SampleStart, T: float) -> SampleEnergy:
-    """Compute the energy terms of the sample of T [s] that has just ended; write `shift` and `turn`."""
+    """Compute the energy terms of the sample of T [s] that began at `start`; write `shift` and `turn` of `start`."""
     kind, d, motion, before = body.integrator, body.dimensions, body.motion, start.motion
     m, b = body.mass, body.viscosity
     work = fallen = met = loss = turning_loss = defect = turning_defect = 0.0
@@ -115,7 +117,15 @@ def settle(body: BodyState, start: SampleStart, T: float) -> SampleEnergy:
 
 
 def viscous(kind: int, m: float, b: float, T: float, v: float, after: float, u: float) -> float:
-    """Compute the viscous loss over a sample [J]; u is the acceleration by all forces except viscosity."""
+    """Return the viscous loss of one degree of freedom over a sample [J].
+
+    Args:
+        kind: Integrator.
+        m, b: Mass [kg] and viscosity [N s/m], or moment of inertia [kg m^2] and rotational viscosity [N m s/rad].
+        T: Duration of the sample [s].
+        v, after: Velocity before and after the sample.
+        u: Acceleration due to all forces except viscosity.
+    """
     if kind != EXACT:
         if kind == EXPLICIT:
             return T * b * v * v
@@ -126,7 +136,7 @@ def viscous(kind: int, m: float, b: float, T: float, v: float, after: float, u: 
 
 
 def decay_square(z: float) -> float:
-    """Integrate ((1 - exp(-z s))/z)^2 over s from 0 to 1: (z - 2 (1 - E) + (1 - E^2)/2)/z^3, 1/3 at zero."""
+    """Integrate ((1 - exp(-z s))/z)^2 over s from 0 to 1: (z - 2 (1 - E) + (1 - E^2)/2)/z^3, where E = exp(-z)."""
     if z > SERIES:
         E = elementary.exp(-z)
         return (z - 2.0 * (1.0 - E) + 0.5 * (1.0 - E * E)) / (z * z * z)
@@ -140,7 +150,7 @@ def decay_square(z: float) -> float:
 
 
 def velocity_defect(kind: int, m: float, before: float, after: float) -> float:
-    """Compute m (v+ - v) times the difference between the mean velocity and the velocity that moves the body [J]."""
+    """Compute the integrator's energy error of one degree of freedom, +-1/2 m (v+ - v)^2 [J]; 0 if exact."""
     if kind == EXACT:
         return 0.0
     return (0.5 if kind == EXPLICIT else -0.5) * m * (after - before) * (after - before)
@@ -148,7 +158,7 @@ def velocity_defect(kind: int, m: float, before: float, after: float) -> float:
 
 @inline
 def quotient(p: Quaternion, q: Quaternion) -> Quaternion:
-    """Compute p q' of two unit quaternions: the rotation from q to p."""
+    """Return the product of p and the conjugate of q, two unit quaternions: the rotation from q to p."""
     x, y, z, w = -q.x, -q.y, -q.z, q.w
     return Quaternion(
         p.w * x + p.x * w + p.y * z - p.z * y,
@@ -160,16 +170,17 @@ def quotient(p: Quaternion, q: Quaternion) -> Quaternion:
 
 @kernel
 def rotation_vector(body: BodyState, before: Quaternion) -> Vector:
-    """Compute the rotation vector from an orientation to the current one [rad]; zero about locked axes."""
+    """Compute the rotation vector from the orientation `before` to the present one [rad]; zero about locked axes."""
     return multiply(body.free_rotation, vector_of(quotient(body.motion.quaternion, before)))
 
 
 @kernel
 def settle_rotation(body: BodyState, start: SampleStart, T: float, done: float) -> tuple[float, float]:
-    """Compute viscous loss and defect of rotation in space [J]; `done` is the work of all moments.
+    """Compute the viscous loss and the defect of a rotation in space [J], where `done` is the work of all moments.
 
-    The result is exact for one axis, and for a body with equal moments of inertia. If the exact integrator uses its
-    fourth-order step, the loss is computed from the mean square velocity, and the defect is the remaining energy.
+    The results are exact if one axis is free, or if the moments of inertia are equal. Otherwise, for the exact
+    integrator, the loss is computed from the mean square of the angular velocity, linearly interpolated over the
+    sample, and the defect is the remainder of the energy balance.
     """
     kind, b = body.integrator, body.rotational_viscosity
     q, v, u = start.motion.quaternion, start.motion.angular_velocity, body.motion.angular_velocity

@@ -1,4 +1,4 @@
-"""Bodies simulated by other software: exchange of wrench and motion, the protocol of these bodies, and base classes."""
+"""Bodies simulated by other software: protocol, base classes, and conversion of wrenches and motions."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from graspfx.spatial import Quaternion, Vector, exponential, rotate
 
 
 class GuestState(Record):
-    """A body's part of the buffer: its properties, the sent wrench and the received motion, in world axes."""
+    """A body's part of the exchange buffer: properties, wrench to send and motion received, in world axes."""
 
     by_spin: bool  # whether the angular velocity after the step is sent instead of a moment
     free_translation: Vector  # 1.0 or 0.0 per axis
@@ -52,59 +52,63 @@ TOO_FAST = 1
 
 @runtime_checkable
 class Guest(Protocol):
-    """Protocol of a body, or a world of bodies, that other software moves in one call between two ticks.
+    """Protocol of a body, or a world of bodies, that other software moves between two ticks.
 
-    At the end of a tick, a run computes the wrenches for the software by `handing(S, o, F, f, T)`. The block of each
-    body starts at S[o], and its part of the buffer at F[f]. The run then calls `exchange`. At the beginning of the next
-    tick the run reads the motion by `taking(S, o, F, f, T)`, which returns 0, or a code if the body cannot continue.
+    At the end of a tick, a run calls the kernel `handing(S, o, F, f, T)` for each body, and then `exchange`. The kernel
+    writes the wrench for the software. At the beginning of the next tick, the run calls the kernel
+    `taking(S, o, F, f, T)` for each body. This kernel reads the motion and returns 0, or a fault code if the body
+    cannot continue. The body's block starts at S[o], its part of the buffer at F[f].
     """
 
     @property
     def buffer(self) -> FloatArray:
-        """Buffer of sent wrenches and received motions; the same array for the guest's lifetime."""
+        """Buffer for the wrenches sent and the motions received; always the same array."""
         ...
 
     @property
     def places(self) -> Sequence[int]:
-        """Start indices of the bodies' parts; -1 for a body that never moves."""
+        """Index in the buffer at which each body's part starts; -1 for a body that never moves."""
         ...
 
     @property
     def handing(self) -> Any:
-        """Kernel that writes a body's wrench for the other software to the buffer."""
+        """Kernel that writes to the buffer the wrench that the other software applies to a body."""
 
     @property
     def taking(self) -> Any:
-        """Kernel that reads a body's motion from the buffer."""
+        """Kernel that copies a body's motion from the buffer to its block."""
 
     def hold(self, T: float) -> None:
         """Set the period of all following samples to T [s]."""
 
     def exchange(self) -> None:
-        """Send the wrenches, step the software, and receive the motions; this is the only Python call of a tick."""
+        """Send the wrenches, step the software once, and receive the motions."""
 
     def take(self) -> int:
-        """Read the last motions; return 0, or the code of the first body that cannot continue."""
+        """Copy the last motions to the blocks; return 0, or the fault code of the first body that cannot continue."""
         ...
 
     def fault_text(self, code: int) -> str:
-        """Return the message for the fault code of a body that cannot continue."""
+        """Return the message for the fault code of a body."""
         ...
 
 
 @runtime_checkable
 class CallingGuest(Guest, Protocol):
-    """A guest whose `exchange` only calls functions of the software; a run can call these functions directly."""
+    """A guest whose `exchange` only calls functions of the software, so that a run can call these functions itself."""
 
     @property
     def calls(self) -> Sequence[Call]:
-        """Calls of an exchange, in order; empty if `exchange` itself has to be called."""
+        """Calls that an exchange makes, in order; empty if `exchange` must be called."""
         ...
 
 
 @kernel
 def hand_over(body: BodyState, guest: GuestState, T: float) -> None:
-    """Compute the force to send, (f + m g - b v) times `share`, and the moment or the resulting angular velocity."""
+    """Write the force to send, (f + m g - b v) times `share`, and the moment or the angular velocity to send.
+
+    Here f is the force in the block, m the mass, g gravity, b the viscosity and v the velocity.
+    """
     b = body.viscosity
     for a in range(3):
         push = 0.0
@@ -120,7 +124,7 @@ def hand_over(body: BodyState, guest: GuestState, T: float) -> None:
 
 @kernel
 def viscous_moment(body: BodyState, guest: GuestState) -> Vector:
-    """Compute the moment to send, which models viscosity exactly, in world axes [N m]."""
+    """Compute the moment to send, in world axes [N m], such that rotational viscosity is exact."""
     motion, shares = body.motion, guest.shares
     moment = multiply(body.free_rotation, body.moment - body.rotational_viscosity * motion.angular_velocity)
     if shares.x == shares.y == shares.z:
@@ -131,7 +135,10 @@ def viscous_moment(body: BodyState, guest: GuestState) -> Vector:
 
 @kernel
 def spin_after(body: BodyState, guest: GuestState, T: float, moment: Vector) -> Vector:
-    """Compute the angular velocity after the step, w + T J^-1 M, in world axes [rad/s]."""
+    """Compute the angular velocity that a moment M gives in T [s], w + T J^-1 M, in world axes [rad/s].
+
+    Here w is the present angular velocity and J the inertia in the software.
+    """
     q, J = body.motion.quaternion, guest.moments
     m = rotate(q.conjugate, moment)
     return body.motion.angular_velocity + rotate(q, Vector(T * m.x / J.x, T * m.y / J.y, T * m.z / J.z))
@@ -139,7 +146,7 @@ def spin_after(body: BodyState, guest: GuestState, T: float, moment: Vector) -> 
 
 @kernel
 def take_over(body: BodyState, guest: GuestState, T: float) -> int:
-    """Write the motion received after a step of T [s] to the block; return TOO_FAST if the step exceeds TURN_LIMIT."""
+    """Copy the motion after a step of T [s] to the block; return TOO_FAST if it turned by over TURN_LIMIT, else 0."""
     if not guest.waiting:
         return 0
     guest.waiting = False
@@ -180,7 +187,7 @@ def take_over(body: BodyState, guest: GuestState, T: float) -> int:
 
 @kernel
 def unwrapped_angle(guest: GuestState, T: float) -> float:
-    """Compute the unwrapped angle of the single free rotation [rad]: the one nearest to the expected angle."""
+    """Compute the unwrapped angle of the single free rotation [rad], which is the nearest to last angle + T w."""
     axis, q = guest.axis, guest.turn
     sine = q.x if axis == 0 else (q.y if axis == 1 else q.z)
     angle = 2.0 * elementary.atan2(sine, q.w)
@@ -194,17 +201,17 @@ def unwrapped_angle(guest: GuestState, T: float) -> float:
 
 
 class CarriedBody(BlockBody):
-    """A body in another program's world; it receives the block's wrench before the world's step and is read afterwards.
+    """A body in another program's world, which receives the wrench in the block before the world's step.
 
-    The force (f + m g - b v) (1 - E)/(b T/m), E = exp(-b T/m), is constant over the sample and models viscosity b: the
-    velocity after the sample is exactly that of the viscous body, and the position is x+ = x + T v+. Moments about the
-    principal axes are computed in the same way.
-
-    No force acts along a locked degree of freedom, and its entries in the block are never written.
+    The program receives the force (f + m g - b v) (1 - E)/(b T/m), which is constant over the sample of T [s]. Here f
+    is the force in the block, m the mass, g gravity, b the viscosity, v the velocity, and E = exp(-b T/m). The velocity
+    v+ after the sample is then exactly that of a viscous body, and the position after the sample is x+ = x + T v+.
+    Moments about the principal axes are computed in the same way. No force acts along a locked degree of freedom, and
+    the entries of locked degrees of freedom in the block are never written.
 
     Args:
-        state: Block filled by `fill_body`, (SIZE,). The motion in the block is read once, and afterwards only written.
-        part: Body's part of the buffer, (SIZE,), for wrench and motion; overwritten completely.
+        state: Block filled by `fill_body`, (SIZE,). The motion is read from the block once, and then only written.
+        part: Body's part of the buffer, (SIZE,), for wrench and motion; all entries are overwritten.
     """
 
     handing: Callable[..., None] = staticmethod(hand_over)
@@ -231,28 +238,28 @@ class CarriedBody(BlockBody):
         own_part.place = Vector(*self.place)
 
     def hold(self, T: float) -> None:
-        """Compute the fractions of force and moment that remain under viscosity, for samples of T [s]."""
+        """Compute the factors on force and moment that model viscosity, for samples of T [s]."""
         body, own_part = self._body, self.part
         own_part.share = decay_integrals(body.viscosity * T / body.mass)[1]
         b, J = body.rotational_viscosity, own_part.moments
         own_part.shares = Vector(*(decay_integrals(b * T / moment)[1] for moment in (J.x, J.y, J.z)))
 
     def hand_over(self, T: float) -> None:
-        """Send the wrench in the block, with gravity and viscosity, to the other program for a step of T [s]."""
+        """Write the wrench for a step of T [s] to the buffer, with gravity and viscosity."""
         self.handing(self._body, self.part, T)
 
     def take_over(self, T: float) -> int:
-        """Write the motion after a step of T [s] to the block; return 0, or a code if the body cannot continue."""
+        """Copy the motion after a step of T [s] to the block; return 0, or a fault code if the body cannot continue."""
         body, part = self._body, self.part  # local names, because a run executes this in every tick
         return int(source_function(self.taking)(body.buffer, body.offset, part.buffer, part.offset, T))
 
     @property
     def speed(self) -> float:
-        """Angular speed at the last reading [rad/s]."""
+        """Angular speed that was received last [rad/s]."""
         return float(np.linalg.norm(self.part.array(GuestState.spin)))
 
     def _seen_moments(self) -> tuple[float, ...]:
-        """Compute the moments of inertia for the other program; with a single free rotation, all equal its moment."""
+        """Return the moments of inertia for the other program; with one free rotation, three times its moment."""
         moments = numbers_of(self._body, BodyState.inertia)
         if not self.turns:
             return 1.0, 1.0, 1.0
@@ -267,12 +274,12 @@ class CarriedBody(BlockBody):
 
 
 class Carrier:
-    """Bodies simulated by another program, in a world that contains only them and is stepped once per tick.
+    """Bodies in a world of another program, which contains no other moving bodies and is stepped once per tick.
 
     Args:
-        buffer: Flat buffer, (bodies SIZE,), with a part for each body of `carried`.
+        buffer: Flat buffer with a part of SIZE entries for each body of `carried`.
         carried: Bodies of the world.
-        calls: Function calls of one exchange, in order.
+        calls: Calls that one exchange makes, in order.
     """
 
     program = "the other program"  # name of the program in messages
@@ -290,7 +297,7 @@ class Carrier:
 
     @property
     def calls(self) -> Sequence[Call]:
-        """Function calls of one exchange; empty if a subclass overrides `exchange`."""
+        """Calls that one exchange makes; empty if a subclass overrides `exchange`."""
         return self._calls if type(self).exchange is Carrier.exchange else ()
 
     def hold(self, T: float) -> None:
@@ -308,19 +315,19 @@ class Carrier:
             self._T = T
 
     def exchange(self) -> None:
-        """Apply the wrench to every body, step the world, and read every body."""
+        """Apply the wrenches to the bodies, step the world, and receive the motions."""
         self._exchange()
 
     def take(self) -> int:
-        """Write the last readings to the blocks; return 0, or the code of the first body that cannot continue."""
+        """Copy the last motions to the blocks; return 0, or the fault code of the first body that cannot continue."""
         return next((code for one in self._moving if (code := one.take_over(self._T))), 0)
 
     def fault_text(self, code: int) -> str:
-        """Return the message for the fault code of a body that cannot continue."""
+        """Return the message for the fault code of a body."""
         return str(self._fault(code))
 
     def step(self, T: float) -> None:
-        """Advance every body by T [s] under its contact forces and the wrench in its block, which is held constant.
+        """Move every body by T [s] under contact forces and the wrench in its block, constant over the sample.
 
         Raises:
             InputError: If T is not a finite time above zero, or a body cannot continue.
@@ -334,9 +341,12 @@ class Carrier:
             raise self._fault(code)
 
     def free_motion(self, T: float) -> None:
-        """Raise InputError, because the program cannot solve for a new state."""
+        """Raise InputError, because the program has no implicit integrator whose new state could be predicted."""
         raise InputError(
-            "integrator", "implicit", f"another one: {self.program} has one integrator", "use native dynamics"
+            "integrator",
+            "implicit",
+            f"'semi-implicit', because {self.program} has one integrator",
+            "use native dynamics",
         )
 
     def _set_step(self, T: float) -> None:

@@ -1,7 +1,9 @@
-"""Integrators of a rigid body's motion during one sample.
+"""Integrators of a rigid body's motion over one sample of T [s].
 
-The wrench and gravity are constant over the sample, and viscosity is linear: m v' + b v = f + m g and
-(I w)' + b_w w = tau. Free directions are world axes; no force moves the body along a locked direction.
+The equations of motion are m v' + b v = f + m g for translation and (I w)' + b_w w = tau for rotation. Here v and w are
+the velocity and the angular velocity, m the mass, I the inertia, b and b_w the viscosities, and g gravity. The force f,
+the moment tau and g are constant over the sample. Free and locked directions are world axes. No force moves the body
+along a locked direction.
 
 | integrator | translation, plane rotation | rotation in space |
 |---|---|---|
@@ -10,10 +12,10 @@ The wrench and gravity are constant over the sample, and viscosity is linear: m 
 | exact | matrix exponential | isotropic inertia or one free axis: w exact, q by Magnus; else RKMK4; 4th order |
 | implicit | a at the new v | (I + T b_w) w+ = I w + T (tau - w x I w); q = exp(T w+) q |
 
-Explicit and semi-implicit are stable only for b T/m < 2 and b_w T/I < 2, where I is the smallest moment of inertia;
-exact and implicit are stable for any viscosity. All integrators except the exact one treat the gyroscopic term
-explicitly. If some rotations are locked, the equations are those of the free axes, (I w)_free' = (tau - b_w w)_free,
-w_locked = 0, without further approximation.
+Explicit and semi-implicit are stable only for b T/m < 2 and b_w T/I < 2, with the smallest moment of inertia I; exact
+and implicit are stable for any viscosity. All integrators except the exact one treat the gyroscopic term explicitly. If
+some rotations are locked, the equations are (I w)_free' = (tau - b_w w)_free and w_locked = 0, where the indices select
+the free and the locked axes; this adds no approximation.
 """
 
 from __future__ import annotations
@@ -78,7 +80,10 @@ STRIDES = 10_000  # largest number of substeps, so that a diverged run still end
 
 @dataclass(frozen=True, slots=True)
 class Coefficients:
-    """Coefficients of the step x+ = x + p v + q u, v+ = r v + s u; all four integrators have this form."""
+    """Coefficients of a step x+ = x + p v + q u, v+ = r v + s u, with which all four integrators can be written.
+
+    Here x and v are position and velocity before the step, and u is the acceleration without viscosity.
+    """
 
     p: float
     q: float
@@ -89,8 +94,8 @@ class Coefficients:
 def decay_integrals(z: float) -> tuple[float, float, float, float]:
     """Compute E = exp(-z) and its integrals (1 - E)/z, (z - 1 + E)/z^2, (z + z E - 2 + 2 E)/(2 z^3), to rounding.
 
-    Under a constant wrench the integrals determine velocity, displacement and the term of a rotation along w x m
-    (`turn_steadily`). For small z a series avoids cancellation.
+    Under a constant wrench, the first integral determines the velocity, the second the displacement, and the third a
+    term of the rotation (see `turn_steadily`). For z < 1 a series avoids cancellation.
     """
     if z >= 1.0:
         E = elementary.exp(-z)
@@ -109,7 +114,7 @@ def decay_integrals(z: float) -> tuple[float, float, float, float]:
 
 @kernel
 def update_decay(decay: Decay, z: float) -> None:
-    """Compute the integrals for z, unless the block already contains them."""
+    """Compute the integrals for z, unless `decay` already contains those for z."""
     if decay.z != z or decay.exponential == 0.0:
         decay.z = z
         decay.exponential, decay.first, decay.second, decay.turn = decay_integrals(z)
@@ -117,7 +122,7 @@ def update_decay(decay: Decay, z: float) -> None:
 
 @kernel
 def coefficients(kind: int, a: float, T: float) -> Coefficients:
-    """Compute the coefficients of an integrator's step of T [s] at the decay rate a [1/s]."""
+    """Compute the coefficients of an integrator's step of T [s], for a decay rate a [1/s] of the velocity."""
     if kind == EXPLICIT:
         return Coefficients(T, 0.0, 1.0 - T * a, T)
     if kind == SEMI_IMPLICIT:
@@ -132,13 +137,13 @@ def coefficients(kind: int, a: float, T: float) -> Coefficients:
 
 @inline
 def exact_coefficients(T: float, E: float, one: float, two: float) -> Coefficients:
-    """Return the coefficients of the exact integrator from the integrals of the decay."""
+    """Return the coefficients of the exact integrator, from the first three results of `decay_integrals`."""
     return Coefficients(T * one, T * T * two, E, T * one)
 
 
 @kernel
 def step_coefficients(decay: Decay, kind: int, a: float, T: float) -> Coefficients:
-    """Compute the coefficients of any integrator; for the exact one, use the integrals in the block."""
+    """Compute the coefficients of a step of T [s] as `coefficients` does, with cached integrals if `kind` is EXACT."""
     if kind != EXACT:
         return coefficients(kind, a, T)
     update_decay(decay, a * T)
@@ -156,13 +161,13 @@ def multiply(a: Vector, b: Vector) -> Vector:
 
 @inline
 def momentum(body: BodyState, q: Quaternion, w: Vector) -> Vector:
-    """Compute I w in world axes, for the orientation q."""
+    """Return I w in world axes, for the inertia I in body axes, the orientation q and the angular velocity w."""
     return rotate(q, multiply(body.inertia, rotate(q.conjugate, w)))
 
 
 @kernel
 def turn(body: BodyState, T: float, kind: int) -> None:
-    """Rotate by one step of the explicit, semi-implicit or implicit integrator."""
+    """Rotate the body by one step of T [s] of the explicit, semi-implicit or implicit integrator."""
     motion = body.motion
     new = new_spin(body, T, kind, body.moment)
     w = motion.angular_velocity if kind == EXPLICIT else new
@@ -172,13 +177,13 @@ def turn(body: BodyState, T: float, kind: int) -> None:
 
 @kernel
 def turn_by(motion: Motion, u: Vector) -> None:
-    """Rotate by the vector u [rad]: q = exp(u) q, normalised."""
+    """Rotate by the rotation vector u [rad] in world axes: the quaternion q becomes exp(u) q, normalised."""
     motion.quaternion = normalise(exponential(u) @ motion.quaternion)
 
 
 @kernel
 def vector_of(turn: Quaternion) -> Vector:
-    """Compute the rotation vector of a unit quaternion [rad]; its length is at most half a turn."""
+    """Return the rotation vector of a unit quaternion [rad], of a length of at most half a turn."""
     u, cosine = turn.vector, turn.w
     sine = math.sqrt(dot(u, u))
     scale = 2.0
@@ -191,7 +196,7 @@ def vector_of(turn: Quaternion) -> Vector:
 
 @kernel
 def new_spin(body: BodyState, T: float, kind: int, moment: Vector) -> Vector:
-    """Compute w after T [s] under a moment m: I w' = m - b_w w - w x I w on free axes, to first order."""
+    """Compute the angular velocity after T [s] under a moment, to first order, by I w' = moment - b_w w - w x I w."""
     q, w, b = body.motion.quaternion, body.motion.angular_velocity, body.rotational_viscosity
     L = momentum(body, q, w)
     moment -= cross(w, L)
@@ -202,7 +207,7 @@ def new_spin(body: BodyState, T: float, kind: int, moment: Vector) -> Vector:
 
 @kernel
 def spin_of(body: BodyState, q: Quaternion, extra: float, L: Vector) -> Vector:
-    """Solve (I + extra) u = L on the free axes and u = 0 on the locked ones, for the orientation q."""
+    """Solve (I + extra) u = L on the free axes, with u = 0 on the locked axes, in world axes at the orientation q."""
     free = body.free_rotation
     I = Vector(body.inertia.x + extra, body.inertia.y + extra, body.inertia.z + extra)  # noqa: E741 (the inertia's letter)
     if total(free) == 3.0:
@@ -230,7 +235,7 @@ def spin_of(body: BodyState, q: Quaternion, extra: float, L: Vector) -> Vector:
 
 @kernel
 def turn_exactly(body: BodyState, T: float) -> None:
-    """Rotate by the most accurate step available: with the exact angular velocity if possible, else of fourth order."""
+    """Rotate by T [s]: at an exact angular velocity for equal moments or one free axis, otherwise to fourth order."""
     I, free = body.inertia, body.free_rotation  # noqa: E741 (the inertia's letter)
     if I.x == I.y == I.z:
         turn_steadily(body, T, I.x)
@@ -251,10 +256,11 @@ def turn_exactly(body: BodyState, T: float) -> None:
 
 @kernel
 def turn_steadily(body: BodyState, T: float, J: float) -> None:
-    """Rotate with a constant moment of inertia J: w' = (m - b_w w)/J exactly, the orientation to 4th order (Magnus).
+    """Rotate by T [s] with a constant moment of inertia J, so that w' = (m - b_w w)/J for a moment m.
 
-    log of the rotation = integral of w + 1/2 double integral of w(s) x w(t), t < s. The double integral is along w x m
-    and has a closed form.
+    The angular velocity w is exact, and the orientation is exact to fourth order: by the Magnus expansion, the rotation
+    vector is the integral of w plus half the double integral of w(s) x w(t) over t < s. The double integral is a
+    multiple of w x m, and is computed in closed form.
     """
     motion, decay = body.motion, body.rotation_decay
     update_decay(decay, body.rotational_viscosity / J * T)
@@ -268,7 +274,7 @@ def turn_steadily(body: BodyState, T: float, J: float) -> None:
 
 @kernel
 def turn_freely(body: BodyState, h: float) -> None:
-    """Rotate a body of any inertia: a fourth-order Runge-Kutta-Munthe-Kaas step (Munthe-Kaas 1999).
+    """Rotate a body of any inertia by a fourth-order Runge-Kutta-Munthe-Kaas step of h [s] (Munthe-Kaas 1999).
 
     The step is computed in body axes.
     """
@@ -299,7 +305,7 @@ def turn_freely(body: BodyState, h: float) -> None:
 
 @kernel
 def body_acceleration(body: BodyState, q: Quaternion, w: Vector) -> Vector:
-    """Compute the angular acceleration in body axes, for the orientation q and the angular velocity w in body axes."""
+    """Compute the angular acceleration for the orientation q and the angular velocity w, both vectors in body axes."""
     I = body.inertia  # noqa: E741 (the inertia's letter)
     gyroscopic = Vector((I.z - I.y) * w.y * w.z, (I.x - I.z) * w.z * w.x, (I.y - I.x) * w.x * w.y)
     moment = rotate(q.conjugate, body.moment) - (body.rotational_viscosity * w + gyroscopic)
@@ -313,7 +319,7 @@ def body_acceleration(body: BodyState, q: Quaternion, w: Vector) -> Vector:
 
 @kernel
 def orient(body: BodyState) -> None:
-    """Compute the rotation matrix from the quaternion or the angle."""
+    """Compute the rotation matrix of a body from its quaternion or its angle."""
     motion = body.motion
     if body.dimensions == 3:
         motion.rotation = quaternion_matrix(motion.quaternion)
@@ -323,7 +329,7 @@ def orient(body: BodyState) -> None:
 
 @kernel
 def step(body: BodyState, T: float) -> None:
-    """Move the body by T [s] under its force, its moment, gravity and viscosity."""
+    """Move the body by T [s] under the wrench in its block, gravity and viscosity."""
     d, kind, m, motion = body.dimensions, body.integrator, body.mass, body.motion
     c = step_coefficients(body.translation_decay, kind, body.viscosity / m, T)
     for a in range(d):
@@ -347,11 +353,11 @@ def step(body: BodyState, T: float) -> None:
 
 @kernel
 def predict(body: BodyState, T: float) -> None:
-    """Compute the motion after T [s] without a wrench, and the compliance to a wrench.
+    """Compute a body's motion after T [s] without a wrench, and its compliance, for the implicit integrator.
 
-    With the implicit integrator and the compliance C, x+ = x_next + C f to the last bit. In the plane
-    angle+ = angle_next + C_r moment. In space R+ = exp(C_r moment) R_next, with an error of order T |w| times the
-    rotation C_r moment.
+    A force f and a moment then give the position x+ = x_next + C f to the last bit, with the compliances C and C_r. In
+    the plane the angle is angle_next + C_r moment. In space the rotation matrix is exp(C_r moment) R_next, with an
+    error of the order of T |w| times the rotation C_r moment, where w is the angular velocity.
     """
     d, motion, next_motion = body.dimensions, body.motion, body.next_motion
     c = coefficients(IMPLICIT, body.viscosity / body.mass, T)

@@ -11,7 +11,10 @@ __all__ = ["create", "create_world"]
 
 
 def create_world(members: Sequence[Member], obstacles: Sequence[Obstacle], meeting: Meeting) -> NativeBody:
-    """Create the body of one object on half-spaces and planes; native objects do not collide with one another."""
+    """Return the body of one object in contact with half-spaces and planes.
+
+    Native objects do not collide with one another, so that `members` contains one object.
+    """
     from graspfx.objects.floor.floor import FloorBody  # friction cones are only needed in scenes with obstacles
 
     [member] = members

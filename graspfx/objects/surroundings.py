@@ -18,7 +18,7 @@ STIFFNESS = 1e5  # stiffness of a native contact point [N/m]: 0.1 kg on four poi
 
 @dataclass(frozen=True)
 class Member:
-    """Block (SIZE,) and shape of a body in a world; a body without a shape has no contacts."""
+    """Block (SIZE,) and shape of a body in a world; the shape is None for a body without contacts."""
 
     state: FloatArray
     shape: Any
@@ -36,13 +36,13 @@ class Obstacle:
 
 @dataclass(frozen=True)
 class Meeting:
-    """Contact law between bodies.
+    """Parameters of the contacts in a world.
 
     Attributes:
-        friction: Coulomb coefficient of all pairs.
-        restitution: Ratio of separation speed to approach speed, 0 to 1.
-        stiffness: Stiffness of a native body's contact point [N/m].
-        collide: True if the bodies collide not only with obstacles, but also with one another.
+        friction: Coefficient of friction of all contacts.
+        restitution: Ratio of the separation speed to the approach speed, 0 to 1.
+        stiffness: Stiffness of a contact point of a native body [N/m].
+        collide: Whether the bodies collide with one another, in addition to obstacles.
     """
 
     friction: float = 0.5
@@ -54,7 +54,7 @@ class Meeting:
 def place_obstacle(
     name: str, shape: Any, d: int, position: Any = None, orientation: float | tuple[float, ...] | None = None
 ) -> Obstacle:
-    """Place an obstacle in d dimensions at a position (d,) and an angle [rad] or a quaternion x, y, z, w."""
+    """Return an obstacle in d dimensions at a position (d,) [m], with an angle [rad] or a quaternion (x, y, z, w)."""
     x = np.zeros(3)
     if position is not None:
         x[:d] = position

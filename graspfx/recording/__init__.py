@@ -1,1 +1,1 @@
-"""Write runs to disk and read them back."""
+"""Recordings of runs: writing to disk, reading, and analysis."""

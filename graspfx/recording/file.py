@@ -1,4 +1,4 @@
-"""A recording as an HDF5 file: one chunked data set per variable, written from rows and read in every format."""
+"""HDF5 files of recordings: writing of one chunked data set per variable, and reading of files of every format."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ UNREADABLE = (OSError, RuntimeError, LookupError, ValueError, TypeError, Attribu
 
 
 class NotWhole(Exception):
-    """A column of integers contains other numbers."""
+    """Error for a column of integers that contains a number that is not an integer."""
 
 
 def write_recording(
@@ -63,20 +63,19 @@ def write_recording(
     *,
     sync: bool = True,
 ) -> None:
-    """Write a recording; an existing file is replaced after the new one has been read back.
+    """Write a recording to a file; an existing file is replaced only after the new file has been read back.
 
-    Call this within `hold_signals`, because an exception of a signal handler must not pass through HDF5. (`Stream`
-    hides failed writes from HDF5.)
+    Call this function within `hold_signals`, because an exception of a signal handler must not pass through HDF5.
 
     Args:
-        place: Path of the file. A draft is written beside it and moved there.
+        place: Path of the file. The function writes a draft beside this path, and then moves the draft to the path.
         rows: Rows, (N, width).
         layout, header, outcome: Layout, header and outcome of the recording.
         compression: Filter of the data sets: "gzip", "lzf" or "none".
-        sync: Whether to flush the file to disk before it is moved.
+        sync: Whether to flush the draft to disk before it is moved.
 
     Raises:
-        OSError: The file cannot be written; the old file is unchanged.
+        OSError: The file cannot be written; an existing file is unchanged.
     """
     draft = place.with_name(place.name + ".tmp")
     # the fewest chunks of equal length: a short last chunk would take the space of a full one
@@ -134,12 +133,14 @@ def _write(
 
 
 class Variable:
-    """A data set written chunk by chunk; HDF5's checksum is computed here, because HDF5 would copy the data more often.
+    """A data set that is written chunk by chunk.
+
+    The checksum of a chunk is computed here, because HDF5 would copy the data more often.
 
     Args:
         data: Data set to write.
-        where: Position of its numbers in a row.
-        direct: Whether chunks are written as stored, bypassing HDF5's filters.
+        where: Position of the variable's numbers in a row.
+        direct: Whether to write chunks as they are stored, bypassing HDF5's filters.
     """
 
     def __init__(self, data: Any, where: slice, *, direct: bool) -> None:
@@ -150,10 +151,10 @@ class Variable:
         self._first = self._used = 0  # first row of the chunk, and number of its rows so far
 
     def add(self, values: NDArray[Any]) -> None:
-        """Append rows (r, ...).
+        """Append rows, (r, ...).
 
         Raises:
-            NotWhole: Numbers would not be restored to the same bits.
+            NotWhole: A number cannot be stored exactly in the type of the data set.
         """
         while len(values):
             part = self._values[self._used : self._used + len(values)]
@@ -170,7 +171,7 @@ class Variable:
                 self.flush()
 
     def flush(self) -> None:
-        """Write the chunk; the rest of the last one is filled with zeros."""
+        """Write the present chunk; the unused rows of the last chunk are filled with zeros."""
         if self._used and self._direct:
             self._values[self._used :] = 0
             self._content[-4:] = np.frombuffer(fletcher32(self._content[:-4]).to_bytes(4, "little"), np.uint8)
@@ -181,10 +182,11 @@ class Variable:
 
 
 def fletcher32(content: NDArray[np.uint8]) -> int:
-    """Compute HDF5's checksum of m 16-bit words w: sum w_i and sum (m - i) w_i modulo 65535.
+    """Compute HDF5's checksum of m 16-bit words w_i: the sums of w_i and of (m - i) w_i, each modulo 65535.
 
-    The result of a nonzero sum is between 1 and 65535. HDF5 reads words in big-endian order, which multiplies both sums
-    by 256. Sums of up to `SPAN` words in the stored byte order are exact in single precision.
+    A nonzero sum gives a number between 1 and 65535. HDF5 reads words in big-endian order, which multiplies both sums
+    by 256. Here the words are in the stored byte order, in groups of up to `SPAN` words, whose sums are exact in single
+    precision.
     """
     m = -(-len(content) // 2)
     words = np.empty((-(-m // (SPAN * ACROSS)), SPAN, ACROSS), np.float32)
@@ -214,7 +216,7 @@ def _write_faults(file: Any, faults: Sequence[RunFault]) -> None:
 def _make_variables(
     file: Any, layout: Layout, forces: Sequence[Column], shape: tuple[int, int], storage: dict[str, Any], *, plain: bool
 ) -> dict[str, Variable]:
-    """Make the data sets of time, columns, and external and internal forces, with units and dimension scales."""
+    """Create the data sets of the time, the columns, and the external and internal forces, with units and scales."""
     count, size = shape
     time = Column("time", slice(0, 0), (), (), "s", "")
     scales: dict[str, Any] = {}
@@ -241,7 +243,7 @@ def _make_variables(
 
 
 def _chunks(variables: Sequence[Any]) -> list[tuple[int, int]]:
-    """List the byte ranges of the data sets' chunks in the file, adjacent ranges merged."""
+    """Return the byte ranges of all chunks of the data sets in the file, with adjacent ranges merged."""
     places: list[tuple[int, int]] = []
     for data in variables:
         if data.chunks is not None:
@@ -258,13 +260,19 @@ def _chunks(variables: Sequence[Any]) -> list[tuple[int, int]]:
 def _read_back(draft: Path, first: int, count: int, size: int) -> None:
     """Verify the digest of a file that HDF5 wrote, and the checksums of the chunks from row `first` on.
 
-    All bytes were read back when they were written. HDF5 rereads only the last of the chunks with our own checksums.
+    All bytes were read back and compared when they were written. Of the chunks whose checksums were computed by
+    `Variable`, only the last is therefore read again.
+
+    Args:
+        draft: Path of the file.
+        first: First row whose chunk is read.
+        count, size: Number of rows, and number of rows per chunk.
 
     Raises:
-        OSError: The file differs from what was written.
+        OSError: The file does not end in its digest, or a checksum does not match.
     """
     if not has_digest(draft):
-        raise OSError(f"{draft} does not end in its digest")
+        raise OSError(f"{draft} does not end in its digest, although it was written completely")
     with h5py.File(draft, "r", rdcc_nbytes=0) as file:
         names: list[str] = []
         file.visit(names.append)
@@ -275,13 +283,14 @@ def _read_back(draft: Path, first: int, count: int, size: int) -> None:
 
 
 class Stream:
-    """An open file that hides failed writes from HDF5: later writes stay in memory.
+    """An open file that hides failed writes from HDF5: after a failure, data are kept in memory.
 
-    HDF5 2.0 crashes with a segmentation fault when it closes a file after a failed write. So HDF5 never sees a failure:
-    the writer calls `require()` between blocks, which raises it. All writes are read back and compared.
+    HDF5 2.0 crashes with a segmentation fault when it closes a file after a failed write. Therefore HDF5 never sees the
+    failure; the caller of HDF5 calls `require()` between blocks, which raises the error. All bytes are read back and
+    compared after they are written.
 
     Args:
-        path: Path of the file; an existing file is replaced.
+        path: Path of the file. An existing file is replaced.
     """
 
     def __init__(self, path: Path) -> None:
@@ -291,22 +300,22 @@ class Stream:
         self._overlay: list[tuple[int, bytes]] = []
 
     def require(self) -> None:
-        """Raise the first failure, if any."""
+        """Raise the error of the first failed operation, if any."""
         if self._failure is not None:
             raise self._failure
 
     def seal(self, apart: Sequence[tuple[int, int]]) -> None:
-        """Append the digest of the file without the ranges that have their own checksums."""
+        """Append the digest of the file; the ranges `apart`, which have checksums, are not part of the digest."""
         size = self.seek(0, os.SEEK_END)
         line = seal(self, size, apart)
         self.seek(size)
         self.write(line)
 
     def finish(self, *, sync: bool = True) -> None:
-        """Check that everything was written, and flush it to disk.
+        """Raise the error of the first failed operation, if any, and flush the file to disk if `sync` is True.
 
         Raises:
-            OSError: A write or the flush failed.
+            OSError: An earlier operation or the flush failed.
         """
         self.require()
         if sync:
@@ -329,7 +338,7 @@ class Stream:
         return bytes(buffer)
 
     def readinto(self, buffer: memoryview) -> int:
-        """Read into a buffer; unwritten bytes read as zeros."""
+        """Fill a buffer with the bytes from the present position on; bytes that are not written are zeros."""
         start, end = self._place, self._place + len(buffer)
         count = self._pull(start, buffer)
         buffer[count:] = bytes(len(buffer) - count)
@@ -341,7 +350,7 @@ class Stream:
         return len(buffer)
 
     def write(self, data: bytes | memoryview) -> int:
-        """Write all bytes to the file, or to memory after a failure."""
+        """Write all bytes to the file, or keep them in memory if an operation has failed; return their number."""
         size = len(data)
         self._attempt(lambda: self._push(memoryview(data)))
         if self._failure is not None:
@@ -356,7 +365,7 @@ class Stream:
         return self._size
 
     def flush(self) -> None:
-        """Do nothing: writes are unbuffered."""
+        """Do nothing, because writes are not buffered."""
 
     def _attempt(self, act: Callable[[], object]) -> None:
         try:
@@ -374,7 +383,7 @@ class Stream:
             part = data[k : k + PIECE]
             back = bytearray(len(part))
             if self._pull(self._place + k, memoryview(back)) < len(part) or back != part:
-                raise OSError(f"{self._path} does not hold what was written")
+                raise OSError(f"{self._path} does not contain the bytes that were written to it")
 
     def _pull(self, place: int, buffer: memoryview) -> int:
         self._file.seek(place)
@@ -388,20 +397,22 @@ class Stream:
 
 
 def read(path: str | PathLike[str]) -> tuple[RowStore, Layout, Header, Outcome]:
-    """Open a recording's rows and read its layout, header and outcome; a killed run is read as far as it was written.
+    """Open the rows of a recording, and read its layout, header and outcome.
+
+    Of a run that was killed, the rows that were written can be read.
 
     Args:
-        path: Path of the file, of its part, or of the folder that contains recording.h5. The part is read if
-            there is no recording beside it.
+        path: Path of the file, of its part, or of the folder that contains recording.h5. If the file does not exist,
+            the part beside it is read.
 
     Raises:
-        RecordingError: The file does not exist, is not a recording, or was changed.
+        RecordingError: The file does not exist, is not a recording, or was changed after it was written.
     """
     place = recording_file(path)
     if not place.is_file():
         raise RecordingError(f"{place}: the file does not exist")
     if place.suffix == ".toml":
-        raise RecordingError(f"{place}: is a scene, not a recording: run it first")
+        raise RecordingError(f"{place}: is a scene, not a recording: run it first, and give the path of its recording")
     try:
         return read_part(place) if is_part_file(place) else _read_hdf5(place)
     except UNREADABLE as error:
@@ -417,7 +428,7 @@ def _read_hdf5(place: Path) -> Content:
         require_contained(file, place)
         number = format_of(file.attrs)
         if number >= SEALS and not whole:
-            raise ValueError("it was changed since it was written: its digest is missing")
+            raise ValueError("it was changed since it was written, because its digest is missing")
         layout = _drop_columns(layout_of(file.attrs), file, number)
         header, outcome = header_of(file.attrs), _outcome(file)
         rows = _rows(place, file, layout, number)
@@ -438,13 +449,13 @@ def _close(*files: Any) -> None:
 
 
 def require_contained(file: Any, place: Path) -> None:
-    """Require that all data of an open HDF5 file are stored in that file and fit its size.
+    """Require that all data of an open HDF5 file are stored in this file, and are not larger than it can contain.
 
-    HDF5 reads other files through external storage, through virtual data sets with a source other than this file
-    ("."), and through external links. A recording has none of these; a crafted file could use them to read other files.
+    HDF5 reads other files through external links, external storage, and virtual data sets whose source is not the file
+    itself ("."). GraspFX never writes any of these, but a crafted file could use them to read other files.
 
     Raises:
-        ValueError: Data are stored in another file, or a data set is larger than a file of this size can hold.
+        ValueError: Data are stored in another file, or a data set is larger than the file can contain.
     """
     room = MOST_PACKED * place.stat().st_size
 
@@ -467,17 +478,17 @@ def require_contained(file: Any, place: Path) -> None:
                 raise ValueError(f"{text} is stored in another file (virtual data set), which is not read")
             sources.update(storage.get_virtual_dsetname(k) for k in maps)
         elif math.prod(data.shape) * data.get_type().get_size() > room:
-            raise ValueError(f"{text} claims to be {data.shape} of {data.dtype}, more than its file can hold")
+            raise ValueError(f"{text} is {data.shape} of {data.dtype}, more than a file of this size can contain")
     for source in sources:  # HDF5 crashes if a virtual data set refers to itself
         if h5py.h5d.open(file.id, source.encode()).get_create_plist().get_layout() == h5py.h5d.VIRTUAL:
             raise ValueError(f"{source} is a virtual data set of virtual data sets, which is not read")
 
 
 def _rows(place: Path, file: Any, layout: Layout, number: int) -> RowStore:
-    """Open the rows: in format 4 blocks or one table of all columns, in other formats one data set per variable.
+    """Open the rows: in format 4, blocks or one table of all columns; in other formats, one data set per variable.
 
     Raises:
-        ValueError: A variable or the rows have the wrong shape or type.
+        ValueError: A variable or the table of rows has a wrong shape or type.
         KeyError: A variable is missing.
     """
     (count,) = file["time"].shape
@@ -509,7 +520,7 @@ def _rows(place: Path, file: Any, layout: Layout, number: int) -> RowStore:
 
 
 def _open(place: Path, stream: FileIO) -> Any:
-    """Open the file, even a file of format 1 that a killed run left marked as open for writing."""
+    """Open an HDF5 file, including a file of format 1 that a killed run left marked as open for writing."""
     try:
         return h5py.File(stream, "r", driver="fileobj", rdcc_nbytes=CACHE)
     except OSError:
@@ -519,10 +530,10 @@ def _open(place: Path, stream: FileIO) -> Any:
 
 
 def _left_open(place: Path) -> bool:
-    """Tell whether the file is marked as open for writing and has not been truncated.
+    """Return whether a file is marked as open for writing and has its full length.
 
-    The mark is in the HDF5 superblock, version 3. HDF5's SWMR reader waits forever for the missing bytes of a
-    truncated file, so such a file must not be opened in that mode.
+    The mark is in version 3 of the HDF5 superblock. In SWMR mode, HDF5 waits forever for the missing bytes of a
+    truncated file; a truncated file must therefore not be opened in this mode.
     """
     with place.open("rb") as file:
         head = file.read(SUPERBLOCK)
@@ -532,7 +543,7 @@ def _left_open(place: Path) -> bool:
 
 
 def _drop_columns(layout: Layout, file: Any, number: int) -> Layout:
-    """Remove columns that did not exist in the file's format from a layout."""
+    """Return the layout without the optional columns that a file of an early format (below 3) does not contain."""
     if number >= 3:
         return layout
     absent = [name for name in layout.columns if name not in file and not layout.is_essential(name)]
@@ -546,5 +557,5 @@ def _outcome(file: Any) -> Outcome:
 
 
 def _line(error: Exception) -> str:
-    """Write HDF5's message on one line."""
+    """Return the message of an exception as one line."""
     return " ".join(str(error).split())

@@ -1,4 +1,4 @@
-"""Files of a run: names, folders, the writer's lock, and the digest in the last line."""
+"""Files of a run: names, folders, the lock of a file that is being written, and the digest at the end of a file."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ PIECE = 1 << 17  # bytes read at once
 
 
 def make_folder(path: str | PathLike[str]) -> Path:
-    """Make a folder for files of a run unless it exists.
+    """Create a folder for files of a run, unless it exists, and return its path.
 
     Raises:
-        RecordingError: the folder cannot be made.
+        RecordingError: The folder cannot be created.
     """
     folder = Path(path)
     try:
@@ -42,10 +42,10 @@ def make_folder(path: str | PathLike[str]) -> Path:
 
 
 def new_folder(home: Path, name: str) -> Path:
-    """Make a new folder within a folder: the first unused name of NAME, NAME-2, ...
+    """Create a folder within `home`, and return its path: the first of `name`, `name`-2, `name`-3, ... that is unused.
 
     Raises:
-        RecordingError: no folder can be made.
+        RecordingError: The folder cannot be created.
     """
     make_folder(home)
     for number in count(1):
@@ -61,21 +61,21 @@ def new_folder(home: Path, name: str) -> Path:
 
 
 def obstacle(error: OSError) -> str:
-    """Return the reason why the folder cannot be made."""
+    """Return the reason why a folder cannot be created."""
     in_the_way = isinstance(error, FileExistsError | NotADirectoryError)
     return "a file is in its way" if in_the_way else str(error.strerror)
 
 
 @contextmanager
 def placing(place: Path, otherwise: str = "") -> Iterator[Path]:
-    """Yield a draft file beside a path, and move it to the path when it is complete.
+    """Yield the path of a draft beside a file, and move the draft to the path of the file at the end of the block.
 
     Args:
         place: Path of the file.
-        otherwise: Text appended to the error message.
+        otherwise: Text that is appended to the error message.
 
     Raises:
-        RecordingError: The file cannot be written; an existing file is unchanged.
+        RecordingError: The file cannot be written. An existing file is unchanged.
     """
     draft = place.with_name(f".{place.stem}.{os.getpid()}{place.suffix}")
     try:
@@ -89,7 +89,7 @@ def placing(place: Path, otherwise: str = "") -> Iterator[Path]:
 
 
 def sync_folder(folder: Path) -> None:
-    """Flush a folder's entries to disk, if the system supports it."""
+    """Flush the entries of a folder to disk, on systems that can open a folder."""
     with suppress(OSError):  # Windows cannot open a folder
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -99,17 +99,17 @@ def sync_folder(folder: Path) -> None:
 
 
 def part_of(place: Path) -> Path:
-    """Return the path of the part, which a run writes until its recording is complete."""
+    """Return the path of a recording's part, which contains the rows until the recording is written."""
     return place.with_name(place.name + PART)
 
 
 def is_part(place: Path) -> bool:
-    """Tell whether a file name is that of a part."""
+    """Return whether the name of a file is that of a part."""
     return place.name.endswith(PART)
 
 
 def recording_path(path: str | PathLike[str], name: str = "recording") -> Path:
-    """Convert an argument to a path; `name` is the argument's name in the error.
+    """Return an argument as a path; `name` is the name of the argument in the error message.
 
     Raises:
         InputError: The argument is not a path.
@@ -120,9 +120,10 @@ def recording_path(path: str | PathLike[str], name: str = "recording") -> Path:
 
 
 def recording_file(path: str | PathLike[str]) -> Path:
-    """Return the file to read for a path: the recording, or its part if there is no recording.
+    """Return the path of the file to read: the recording, or its part if the recording does not exist.
 
-    For a folder, the file is the recording.h5 in it. `latest` may be a file that contains the folder's name.
+    If `path` is a folder, the recording is recording.h5 in this folder. `latest` may be a file that contains the name
+    of a folder.
     """
     place = recording_path(path)
     if place.name == LATEST and place.is_file() and place.stat().st_size <= LONGEST_NAME:
@@ -134,10 +135,10 @@ def recording_file(path: str | PathLike[str]) -> Path:
 
 
 def require_vacancy(files: Iterable[Path], remedy: str = "choose another place, or pass overwrite=True") -> None:
-    """Require that the files, including parts of recordings, do not exist; an empty part is ignored.
+    """Require that none of the files exists; an empty part of a recording is ignored.
 
     Raises:
-        RecordingError: A file exists; the message names the first one and says what to do.
+        RecordingError: A file exists; the message names the first such file and the remedy.
     """
     for file in files:
         if is_part(file):
@@ -148,10 +149,10 @@ def require_vacancy(files: Iterable[Path], remedy: str = "choose another place, 
 
 
 def require_vacancy_of(place: Path, remedy: str = "choose another place, or pass overwrite=True") -> None:
-    """Require that neither the recording nor its part exists.
+    """Require that neither a recording nor its part exists.
 
     Raises:
-        RecordingError: A file exists; the message names it and says what to do.
+        RecordingError: One of the two exists; the message names the file and the remedy.
     """
     require_vacancy([place, part_of(place)], remedy)
 
@@ -160,7 +161,7 @@ def require_vacancy_of(place: Path, remedy: str = "choose another place, or pass
 
 
 def claim(path: Path) -> FileIO:
-    """Open or create a file for writing, and lock it until it is closed or the process ends.
+    """Open or create a file for writing, with a lock that is held until the file is closed or the process ends.
 
     Raises:
         RecordingError: Another run is writing the file.
@@ -180,7 +181,7 @@ def claim(path: Path) -> FileIO:
 
 
 def stands_at(file: FileIO, path: Path) -> bool:
-    """Tell whether an open file is still the file at that path: not removed, moved or replaced."""
+    """Return whether an open file is still the file at a path, and has not been removed, moved or replaced."""
     try:
         return os.path.samestat(os.fstat(file.fileno()), path.stat())
     except OSError:
@@ -188,7 +189,7 @@ def stands_at(file: FileIO, path: Path) -> bool:
 
 
 def release(file: FileIO, path: Path) -> None:
-    """Remove a locked file, then release its lock; the reverse order could remove the file of another run."""
+    """Remove a locked file, and then release the lock; the reverse order could remove the file of another run."""
     if sys.platform == "win32":  # on systems where an open file cannot be removed
         file.close()
         path.unlink(missing_ok=True)
@@ -208,16 +209,16 @@ class Readable(Protocol):
 
 
 def seal(file: Readable, size: int, apart: Sequence[tuple[int, int]] | None = None) -> bytes:
-    """Return the trailer of a file: a line with the SHA-256 of its first `size` bytes.
+    """Return the bytes to append to a file, whose last line contains a SHA-256 digest of the file's first `size` bytes.
 
-    The trailer follows the end of the HDF5 data, where HDF5 does not read. Ranges of rows that have their own checksums
-    can be left out of the digest, so that a recording is opened without reading these rows. The bounds of the ranges
-    precede the line, and the digest covers the bounds too.
+    HDF5 does not read these bytes, because they follow the end of its data. Ranges of the file that have checksums can
+    be excluded from the digest, so that a recording can be opened without reading all rows. The bounds of these ranges
+    precede the last line, and are included in the digest.
 
     Args:
         file: File to read.
-        size: Size of the file without the trailer, in bytes.
-        apart: Bounds of the ranges that have their own checksums, in order.
+        size: Size of the file without the appended bytes, in bytes.
+        apart: Bounds of the ranges that have checksums, in ascending order; None to include all bytes.
     """
     if apart is None:
         return WHOLE + _digest(file, [0, size], b"") + b"\n"
@@ -226,10 +227,10 @@ def seal(file: Readable, size: int, apart: Sequence[tuple[int, int]] | None = No
 
 
 def has_digest(path: Path) -> bool:
-    """Tell whether a file ends in its digest.
+    """Return whether a file ends in a digest, after comparing the digest with the file's bytes.
 
     Raises:
-        ValueError: The digest does not match: bytes were changed.
+        ValueError: The digest does not match, because bytes of the file were changed.
     """
     size = path.stat().st_size - LENGTH
     with path.open("rb") as file:
@@ -255,7 +256,7 @@ def has_digest(path: Path) -> bool:
 
 
 def _digest(file: Readable, edges: Sequence[int], where: bytes) -> bytes:
-    """Compute the digest of `where` and of the byte ranges whose starts and ends alternate in `edges`."""
+    """Compute the digest of `where` and of byte ranges; `edges` contains the start and end of each range, in order."""
     digest = sha256(where)
     for start, end in zip(edges[::2], edges[1::2], strict=True):
         file.seek(start)

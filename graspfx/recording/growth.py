@@ -1,4 +1,4 @@
-"""Loss of stability in a recording: motions of a grasp that grow by themselves or oscillate permanently."""
+"""Detection of instability in a recording: motions of a grasp that grow or oscillate without an external cause."""
 
 from __future__ import annotations
 
@@ -45,17 +45,17 @@ SHAKEN_ROWS = 1 << 16  # largest number of rows in which the content of tremor a
 
 @dataclass(frozen=True)
 class Growth:
-    """One loss of stability.
+    """One detected instability of a grasp.
 
     Attributes:
-        object: name of the object.
-        mode: name of the mode as in certificates: "internal", "external", "external translation", "external rotation"
-            or "pushing with ...".
-        rate: growth rate of the log amplitude [1/s]; zero for an oscillation of constant size.
-        frequency: frequency [Hz]; zero for a divergence without oscillation.
-        begin, end: interval of the observation [s].
-        first, last: largest amplitude of a fingertip relative to the object at the ends of the interval [m].
-        sustained: whether the oscillation continues at the size that it has reached.
+        object: Name of the object.
+        mode: Name of the mode as in certificates: "internal", "external", "external translation", "external rotation",
+            or "pushing with" and the names of fingers.
+        rate: Growth rate of the log amplitude [1/s]; zero for an oscillation of constant amplitude.
+        frequency: Frequency [Hz]; zero for a divergence without oscillation.
+        begin, end: Bounds of the interval in which the motion grows or oscillates [s].
+        first, last: Amplitudes of the fingertip that moves most, relative to the object, at `begin` and `end` [m].
+        sustained: Whether the oscillation continues at the amplitude `last`.
     """
 
     object: str
@@ -70,16 +70,16 @@ class Growth:
 
     @property
     def growth(self) -> float:
-        """Total growth of the log amplitude."""
+        """Increase of the log amplitude from `begin` to `end`."""
         return math.log(self.last / self.first)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the numbers for summaries and JSON, in SI units."""
+        """Return all attributes as a dictionary, in SI units."""
         return asdict(self)
 
     def __str__(self) -> str:
         where = f"from {self.begin:.3g} to {self.end:.3g} s"
-        swing = f" at {self.frequency:.3g} Hz" if self.frequency else " without swinging"
+        swing = f" at {self.frequency:.3g} Hz" if self.frequency else " without oscillation"
         how = f"{self.mode} of {self.object} grows by itself, {self.rate:.2g} 1/s{swing}"
         if self.sustained and not self.rate:
             how = f"{self.mode} of {self.object} does not decay, {_length(self.last)} at {self.frequency:.3g} Hz"
@@ -90,9 +90,9 @@ class Growth:
 
 
 def losses(recording: History) -> list[dict[str, Any]]:
-    """List the growths of a recording for its summary: numbers, result of the certificate if any, and a sentence.
+    """Return a table for the summary for each instability: its attributes, its `certificate` and its `text`.
 
-    Certificates are computed only if something grows.
+    A certificate is computed only for a detected instability, and only if the scene is available.
     """
     tables = []
     for each in growths(recording):
@@ -103,12 +103,12 @@ def losses(recording: History) -> list[dict[str, Any]]:
 
 
 def growths(recording: History) -> list[Growth]:
-    """Find the strongest loss of stability of each touched object; none for a run that appears stable.
+    """Return the strongest instability of each object that has fingers; empty if the run appears stable.
 
-    An interval of a run counts as growth if, in one octave of frequency, the fingers' displacement relative to the
-    object grows exponentially, by e^2 or more over eight cycles or more, one pole explains this motion, and the hands'
-    intended motion does not. Operators' motions, contact changes, sliding and noise fail at least one of these
-    criteria. Only recorded data are used.
+    An interval of a run counts as growth if, in one octave of frequency, the displacement of the fingers relative to
+    the object grows exponentially, by a factor of e^2 or more, over eight cycles or more; if one pole explains this
+    motion; and if the intended motion of the hands does not explain it. Motions of operators, changes of contact,
+    sliding and noise violate at least one of these criteria. Only recorded data are used.
     """
     with np.errstate(all="ignore"):  # non-finite positions are not growth
         both = [(_grown(grasp) or _rung(grasp)) for grasp in grasps(recording)]
@@ -155,12 +155,15 @@ def _grown(grasp: GraspView) -> Growth | None:
 
 
 def _is_alike(growth: Growth, other: Growth) -> bool:
-    """Tell whether two growths may belong to one mode."""
+    """Return whether the frequencies of two growths are close enough for both to belong to one mode."""
     return abs(growth.frequency - other.frequency) <= ALIKE * other.frequency
 
 
 def _rung(grasp: GraspView) -> Growth | None:
-    """Find a sustained oscillation that grew too fast for its growth to be observed; None without one."""
+    """Find an oscillation of constant amplitude with contacts that close in every cycle; None if there is none.
+
+    The growth of such an oscillation was too fast to be observed.
+    """
     layout = grasp.recording.layout
     period = grasp.recording.row_period
     hands: Drive | None = None
@@ -184,10 +187,11 @@ def _rung(grasp: GraspView) -> Growth | None:
 
 
 def _shaken(grasp: GraspView, growth: Growth, hands: Drive) -> bool:
-    """Tell from the final size of the growth whether tremor or noise of the hands may cause it.
+    """Return whether tremor or noise of the hands could cause a motion of the amplitude at the end of a growth.
 
-    A grasp responds to a tremor, through the hand's spring, as to intended motion. Noise is a force at the fingertip:
-    an undamped oscillation that it drives at its own frequency reaches pi N times the static displacement in N cycles.
+    A grasp responds to tremor, through the spring of the hand, as to intended motion. Noise is a force at the
+    fingertip. An undamped oscillation that noise excites at its natural frequency reaches pi N times the static
+    displacement in N cycles.
     """
     turn, cycles = growth.frequency * grasp.recording.row_period, growth.frequency * (growth.end - growth.begin)
     tremor, noise = (_content(each, turn) for each in _shaking(grasp, hands, growth.begin, growth.end))
@@ -195,14 +199,14 @@ def _shaken(grasp: GraspView, growth: Growth, hands: Drive) -> bool:
 
 
 def _shaking(grasp: GraspView, hands: Drive, begin: float, end: float) -> tuple[FloatArray, FloatArray]:
-    """Compute tremor and noise of the hands by row, (r, c) each [m]; for a long interval, only rows at its end."""
+    """Return tremor and noise of the hands at each row, (r, c) each [m], for the last SHAKEN_ROWS rows at most."""
     period = grasp.recording.row_period
     times = (begin + period * np.arange(max(math.ceil((end - begin) / period), 1)))[-SHAKEN_ROWS:]
     return hands.tremor(times), hands.noise(times, grasp.depth(0, grasp.rows))
 
 
 def _content(x: FloatArray, turn: float) -> float:
-    """Find the largest amplitude at a frequency, in cycles per sample, in columns (M, c)."""
+    """Return the largest amplitude of the columns x (M, c) at the frequency `turn`, in cycles per sample."""
     taper = np.hanning(len(x))
     phase = np.exp(-2j * np.pi * turn * np.arange(len(x)))
     return float(np.abs(((x - x.mean(axis=0)) * (taper * phase)[:, None]).sum(axis=0)).max() * 2.0 / taper.sum())
@@ -219,7 +223,7 @@ def _divergence(grasp: GraspView, away: Divergence) -> Growth:
 
 
 def _led(grasp: GraspView, away: Divergence, hands: Drive) -> bool:
-    """Tell whether intended motion or tremor of the hands may cause the divergence."""
+    """Return whether intended motion, tremor or noise of the hands could cause a divergence."""
     step = away.octave.step
     times = away.begin + step * (np.arange(away.stretch.length * WINDOW + 2) - 1)
     intent = np.diff(hands.at(times), 2, axis=0)
@@ -269,12 +273,14 @@ def _length(metres: float) -> str:
 
 @dataclass(frozen=True, eq=False)
 class GraspView:
-    """One object's part of a recording, with its fingers.
+    """An object of a recording with its fingers.
 
     Attributes:
-        name: name of the object.
-        fingers: indices of its fingers.
-        rows: number of valid rows, before a fault.
+        recording: Recording of the run.
+        name: Name of the object.
+        number: Index of the object.
+        fingers: Indices of the object's fingers.
+        rows: Number of rows before the first fault.
     """
 
     recording: History
@@ -284,40 +290,40 @@ class GraspView:
     rows: int
 
     def displacement(self, first: int, stop: int) -> FloatArray:
-        """Compute e = p - c of touching fingers, zero for others, (r, n d) [m]."""
+        """Return the displacements p - c of fingertips p from their contacts c, zero without contact, (r, n d) [m]."""
         e = self._position(first, stop) - self._read("contact_position", first, stop)
         e *= np.not_equal(self._read("touching", first, stop), 0.0)[:, :, None]
         return e.reshape(len(e), -1)
 
     def arms(self, first: int, stop: int) -> FloatArray:
-        """Compute the mean arms of the fingers about the object, (n, d) [m]."""
+        """Return the mean positions of the fingers relative to the object's centre, (n, d) [m]."""
         centre = self.recording.read(f"objects/{self.name}/position", first, stop)[:, None]
         return np.asarray((self._position(first, stop) - centre).mean(axis=0))
 
     def touching(self, first: int, stop: int) -> NDArray[np.bool_]:
-        """Tell which fingers touch most of the time, (n,)."""
+        """Return which fingers touch the object in more than half of the rows, (n,)."""
         return np.asarray(np.not_equal(self._read("touching", first, stop), 0.0).mean(axis=0) > 0.5)
 
     def depth(self, first: int, stop: int) -> float:
-        """Find the largest of the fingers' mean displacements [m]."""
+        """Return the largest length of a finger's mean displacement [m]."""
         mean = self.displacement(first, stop).mean(axis=0).reshape(len(self.fingers), -1)
         return float(np.linalg.norm(mean, axis=1).max())
 
     def noise(self, first: int, stop: int) -> float:
-        """Estimate the RMS noise of the measured positions [m]; zero if unknown."""
+        """Return the RMS difference of measured and true positions [m]; zero if true positions are not recorded."""
         if "true_position" not in self.recording.layout.columns:
             return 0.0
         off = self._read("finger_position", first, stop) - self._read("true_position", first, stop)
         return float(np.sqrt((off**2).mean()))
 
     def drive(self) -> Drive:
-        """Compute the excitation of the object's fingers by their hands, from the recorded scene."""
+        """Return the excitation of the object's fingers by their hands, computed from the recorded scene."""
         header = self.recording.header
         centre = self.recording.read(f"objects/{self.name}/position", 0, 1)[0]
         return drive(header.scene_table, self.fingers.tolist(), header.scene_folder, self._position(0, 1)[0], centre)
 
     def mode(self, swing: NDArray[np.complex128], first: int, stop: int) -> str:
-        """Name the mode of an oscillation (n d,) in these rows."""
+        """Return the name of the mode of an oscillation with amplitudes `swing` (n d,) in a range of rows."""
         layout, table = self.recording.layout, self.recording.header.scene_table
         things = table.get("object") or [{}]
         free = (things[self.number] if self.number < len(things) else {}).get("free")
@@ -344,7 +350,7 @@ class GraspView:
 
 
 def grasps(recording: History) -> Iterator[GraspView]:
-    """List each object with its fingers, with rows up to a fault."""
+    """Yield each object that has fingers, with the rows before the first fault."""
     layout = recording.layout
     rows = min([len(recording), *(recording.header.rows_before(fault.tick) for fault in recording.faults)])
     for number, name in enumerate(layout.objects):
@@ -361,17 +367,19 @@ def mode_name(
     names: Sequence[str],
     gains: tuple[float, float] = (1.0, 1.0),
 ) -> str:
-    """Name the mode with most energy of an oscillation: internal, external translation or rotation, or pushing fingers.
+    """Return the name of the mode with the largest energy of an oscillation.
 
-    The split is eq. (3) for hard fingers, the best fit of a free object's motion to that of the touching fingers.
+    The modes are internal, external translation and external rotation. If some fingers do not touch, the name is
+    "pushing with" and the names of those that touch. The split into modes is eq. (3) for hard fingers: the external
+    part is the free motion of the object that fits the motion of the touching fingers best.
 
     Args:
-        swing: amplitudes of e = p - c, (n, d).
-        arms: arms of the fingers from the object's centre (n, d) [m].
-        free: mask of the object's free degrees of freedom (w,).
-        touching: mask of touching fingers (n,).
-        names: names of the fingers.
-        gains: kep and kip, which weight the parts.
+        swing: Amplitudes of fingertips relative to their contacts, (n, d).
+        arms: Positions of the fingers relative to the object's centre, (n, d) [m].
+        free: Mask of the object's free degrees of freedom, (w,).
+        touching: Mask of the touching fingers, (n,).
+        names: Names of the fingers.
+        gains: External and internal stiffness, which weight the energies of the modes.
 
     Returns:
         Name of the mode as in certificates.
@@ -396,7 +404,7 @@ def mode_name(
 
 
 def _turns(arms: FloatArray) -> FloatArray:
-    """Compute the fingers' motions under rotations of the object, (n d, 0), (n d, 1) or (n d, 3)."""
+    """Return the fingers' motions for unit rotations of the object about each axis, (n d, 0), (n d, 1) or (n d, 3)."""
     n, d = arms.shape
     if d == 1:
         return np.zeros((n, 0))
@@ -406,7 +414,7 @@ def _turns(arms: FloatArray) -> FloatArray:
 
 
 def _fit(basis: FloatArray, x: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Fit the closest linear combination of columns."""
+    """Return the linear combination of the basis's columns that is closest to x."""
     if not basis.shape[1]:
         return np.zeros_like(x)
     return np.asarray(basis @ np.linalg.lstsq(basis, x, rcond=None)[0], dtype=np.complex128)
@@ -434,10 +442,10 @@ DRIVE_SAMPLES = 2048
 
 
 def coherent_pole(octave: Octave, stretch: Stretch) -> complex | None:
-    """Find the pole of an interval; None if it is not a coherent oscillation that grows for long enough.
+    """Return the pole of an interval; None if no single oscillation grows there for at least LEAST_CYCLES cycles.
 
-    If one oscillation does not explain the interval, two may; then the oscillation that is larger at the end must be
-    the growing one.
+    If one oscillation does not explain the interval, two oscillations may explain it. The one with the larger amplitude
+    at the end must then be the one that grows.
     """
     y = octave.windows(stretch.first, stretch.length)
     growth = stretch.growth / len(y)
@@ -458,13 +466,13 @@ def coherent_pole(octave: Octave, stretch: Stretch) -> complex | None:
 
 
 def _size_at_end(y: FloatArray, z: complex, others: list[complex]) -> float:
-    """Estimate the log amplitude of the oscillation with the pole z at the end of the interval."""
+    """Return the log amplitude of the oscillation with the pole z at the end of the interval y."""
     size = float(np.abs(amplitudes(y, z, others)).max())
     return math.log(max(size, TINY)) + math.log(max(abs(z), TINY)) * len(y)
 
 
 def _grows(z: complex, growth: float, count: int) -> bool:
-    """Tell whether a pole lies in the octave, has enough cycles in `count` samples, and grows like the windows."""
+    """Return whether a pole is in the octave, makes enough cycles in `count` samples, and grows like the windows."""
     turn = abs(float(np.angle(z)))
     low, high = AGREEMENT
     agrees = low * growth < math.log(max(abs(z), TINY)) < high * growth
@@ -472,9 +480,10 @@ def _grows(z: complex, growth: float, count: int) -> bool:
 
 
 def is_steady(octave: Octave, logs: FloatArray, stretch: Stretch, z: complex) -> bool:
-    """Tell whether an interval has a constant rate and frequency.
+    """Return whether growth has a constant rate and frequency in an interval.
 
-    The growth of a transient t^k exp(-s t) slows down, and the frequency of a chirp through a resonance changes.
+    The growth of a transient t^k exp(-s t) slows down. The frequency of a chirp that passes through a resonance
+    changes.
     """
     if stretch.growth > 2.0 * CERTAIN:  # a chirp passes a resonance faster, and two growing modes may beat
         return True
@@ -491,19 +500,20 @@ def is_steady(octave: Octave, logs: FloatArray, stretch: Stretch, z: complex) ->
 
 
 def is_alias(octave: Octave, above: Octave, stretch: Stretch) -> bool:
-    """Tell whether growth is an alias of a motion above the octave; an alias is as large in the octave above.
+    """Return whether growth in an octave is an alias of a motion in the octave above.
 
-    A motion at half the octave's sampling rate appears twice as large in the octave as in the octave above.
+    A motion at half the sampling rate of an octave has twice the amplitude there that it has in the octave above. The
+    amplitude of an alias is as large in the octave above.
     """
     end = octave.time(stretch.first + stretch.length)
     return 2.0 * above.size_before(end) > octave.size_before(end)
 
 
 def stands_out(logs: FloatArray, stretch: Stretch) -> bool:
-    """Tell whether growth ends above all earlier values, or exceeds what noise causes in a lightly damped mode.
+    """Return whether growth ends above all earlier amplitudes, or exceeds the growth that noise can cause in a mode.
 
-    The amplitude of such a mode fluctuates. After it was near zero, it grows along any curve and with constant phase,
-    but not above its earlier values.
+    Noise makes the amplitude of a lightly damped mode fluctuate. When this amplitude has been near zero, it grows along
+    any curve with constant phase, but not above its earlier values.
     """
     before = float(logs[: stretch.first].max(initial=-math.inf))
     end = float(logs[stretch.first + stretch.length - 1])
@@ -511,15 +521,15 @@ def stands_out(logs: FloatArray, stretch: Stretch) -> bool:
 
 
 def stops(grasp: GraspView, logs: FloatArray, stretch: Stretch, end_time: float, size: float) -> bool:
-    """Tell whether a motion stops after little growth although no contact changes.
+    """Return whether a motion stops after little growth although no contact changes.
 
-    The motion stops at a small size, like noise, or decays again, like a transient.
+    The motion has stopped if it remains small, as noise does, or if it decays, as a transient does.
 
     Args:
-        grasp: Moving grasp.
-        logs, stretch: Log amplitudes of the windows, and the windows with growth.
-        end_time: End of the stretch [s].
-        size: Amplitude of the motion at that time [m].
+        grasp: Grasp that moves.
+        logs, stretch: Log amplitudes of all windows, and the windows with growth.
+        end_time: Time at the end of `stretch` [s].
+        size: Amplitude of the motion at `end_time` [m].
     """
     rest = logs[stretch.first + stretch.length :]
     after = rest[: stretch.length]
@@ -534,10 +544,10 @@ def stops(grasp: GraspView, logs: FloatArray, stretch: Stretch, end_time: float,
 
 
 def calms(grasp: GraspView, ring: Ringing, size: float) -> bool:
-    """Tell whether, after an oscillation, fingers keep contact for as long as it lasted and finally move less.
+    """Return whether the fingers move less, after an oscillation, in a contact that lasts as long as the oscillation.
 
     Args:
-        grasp: Moving grasp.
+        grasp: Grasp that moves.
         ring: Observed oscillation.
         size: Amplitude of the oscillation [m].
     """
@@ -551,7 +561,7 @@ def calms(grasp: GraspView, ring: Ringing, size: float) -> bool:
 
 
 def is_driven(octave: Octave, stretch: Stretch, z: complex, hands: Drive) -> bool:
-    """Tell whether the hands' intended motion may explain the growth."""
+    """Return whether the intended motion of the hands could cause the growth in an interval with the pole z."""
     frequency = abs(float(np.angle(z))) / (2.0 * math.pi * octave.step)
     y = octave.windows(stretch.first, stretch.length)
     if hands.swings(frequency, 1.5 / (len(y) * octave.step)):

@@ -1,4 +1,4 @@
-"""Metadata of a recording: scene, versions and machine before the run; faults, changes and outcome after it."""
+"""Metadata of a recording: scene, software and computer before the run; faults, changes and outcome after the run."""
 
 from __future__ import annotations
 
@@ -25,32 +25,32 @@ RARE_OF_OUTCOME = ("ticks", "changes", "cause", "skipped", "repeats", "lost", "l
 
 @dataclass(frozen=True)
 class Header:
-    """Facts about a run that are known before it starts.
+    """Metadata of a run that are known before it starts.
 
     Attributes:
-        period: sampling period T [s].
-        scene: name of the scene.
-        scene_text: text of the scene's file, or the scene as JSON if it has no file.
-        scene_table: scene with overrides, as nested tables.
-        scene_folder: folder to which relative paths in the scene refer; empty for the current folder.
-        overrides: overrides by dotted key, including those of a preset.
-        preset: name of the active preset; empty for none.
-        title: title of the scene.
-        created: time of the run, UTC, ISO 8601.
-        versions: versions of the software used.
-        machine: platform, processor and Python.
-        frames: pose of the mesh file's frame for each object with a mesh, in the recorded frame at the centre of mass
-            along the principal axes: `position` (3,) [m] and `orientation`, a quaternion x, y, z, w.
-        split: data that define P of each object's grasp, in addition to the columns: a `SplitRule` as a table. Empty in
-            recordings of formats 1 and 2.
-        every: number of ticks from one row to the next; row k belongs to tick k `every`.
-        settled: initial data of each finger, by name, in a run with hardware: `position` (d,) [m], and `offset` (d,)
-            [m], its depth below the contact, which fades out in the recorded positions.
-        round_trip: median time to read and write all hardware before the run [s]; 0 without hardware.
-        replays: name and time of the original run if this recording is a replay; empty for other recordings.
-        scheduling: properties of the loop of a run with hardware: `loop` ("native", "driven", "process" or "inline"),
-            `policy` ("fifo 80" or "other"), `memory` ("locked", "locked so far" or "free"), `slack` of timers [s], the
-            processor's `governor`.
+        period: Sampling period T [s].
+        scene: Name of the scene.
+        scene_text: Text of the scene's file, or the scene as JSON if there is no file.
+        scene_table: Scene with its overrides, as nested tables.
+        scene_folder: Folder to which relative paths in the scene refer; empty for the current folder.
+        overrides: Overridden values by dotted key, including those of a preset.
+        preset: Name of the preset that is used; empty if none is used.
+        title: Title of the scene.
+        created: Start time of the run, in UTC and ISO 8601.
+        versions: Versions of the software used, by package.
+        machine: Platform, processor and Python implementation.
+        frames: Pose of the frame of each mesh file, by object, relative to the recorded frame, which is at the centre
+            of mass along the principal axes: `position` (3,) [m] and `orientation`, a quaternion (x, y, z, w).
+        split: Data that, with the columns, define the split of each object's forces: a `SplitRule` as a table, by
+            object. Empty in recordings of formats 1 and 2.
+        every: Number of ticks from one row to the next; row k belongs to the tick k `every`.
+        settled: Initial data of each finger in a run with hardware, by finger: `position` (d,) [m], and `offset` (d,)
+            [m], the depth of the finger below its contact, which fades out in the recorded positions.
+        round_trip: Median time for reading and writing all hardware once, before the run [s]; 0 without hardware.
+        replays: If this recording is a replay, name and time of the original run; otherwise empty.
+        scheduling: Properties of the loop in a run with hardware: `loop` ("native", "driven", "process" or "inline"),
+            `policy` ("fifo 80" or "other"), `memory` ("locked", "locked so far" or "free"), `slack` of timers [s], and
+            `governor` of the processor.
     """
 
     period: float
@@ -78,7 +78,7 @@ class Header:
         return self.scene_table.get("host") is not None
 
     def rows_before(self, tick: int) -> int:
-        """Count the rows before a tick; the number is the index of the first row from that tick on."""
+        """Return the number of rows before a tick, which is also the index of the first row at or after the tick."""
         return -(-tick // self.every)
 
 
@@ -88,7 +88,7 @@ OF_THE_RUN = (SPLIT, REST, MARK)  # keys of changes that are not keys of the sce
 
 
 class KeyChange(NamedTuple):
-    """A value of the scene that was replaced during the run: its first tick, its key and the value."""
+    """A change of a key of the scene during a run: the first tick with the new value, the key and the new value."""
 
     tick: int
     key: str
@@ -100,7 +100,7 @@ class KeyChange(NamedTuple):
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of a run, which its header cannot contain."""
+    """Metadata of a run that are known at its end."""
 
     faults: tuple[RunFault, ...] = ()
     wall_time: float | None = None  # [s]
@@ -121,14 +121,14 @@ class Outcome:
 
 
 def now() -> str:
-    """Return the current time, UTC, ISO 8601."""
+    """Return the current time in UTC, in ISO 8601 to the second."""
     from datetime import UTC, datetime
 
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def versions(*packages: str) -> dict[str, str]:
-    """Return the versions of Python, GraspFX, numpy and those of the named packages that are installed."""
+    """Return the versions of Python, GraspFX and NumPy, and of those of the named packages that are installed."""
     import numpy as np
 
     import graspfx
@@ -140,7 +140,7 @@ def versions(*packages: str) -> dict[str, str]:
 
 
 def machine() -> dict[str, str]:
-    """Return platform, processor and interpreter."""
+    """Return the platform, the processor and the Python implementation."""
     return {
         "platform": _platform(),
         "processor": platform.machine() if sys.platform == "linux" else platform.processor() or platform.machine(),
@@ -149,7 +149,7 @@ def machine() -> dict[str, str]:
 
 
 def _platform() -> str:
-    """Return the platform like `platform.platform`, without its 20 ms wait for a process on Linux."""
+    """Return the text of `platform.platform`, on Linux without starting a process, which takes 20 ms."""
     if sys.platform != "linux":
         return platform.platform()
     here, library = os.uname(), "".join(platform.libc_ver())
@@ -160,7 +160,7 @@ def _platform() -> str:
 
 
 def description(layout: Layout, header: Header) -> dict[str, str | float]:
-    """Return the attributes of a recording before its first row."""
+    """Return the attributes of a recording's file that are known before the run."""
     attributes: dict[str, str | float] = {"format": f"graspfx recording {FORMAT}"}
     for key, value in asdict(header).items():
         if value or key not in RARE:
@@ -170,7 +170,7 @@ def description(layout: Layout, header: Header) -> dict[str, str | float]:
 
 
 def conclusion(outcome: Outcome) -> dict[str, str | float]:
-    """Return the attributes of a run's outcome, except faults."""
+    """Return the attributes of a recording's file that are known after the run, except the faults."""
     values: dict[str, Any] = {each.name: getattr(outcome, each.name) for each in fields(outcome)}
     values["wall_time"] = math.nan if outcome.wall_time is None else float(outcome.wall_time)
     values["complete"] = int(outcome.complete)
@@ -183,20 +183,20 @@ def conclusion(outcome: Outcome) -> dict[str, str | float]:
 
 
 def as_stored(value: Any) -> Any:
-    """Convert a value to the form that is read back from a file, with tuples and arrays as lists."""
+    """Return a value in the form in which a file returns it, with lists in place of tuples and arrays."""
     return json.loads(_json(value))
 
 
 def changes_of(text: str | bytes) -> list[KeyChange]:
-    """Read changes of keys from JSON lists of tick, key and value."""
+    """Read changes of keys from JSON, in which each change is a list of tick, key and value."""
     return [KeyChange(int(tick), str(key), value) for tick, key, value in json.loads(text)]
 
 
 def format_of(attributes: Mapping[str, Any]) -> int:
-    """Read the format of a recording and require that it is supported.
+    """Return the format of a recording, from the attributes of its file.
 
     Raises:
-        ValueError: the file is not a recording, or has a later format.
+        ValueError: The file is not a recording, or its format is later than FORMAT.
     """
     match = re.fullmatch(r"graspfx recording (\d{1,9})", str(attributes.get("format")))
     if match is None:
@@ -208,7 +208,7 @@ def format_of(attributes: Mapping[str, Any]) -> int:
 
 
 def layout_of(attributes: Mapping[str, Any]) -> Layout:
-    """Read the layout."""
+    """Read the layout from the attributes of a recording's file."""
     values: dict[str, Any] = json.loads(attributes["layout"])
     for each in fields(Layout):
         if str(each.type).startswith("tuple"):
@@ -218,7 +218,7 @@ def layout_of(attributes: Mapping[str, Any]) -> Layout:
 
 
 def header_of(attributes: Mapping[str, Any]) -> Header:
-    """Read the header; fields that did not exist when the recording was made get default values."""
+    """Read the header from the attributes of a recording's file; fields that the file does not have get defaults."""
     header = Header(**_fields(Header, attributes))
     if header.every < 1:
         raise ValueError(f"its header has one row per {header.every} ticks, expected a number above zero")
@@ -228,7 +228,7 @@ def header_of(attributes: Mapping[str, Any]) -> Header:
 
 
 def outcome_of(attributes: Mapping[str, Any], faults: Sequence[RunFault]) -> Outcome:
-    """Read the outcome; fields that did not exist when the recording was made get default values."""
+    """Read the outcome from the attributes of a recording's file; fields that the file does not have get defaults."""
     values = _fields(Outcome, attributes)
     wall_time = float(attributes["wall_time"])
     values["wall_time"] = None if math.isnan(wall_time) else wall_time
@@ -238,7 +238,7 @@ def outcome_of(attributes: Mapping[str, Any], faults: Sequence[RunFault]) -> Out
 
 
 def _fields(record: type[Header | Outcome], attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Read the fields of a record that exist in attributes, converted to the types of their defaults."""
+    """Read those fields of a record that the attributes contain, converted to the types of the fields' defaults."""
     values: dict[str, Any] = {}
     for each in fields(record):
         if each.name not in attributes:

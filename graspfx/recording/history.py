@@ -1,4 +1,4 @@
-"""Data of a run tick by tick: rows by the names of their columns, objects and events."""
+"""Data of a run: rows by tick, columns by name, objects and events."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Beside = Callable[[str, str], dict[str, Any]]  # arguments: name of an object an
 
 
 class Event(NamedTuple):
-    """Event of a run: tick, kind ("fault", "change", "mark" or "rest") and text."""
+    """Event of a run: tick, kind ("fault", "change", "mark" or "rest") and description."""
 
     tick: int
     kind: str
@@ -39,12 +39,12 @@ class Event(NamedTuple):
 
 
 class Named(Mapping[str, T]):
-    """Parts by name, created on access; the error for an unknown name lists the known names.
+    """Mapping whose values are created on access; the error for an unknown name lists the known names.
 
     Args:
-        kind: Kind of the parts, for the error message.
-        keys: Argument of `make`, by name.
-        make: Function that creates a part.
+        kind: Kind of the values, for the error message.
+        keys: For each name, the argument with which `make` is called.
+        make: Function that creates a value.
     """
 
     def __init__(self, kind: str, keys: Mapping[str, Any], make: Callable[[Any], T]) -> None:
@@ -66,12 +66,12 @@ class Named(Mapping[str, T]):
 
 
 def by_name(kind: str, parts: Mapping[str, T]) -> Mapping[str, T]:
-    """Return a read-only mapping that raises UnknownNameError, a KeyError, with the known names."""
+    """Return a read-only mapping that raises UnknownNameError, which is a KeyError and lists the known names."""
     return Named(kind, parts, lambda part: part)
 
 
 class Stored(Generic[Typed]):
-    """A column as an attribute, in the type of its kind; None if the scene has no such column."""
+    """Descriptor of a column, converted to its type (float, integer, boolean); None if the scene has no such column."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         own = [each for each in (*OF_FINGERS, *OF_OBJECTS) if each.name == name]
@@ -96,14 +96,14 @@ class Stored(Generic[Typed]):
 
 
 class History:
-    """Data of a run tick by tick: row k of each array belongs to the time k T (k m T with one row every m ticks).
+    """Data of a run. Row k of each array belongs to tick k m, at time k m T, if one of m ticks is recorded.
 
     Args:
-        rows: Rows (N, width), read-only afterwards; or a store from which they are read on demand.
-        layout: Columns of the rows.
-        header: Facts known before the run.
-        outcome: Facts known after the run.
-        start: Number of the first row, if the recording is a part of another recording.
+        rows: Rows (N, width), which become read-only, or a store from which rows are read on demand.
+        layout: Layout of the columns.
+        header: Metadata that are known before the run.
+        outcome: Metadata that are known after the run.
+        start: Index of the first row in the complete recording, if this is a part.
     """
 
     def __init__(
@@ -131,35 +131,35 @@ class History:
 
     @property
     def rows(self) -> FloatArray:
-        """All rows (N, width), read-only. Rows on a disk are read on every access."""
+        """All rows, (N, width), read-only. Rows that are stored on disk are read on every access."""
         return self.store.read(0, len(self), slice(0, self.layout.width))
 
     @property
     def is_stored(self) -> bool:
-        """Whether the rows are on a disk."""
+        """Whether the rows are stored on disk."""
         return not isinstance(self.store, MemoryRows)
 
     def part(self, first: int, stop: int) -> Self:
-        """Return a range of rows as a recording; its columns are read on demand."""
+        """Return the rows `first` to `stop - 1` as a recording; stored columns are read on demand."""
         rows = Window(self.store, first, stop) if self.is_stored else self.rows[first:stop]
         return type(self)(rows, self.layout, self.header, self.outcome, start=self.start + first)
 
     def parts(self) -> Iterator[Self]:
-        """Yield the recording in parts of a few MB, in order."""
+        """Yield the recording in consecutive parts of a few MB."""
         step = self.store.step
         yield from (self.part(k, min(k + step, len(self))) for k in range(0, len(self), step))
 
     def read(self, column: str, first: int, stop: int) -> FloatArray:
-        """Return a column in a range of rows."""
+        """Return a column of the rows `first` to `stop - 1`."""
         values = self.store.read(first, stop, self.layout.columns[column].where)
         return values.reshape(len(values), *self.layout.columns[column].shape)
 
     def array(self, column: str) -> FloatArray:
-        """Return a column of the layout, or a derived variable by its name in `Layout.derived`, (N, ...).
+        """Return a column by its name in the layout, or a derived variable by its name in `Layout.derived`, (N, ...).
 
         Raises:
-            UnknownNameError: the recording has no such column.
-            RecordingError: If the scene's `record` omits the column.
+            UnknownNameError: The recording has no such column.
+            RecordingError: The scene's `record` omits the column.
         """
         entry = self.layout.columns.get(str(column))
         if entry is None:
@@ -174,35 +174,35 @@ class History:
         return values
 
     def optional(self, column: str) -> FloatArray | None:
-        """Return a column; None if the scene has no such quantity.
+        """Return a column; None if the scene has no such column.
 
         Raises:
-            RecordingError: If the scene has the quantity, but its `record` omits the column.
+            RecordingError: The scene has the column, but its `record` omits it.
         """
         self.require(column)
         return self.array(column) if column in self.layout.columns else None
 
     def typed(self, column: str) -> NDArray[Any] | None:
-        """Return a column like `optional`, converted to booleans or integers if the column is of such a kind."""
+        """Return a column as `optional` does, with booleans or integers in place of floats if that is its type."""
         values = self.optional(column)
         return None if values is None else self.layout.columns[column].typed(values)
 
     def require(self, *columns: str) -> None:
-        """Require that columns are recorded, if the scene has them.
+        """Require that those of the columns that the scene has are recorded.
 
         Raises:
-            RecordingError: If the scene's `record` omits some of the columns; the message names these columns.
+            RecordingError: The scene's `record` omits some of the columns; the message names them.
         """
         missing = [column for column in columns if column in self.layout.omitted]
         if missing:
             raise RecordingError(
                 f"{', '.join(missing)}: not in this recording, because record.columns lists other columns only; "
-                "add what is missing there and run the scene again"
+                "add the missing columns to record.columns, and run the scene again"
             )
 
     @cached_property
     def time(self) -> FloatArray:
-        """Times of the rows (N,) [s], tick x T."""
+        """Times of the rows, (N,) [s]."""
         return self.header.every * np.arange(self.start, self.start + len(self), dtype=np.float64) * self.header.period
 
     finger_position = Stored[FloatArray]()
@@ -227,7 +227,7 @@ class History:
 
     @property
     def raw(self) -> Mapping[str, IntArray | FloatArray]:
-        """Raw numbers of devices that report them, (N, m), by the first finger of the device."""
+        """Raw readings of the devices that report them, (N, m), by the name of the device's first finger."""
         columns = {name: f"raw/{name}" for name, *_ in self.layout.raw if f"raw/{name}" not in self.layout.omitted}
         return Named("device with raw numbers", columns, lambda column: np.asarray(self.typed(column)))
 
@@ -235,25 +235,27 @@ class History:
 
     @cached_property
     def displayed_force(self) -> FloatArray:
-        """Force on the operator after all limits and before output delay, (N, n, d) [N].
+        """Force displayed to the operator, after all limits and before the output delay, (N, n, d) [N].
 
-        The negative of `finger_force`, because the object receives the displayed force.
+        This force is the negative of `finger_force`, unless it is recorded as a separate column.
         """
         values = self.optional("displayed_force")
         return -self.finger_force if values is None else values
 
     @cached_property
     def external_force(self) -> FloatArray:
-        """External part P f of the fingers' forces f, which moves the object, (N, n, d) [N].
+        """External part P f of the fingers' forces f, (N, n, d) [N], which moves the object.
+
+        P is the projection of eq. (3) that the recording's split rule defines.
 
         Raises:
-            RecordingError: If a recording of an earlier format does not define P.
+            RecordingError: The recording has no split rule, because an earlier version of GraspFX made it.
         """
         return np.asarray(self._divided("external_force"))
 
     @cached_property
     def internal_force(self) -> FloatArray:
-        """Internal part f - P f of the forces, which squeezes the object, (N, n, d) [N]; see `external_force`."""
+        """Internal part f - P f of the fingers' forces f, (N, n, d) [N], which squeezes the object."""
         return np.asarray(self._divided("internal_force"))
 
     @cached_property
@@ -268,16 +270,19 @@ class History:
 
     @cached_property
     def external_displacement(self) -> FloatArray:
-        """External part P' e of e = p - c, the rigid motion of the contacts, (N, n, d) [m]; see `external_force`."""
+        """External part of the displacements of the fingertips from their contacts, (N, n, d) [m].
+
+        This part, P' e of the displacements e, is a rigid motion of the contacts; P is defined in `external_force`.
+        """
         return np.asarray(self._divided("external_displacement"))
 
     @cached_property
     def internal_displacement(self) -> FloatArray:
-        """Internal part of e = p - c, by which the fingers squeeze, (N, n, d) [m]; see `external_force`."""
+        """Internal part of the displacements of the fingertips from their contacts, (N, n, d) [m]."""
         return self.finger_position - self.contact_position - self.external_displacement
 
     def _divided(self, name: str) -> FloatArray | None:
-        """Read a derived variable from the file, or compute it in parts; None for a moment without soft fingers."""
+        """Read a derived variable from the file, or compute it from rows; None for a moment without soft fingers."""
         self.require(*self.layout.sources_of(name))
         splits = splits_of(self.header, self.outcome.changes)  # raises an error without a defined split
         column = next((each for each in self.layout.derived if each.name == name), None)
@@ -287,7 +292,7 @@ class History:
         return self._gathered(column.shape, lambda part: part._row_split(splits).derived([name])[name])
 
     def _gathered(self, shape: Sequence[int], compute: Callable[[Self], FloatArray]) -> FloatArray:
-        """Compute a variable in parts, and join the results in one array."""
+        """Compute a variable for each part of the recording, and return the joined values, (N, *shape)."""
         values, first = np.empty((len(self), *shape)), 0
         for each in self.parts():
             values[first : first + len(each)] = compute(each)
@@ -299,17 +304,17 @@ class History:
 
     @property
     def external_energy(self) -> FloatArray:
-        """Work done so far on each fingertip by the external part of `displayed_force` (N, n) [J].
+        """Work that the external part of `displayed_force` has done on each fingertip so far, (N, n) [J].
 
-        The sum of external and internal work is `device_energy`. The force on the object, whose negative is displayed,
-        is split into the two parts. If another force is displayed, as in recordings of early formats, that
-        force is split instead.
+        The sum of this work and `internal_energy` is `device_energy`. The displayed force is the negative of the force
+        on the object, and is split like it. In recordings of early formats the displayed force can differ; the
+        displayed force itself is then split.
         """
         return self._works[0]
 
     @property
     def internal_energy(self) -> FloatArray:
-        """Work done so far on each fingertip by the internal part of `displayed_force`, (N, n) [J]."""
+        """Work that the internal part of `displayed_force` has done on each fingertip so far, (N, n) [J]."""
         return self._works[1]
 
     @cached_property
@@ -334,15 +339,16 @@ class History:
 
     @property
     def grip_margin(self) -> FloatArray:
-        """Friction margin of the grip: the smallest mu f_n - |f_t| of touching fingers with friction (N,) [N].
+        """Smallest friction margin mu f_n - |f_t| of the touching fingers, (N,) [N].
 
-        NaN if no such finger touches, if contacts stick or slip freely, and in recordings of earlier formats, which
-        have no normals.
+        f_n and f_t are the normal and tangential force of a finger, and mu is its coefficient of friction. Fingers
+        without a coefficient (contacts that stick, or slip freely) are ignored. The margin is NaN if no other finger
+        touches, and in recordings of early formats, which do not contain the normals.
         """
         return self.grip_margin_of(range(len(self.layout.fingers)))
 
     def grip_margin_of(self, fingers: Sequence[int]) -> FloatArray:
-        """Friction margin of the grip of the fingers with these indices (N,) [N]; see `grip_margin`."""
+        """Return the friction margin of the fingers with these indices, (N,) [N]; see `grip_margin`."""
         self.require("contact_normal", "finger_force", "touching")
         if "contact_normal" not in self.layout.columns:
             return np.full(len(self), np.nan)
@@ -370,9 +376,10 @@ class History:
 
     @cached_property
     def energy(self) -> Mapping[str, Mapping[str, FloatArray]]:
-        """Energy ledgers of the objects by name: quantities (N, 3) by mode (internal, translation, rotation), or (N,).
+        """Energy ledgers of the objects by name, each with quantities (N, 3) or (N,) by name.
 
-        Empty unless the scene sets `coupling.passivity`. The names are those of `graspfx.loop.columns`.
+        The three columns are the internal, translational and rotational mode. `graspfx.loop.columns` defines the names
+        of the quantities. Empty unless the scene sets `coupling.passivity`.
         """
         ledgers: dict[str, dict[str, str]] = {}
         for column in self.layout.columns:
@@ -380,15 +387,16 @@ class History:
             if mark:
                 ledgers.setdefault(thing, {})[name] = column
         books = {thing: Named("energy", names, self.array) for thing, names in ledgers.items()}
-        return by_name("object with a ledger (coupling.passivity asks for one)", books)
+        return by_name("object with a ledger (set coupling.passivity to record one)", books)
 
     def described_pose(self, name: str) -> tuple[FloatArray, FloatArray | None]:
-        """Return the pose of the frame in which the scene describes an object: position (N, d) [m], orientation.
+        """Return position (N, d) [m] and orientation of the frame in which the scene describes an object's shape.
 
-        A mesh is described in the frame of its file, in which it is drawn; the recorded frame is at the centre of mass,
-        along the principal axes. For other shapes both frames are equal.
+        A mesh is described in the frame of its file. The recorded frame of its object is at the centre of mass along
+        the principal axes. For other shapes both frames are the same.
 
         Raises:
+            UnknownNameError: The recording has no such object.
             UnknownNameError: If there is no such object.
         """
         if name not in self.layout.objects:
@@ -397,22 +405,22 @@ class History:
 
     @property
     def object_position(self) -> FloatArray:
-        """Position of the first object (N, d) [m]."""
+        """Position of the first object, (N, d) [m]."""
         return self._first_object.position
 
     @property
     def object_velocity(self) -> FloatArray:
-        """Velocity of the first object (N, d) [m/s]."""
+        """Velocity of the first object, (N, d) [m/s]."""
         return self._first_object.velocity
 
     @property
     def object_orientation(self) -> FloatArray | None:
-        """Orientation of the first object: angles (N,) [rad] or quaternions x, y, z, w (N, 4); None on a line."""
+        """Orientation of the first object: angles (N,) [rad] or quaternions (x, y, z, w) (N, 4); None on a line."""
         return self._first_object.orientation
 
     @property
     def wrench(self) -> FloatArray:
-        """Wrench of the fingers on the first object (N, w) [N, N m]."""
+        """Wrench of the fingers on the first object, (N, w) [N, N m]."""
         return self._first_object.wrench
 
     @property
@@ -421,12 +429,12 @@ class History:
 
     @property
     def rest(self) -> int | None:
-        """Tick from which forces decay at the end of the run; None if forces end at once."""
+        """Tick from which the forces decay at the end of the run; None if they were set to zero in one tick."""
         return next((change.tick for change in self.outcome.changes if change.key == REST), None)
 
     @property
     def events(self) -> tuple[Event, ...]:
-        """Faults, changes of keys, marks, and the start of the decay of forces ("rest"), ordered by tick."""
+        """Faults, changes of keys, marks, and the start of the decay of forces (kind "rest"), ordered by tick."""
         kinds = {REST: "rest", MARK: "mark"}
         events = [Event(fault.tick, "fault", fault.message) for fault in self.faults]
         events += [Event(change.tick, "change", f"{change.key} = {change.value}") for change in self.changes]
@@ -437,17 +445,17 @@ class History:
 
     @property
     def period(self) -> float:
-        """Period T of the ticks [s]."""
+        """Sampling period T [s]."""
         return self.header.period
 
     @property
     def row_period(self) -> float:
-        """Time between rows [s]: T, or `every` T if the scene records fewer rows than ticks."""
+        """Time from one row to the next [s]: m T if one of m ticks is recorded."""
         return self.header.period * self.header.every
 
     @property
     def ticks(self) -> int:
-        """Number of ticks that were run."""
+        """Number of ticks that have run."""
         return self.outcome.ticks or len(self) * self.header.every
 
     @property
@@ -457,17 +465,17 @@ class History:
 
     @property
     def faults(self) -> tuple[RunFault, ...]:
-        """Faults of the run, each with its tick."""
+        """Faults of the run, each with tick and message."""
         return self.outcome.faults
 
     @property
     def changes(self) -> tuple[KeyChange, ...]:
-        """Changes of the scene's values during the run: tick, key and value. The header has the initial values."""
+        """Changes of keys of the scene during the run: tick, key and new value. The header has the initial values."""
         return tuple(change for change in self.outcome.changes if change.key not in OF_THE_RUN)
 
     @property
     def wall_time(self) -> float | None:
-        """Wall time of the run [s]; None if it was interrupted."""
+        """Wall time of the run [s]; None if the run was interrupted."""
         return self.outcome.wall_time
 
     @property
@@ -494,7 +502,7 @@ class ObjectMotion(Carded):
         self._recording, self._at = recording, f"objects/{name}/"
 
     def typed(self, column: str) -> NDArray[Any] | None:
-        """Return a column of the object; None if the scene has no such quantity."""
+        """Return a column of the object, in its type; None if the scene has no such column."""
         return self._recording.typed(self._at + column)
 
     position = Stored[FloatArray]()
@@ -526,11 +534,11 @@ def _ends(values: np.ndarray[Any, Any]) -> str:
 def described_pose(
     motion: ObjectMotion, frame: Mapping[str, Sequence[float]] | None
 ) -> tuple[FloatArray, FloatArray | None]:
-    """Compute the pose of the frame in which a scene describes an object's shape: position (N, d) [m], orientation.
+    """Return position (N, d) [m] and orientation of the frame in which a scene describes an object's shape.
 
     Args:
         motion: Motion of the object.
-        frame: Pose of a mesh file's frame in the recorded frame; None for other shapes.
+        frame: Pose of a mesh file's frame relative to the recorded frame; None for other shapes.
     """
     if frame is None or motion.orientation is None:
         return motion.position, motion.orientation

@@ -1,4 +1,4 @@
-"""Analysis of a motion in octaves of frequency: exponential growth, divergence, and sustained oscillation."""
+"""Analysis of motions in octaves of frequency: exponential growth, divergence, and sustained oscillation."""
 
 from __future__ import annotations
 
@@ -30,7 +30,13 @@ TINY = 1e-300
 
 
 class Stretch(NamedTuple):
-    """Windows of an octave with linearly growing log amplitude: the first, their number, and the total growth."""
+    """A range of windows of an octave in which the log amplitude grows along a line.
+
+    Attributes:
+        first: Index of the first window.
+        length: Number of windows.
+        growth: Growth of the log amplitude over the range.
+    """
 
     first: int
     length: int
@@ -38,15 +44,16 @@ class Stretch(NamedTuple):
 
 
 class Octave:
-    """A motion at half the sampling rate of the octave above, with the amplitudes of its fastest part.
+    """A motion, sampled at half the rate of the octave above, and the amplitude of its part at high frequencies.
 
     Attributes:
-        step: sampling period [s].
-        size: number of samples.
-        begin: time of the first sample [s].
-        is_highest: whether its samples are those of the motion.
-        logs: log amplitude in each window (windows,), by the Teager-Kaiser operator x_k^2 - x_(k-1) x_(k+1), which has
-            no ripple for an oscillation; for the highest octave also by squares, for alternating motions.
+        step: Sampling period [s].
+        size: Number of samples.
+        begin: Time of the first sample [s].
+        is_highest: Whether the samples are those of the original motion.
+        logs: Log amplitude in each window, (windows,), computed by the Teager-Kaiser operator x_k^2 - x_(k-1) x_(k+1),
+            which is constant for a sine. The highest octave has a second array, computed from squares, because the
+            operator is zero for a motion that alternates from sample to sample.
     """
 
     def __init__(self, rows: Rows, size: int, step: float, begin: float = 0.0, *, highest: bool = False) -> None:
@@ -56,21 +63,21 @@ class Octave:
         self.logs = self._sizes(highest)
 
     def fast(self, first: int, stop: int) -> FloatArray:
-        """Compute sixth differences divided by 64 at the samples `first` to `stop` - 1, as far as they exist."""
+        """Return the part at high frequencies at samples `first` to `stop - 1`: the sixth differences divided by 64."""
         x = self._rows(max(first - ORDER // 2, 0), min(stop + ORDER // 2, self.size))
         return np.diff(x, ORDER, axis=0) / 2.0**ORDER
 
     def samples(self) -> FloatArray:
-        """Read all samples, (r, c)."""
+        """Return all samples, (r, c)."""
         return self._rows(0, self.size)
 
     def size_before(self, time: float) -> float:
-        """Compute the RMS of the fast part over the last 16 samples before a time [s]."""
+        """Return the RMS of the part at high frequencies over the last 16 samples before a time [s]."""
         stop = min(max(int((time - self.begin) / self.step), END), self.size)
         return float(np.sqrt((self.fast(stop - END, stop) ** 2).mean()))
 
     def windows(self, first: int, count: int) -> FloatArray:
-        """Return the fast part of these windows."""
+        """Return the part at high frequencies in `count` windows from the window `first` on."""
         begin = ORDER // 2 + 1 + first * WINDOW
         return self.fast(begin, begin + count * WINDOW)
 
@@ -79,7 +86,7 @@ class Octave:
         return self.begin + (ORDER // 2 + 1 + window * WINDOW) * self.step
 
     def below(self) -> Octave | None:
-        """Make the octave below; None if it would be too short for growth."""
+        """Return the octave below; None if it would have too few samples for the detection of growth."""
         x = np.concatenate(self._lower) if self._lower else np.empty((0, 0))
         if len(x) < WINDOW * SHORTEST + ORDER + 2:
             return None
@@ -87,7 +94,7 @@ class Octave:
         return Octave(lambda a, b: x[a:b], len(x), 2.0 * self.step, self.begin + HALVING / 2 * self.step)
 
     def _sizes(self, highest: bool) -> list[FloatArray]:
-        """Compute amplitudes in overlapping blocks, with little more than half of the samples in memory."""
+        """Compute the log amplitudes block by block, so that little more than half of the samples are in memory."""
         sizes: list[list[FloatArray]] = [[], []]
         for begin in range(0, self.size, BLOCK):
             stop = min(begin + BLOCK, self.size)
@@ -110,12 +117,12 @@ class Octave:
 
 
 def octaves(rows: Rows, size: int, step: float) -> Iterator[Octave]:
-    """Yield octaves downwards from the one that ends at half the sampling rate.
+    """Yield the octaves of a motion, from the highest, which ends at half the sampling rate, to the lowest.
 
     Args:
-        rows: function that returns rows of the motion, (r, c); it is called in blocks.
-        size: number of rows.
-        step: sampling period [s].
+        rows: Function that returns a range of rows of the motion, (r, c); it is called block by block.
+        size: Number of rows.
+        step: Sampling period [s].
     """
     if size < WINDOW * SHORTEST + ORDER + 2:
         return
@@ -126,10 +133,10 @@ def octaves(rows: Rows, size: int, step: float) -> Iterator[Octave]:
 
 
 def rises(logs: FloatArray) -> list[Stretch]:
-    """Find intervals of growth by e^2 or more along a line; for each length, the one with most growth.
+    """Find intervals in which the log amplitude grows by 2 or more along a line; one interval for each length at most.
 
-    Lines are fitted by least squares from precomputed sums, for lengths that increase by a factor of 1.5 and starts one
-    sixth of the length apart.
+    Of the intervals of a length, the one with the largest growth is returned. The lengths increase by factors of 1.5,
+    and the starts are one sixth of the length apart. Lines are fitted by least squares from precomputed sums.
     """
     n, stretches = len(logs), []
     level = logs - (logs.mean() if n else 0.0)
@@ -151,15 +158,16 @@ def rises(logs: FloatArray) -> list[Stretch]:
 
 
 def poles(y: FloatArray, growth: float, rank: int) -> tuple[NDArray[np.complex128], float]:
-    """Fit the poles z_i of y_k = sum_i c_i z_i^k; return them and the explained fraction of y after removal of growth.
+    """Fit the poles z_i of y_k = sum_i c_i z_i^k; return them and the explained share of y_k exp(-growth k).
 
-    The method is ESPRIT (R. Roy and T. Kailath, ESPRIT, IEEE Trans. ASSP 37(7), 1989) on y_k exp(-growth k), which
-    gives beginning and end equal weight. Signals with a wandering phase, such as noise, are not explained.
+    The method is ESPRIT (R. Roy and T. Kailath, ESPRIT, IEEE Trans. ASSP 37(7), 1989), applied to y_k exp(-growth k),
+    so that the beginning and the end of the signals have equal weight. Signals whose phase changes randomly, such as
+    noise, have a small explained share.
 
     Args:
-        y: signals (M, c).
-        growth: growth of the log amplitude per sample.
-        rank: number of poles; two for one oscillation.
+        y: Signals, (M, c).
+        growth: Growth of the log amplitude per sample.
+        rank: Number of poles; an oscillation has two.
     """
     d = y * np.exp(-growth * np.arange(len(y)))[:, None]
     rows = min(10, len(d) // 2)
@@ -174,7 +182,10 @@ def poles(y: FloatArray, growth: float, rank: int) -> tuple[NDArray[np.complex12
 
 
 def amplitudes(y: FloatArray, z: complex, others: Sequence[complex] = ()) -> NDArray[np.complex128]:
-    """Fit c (c,) of y_k = Re(c z^k + c_1 z_1^k + ...), (M, c), by least squares of y_k |z|^-k; all z_i are near z."""
+    """Fit the complex amplitudes c (c,) of y_k = Re(c z^k + c_1 z_1^k + ...), (M, c), where z_1, ... are `others`.
+
+    The fit is by least squares of y_k |z|^-k, so that all poles must have magnitudes near that of z.
+    """
     k = np.arange(len(y), dtype=float)
     phases = np.stack([(each / abs(z)) ** k for each in (z, *others)], axis=1)
     basis = np.concatenate([phases.real, -phases.imag], axis=1)
@@ -184,7 +195,13 @@ def amplitudes(y: FloatArray, z: complex, others: Sequence[complex] = ()) -> NDA
 
 
 def gain(frequency: float, octave: Octave, step: float) -> float:
-    """Compute the gain of a sine's amplitude from samples `step` apart to the fast part of an octave."""
+    """Return the ratio of a sine's amplitude in the part at high frequencies of an octave to its original amplitude.
+
+    Args:
+        frequency: Frequency of the sine [Hz].
+        octave: Octave.
+        step: Sampling period of the original motion [s].
+    """
     share, T = 1.0, step
     for _ in range(round(math.log2(octave.step / step))):
         share *= abs(math.cos(math.pi * frequency * T)) ** HALVING
@@ -201,7 +218,14 @@ AGREEMENT_AWAY = 0.2  # relative agreement of the pole's rate with the growth of
 
 
 class Divergence(NamedTuple):
-    """An interval of an octave that grows by z per sample, and its second differences at the end (c,)."""
+    """An interval of an octave in which a motion grows by the factor z per sample, without oscillation.
+
+    Attributes:
+        octave: Octave.
+        stretch: Windows of the interval.
+        z: Factor of growth per sample.
+        last: Second differences of the motion at the end of the interval, (c,).
+    """
 
     octave: Octave
     stretch: Stretch
@@ -220,12 +244,12 @@ class Divergence(NamedTuple):
 
     @property
     def swing(self) -> FloatArray:
-        """Motion at the end; the second differences of z^k are z - 2 + 1/z times z^k."""
+        """Motion at the end of the interval, (c,): the second differences of z^k are z^k (z - 2 + 1/z)."""
         return self.last / (self.z - 2.0 + 1.0 / self.z)
 
 
 def divergences(octave: Octave) -> list[Divergence]:
-    """Find intervals of an octave in which a motion grows exponentially; none in an octave of many samples."""
+    """Find the divergences in an octave; return none if the octave has more than MOST_SAMPLES samples."""
     if octave.size > MOST_SAMPLES:
         return []
     y = np.diff(octave.samples(), 2, axis=0)
@@ -255,7 +279,13 @@ SLOWEST = 0.03  # 2 sin(pi f) for f cycles per row, below which the smoother's e
 
 
 class Ringing(NamedTuple):
-    """Rows `first` to `stop` - 1 of a contact oscillation, its cycles per row, and amplitudes of the motion (c,)."""
+    """A sustained oscillation of contacts.
+
+    Attributes:
+        first, stop: Range of rows.
+        turn: Frequency, in cycles per row.
+        swing: Complex amplitudes of the motion, (c,).
+    """
 
     first: int
     stop: int
@@ -264,7 +294,10 @@ class Ringing(NamedTuple):
 
 
 def touches(touching: BoolArray) -> list[tuple[int, int, int]]:
-    """List each finger's longest sequence of touches without a long pause as (first, stop, count); omit short ones."""
+    """Return the longest sequence of touches without a long pause, for each finger: first row, stop row, count.
+
+    Sequences of fewer than LEAST_TOUCHES touches are omitted.
+    """
     spans = []
     for column in touching.T:
         onsets = np.flatnonzero(column[1:] & ~column[:-1]) + 1
@@ -281,13 +314,14 @@ def touches(touching: BoolArray) -> list[tuple[int, int, int]]:
 
 
 def ringing(displacement: FloatArray, first: int, count: int, noise: float) -> Ringing | None:
-    """Find a sustained oscillation above the sensor noise; None without one.
+    """Find a sustained oscillation that is larger than the noise of the sensor; None if there is none.
 
-    Rows are first averaged in groups if cycles are long.
+    If cycles are long, the rows are first averaged in groups.
 
     Args:
-        displacement: displacement (M, c) in the rows from `first` on [m].
-        count: number of touches in these rows.
+        displacement: Displacements in the rows from `first` on, (M, c) [m].
+        first: Index of the first row.
+        count: Number of touches in these rows.
         noise: RMS noise of the measured positions [m].
     """
     x = displacement[-MOST_ROWS:]
@@ -308,5 +342,5 @@ def ringing(displacement: FloatArray, first: int, count: int, noise: float) -> R
 
 
 def _slow(rows: int, count: float) -> float:
-    """Compute 2 sin(pi f) for the smallest possible number of cycles, from `LEAST_TOUCHES` and `CYCLES`."""
+    """Return 2 sin(pi f) for the lowest possible frequency f, in cycles per row, of `count` touches in `rows` rows."""
     return float(2.0 * np.sin(np.pi * min(max(LEAST_TOUCHES / 2, count / CYCLES) / rows, 0.25)))

@@ -1,7 +1,8 @@
-"""The part of a recording that a run writes: rows and faults in blocks of a file, each with a digest.
+"""The part of a recording, a file to which a run appends blocks of rows and faults, each with a digest.
 
-Written blocks are never changed, so a killed run or a full disk leaves every block before the last intact. Each digest
-includes the previous one, so a changed, moved or missing block is detected.
+Blocks are never changed after they are written. If a run is killed or the disk is full, all blocks before the last are
+intact. The digest of a block includes the digest of the previous block, so that a changed, moved or missing block is
+detected.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ SECTOR = 512  # sector size; as many zeros at a file's end were never written
 
 
 class Content(NamedTuple):
-    """An open recording: rows and metadata."""
+    """An open recording: rows, layout, header and outcome."""
 
     rows: RowStore
     layout: Layout
@@ -59,15 +60,15 @@ class Content(NamedTuple):
 
 
 class PartWriter:
-    """Appends blocks to a part, which is locked until it is closed or the process ends.
+    """Writer that appends blocks to a part, which is locked until the part is closed or the process ends.
 
     Args:
-        path: path of the part; the part of a killed run is replaced.
-        layout: layout of the columns.
-        header: header of the recording.
+        path: Path of the part. The part of a killed run at this path is replaced.
+        layout: Layout of the columns.
+        header: Header of the recording.
 
     Raises:
-        RecordingError: another run writes the part, or the part cannot be written.
+        RecordingError: Another run is writing this part, or the part cannot be written.
     """
 
     def __init__(self, path: Path, layout: Layout, header: Header) -> None:
@@ -90,15 +91,15 @@ class PartWriter:
             raise RecordingError(f"{path}: cannot be written; {error.strerror}") from error
 
     def stored(self) -> BlockRows:
-        """Return the rows written so far; blocks are verified on reading."""
+        """Return the rows written so far; a block is verified when it is read."""
         return BlockRows(self.path, os.dup(self.file.fileno()), self.wide, self._pieces)
 
     def write(self, rows: FloatArray, faults: Sequence[RunFault], changes: Sequence[KeyChange] = ()) -> None:
-        """Append rows (r, wide), and faults and changes since the last call; the file is flushed once a second.
+        """Append rows (r, width), and the faults and changes since the last call; flush the file once a second.
 
         Raises:
-            OSError: the rows do not fit on the disk; the first half, quarter, ... of the rows, whichever fits, and all
-                earlier blocks are kept.
+            OSError: The rows do not fit on the disk. The largest of the first half, quarter, ... of the rows that fits
+                is kept, and so are all earlier blocks.
         """
         if faults:
             self._append(FAULTS, json.dumps(faults).encode())
@@ -118,7 +119,7 @@ class PartWriter:
         """Append the outcome of the run.
 
         Raises:
-            OSError: the outcome does not fit on the disk.
+            OSError: The outcome does not fit on the disk.
         """
         self._append(OUTCOME, json.dumps(conclusion(replace(outcome, changes=()))).encode())  # changes precede it
         if self.is_synced:
@@ -132,7 +133,7 @@ class PartWriter:
         self.is_synced, self._sync_time = True, time.monotonic()
 
     def _append_rows(self, rows: FloatArray) -> None:
-        """Append rows after a head whose size is a multiple of a row, so that all rows are aligned."""
+        """Append a block of rows; the size of its head is a multiple of a row's size, so that all rows are aligned."""
         fill, total = bytes(_lead(self.wide) - HEADS), rows_sum(rows)
         head, digest = self._head(ROWS, len(fill) + rows.nbytes, fill + total)
         piece = Piece(self.rows, len(rows), self._end, len(head + fill), check_of(head + fill, total))
@@ -141,7 +142,7 @@ class PartWriter:
         self._pieces.append(piece)
 
     def _append_some(self, rows: FloatArray) -> None:
-        """Append the first half, quarter, ... of the rows: the largest of these fractions that fits."""
+        """Append the largest of the first half, quarter, ... of the rows that fits on the disk."""
         while len(rows) > 1:
             rows = rows[: len(rows) // 2]
             with suppress(OSError):
@@ -159,7 +160,7 @@ class PartWriter:
         return head + CHECK.pack(crc32(head)), digest
 
     def _put(self, parts: Sequence[bytes | memoryview]) -> None:
-        """Write at the end; remove incomplete data that does not fit."""
+        """Write at the end of the file; if the data do not fit, remove what was written."""
         try:
             self.file.seek(self._end)
             for part in parts:
@@ -174,23 +175,23 @@ class PartWriter:
 
 
 def _lead(wide: int) -> int:
-    """Return the size of a block's head, a multiple of a row's size."""
+    """Return the size in bytes of the head of a block of rows, which is a multiple of the size of a row."""
     size = NUMBER.itemsize * max(wide, 1)
     return -(-HEADS // size) * size
 
 
 def is_part_file(path: Path) -> bool:
-    """Tell whether a file begins like a part, or is empty like a new part."""
+    """Return whether a file begins like a part, or is empty, like a part that has just been created."""
     with path.open("rb") as file:
         return file.read(len(HEADER)) in (HEADER, b"")
 
 
 def read_part(path: Path) -> Content:
-    """Read all complete blocks of a part; rows stay in the file.
+    """Open the complete blocks of a part; the rows stay in the file.
 
     Raises:
-        RecordingError: there are no blocks, or a block was changed.
-        ValueError: a later version of GraspFX has written the part.
+        RecordingError: The part has no blocks, or a block was changed.
+        ValueError: A later version of GraspFX has written the part.
     """
     attributes: dict[str, Any] = {}
     ending: dict[str, Any] = {"wall_time": "nan", "complete": 0}
@@ -227,10 +228,10 @@ def read_part(path: Path) -> Content:
 
 
 def _blocks(file: BinaryIO) -> Iterator[tuple[bytes, bytes, int]]:
-    """Yield kind, content and place of each complete block; the last block may be incomplete.
+    """Yield the kind, the content and the start of each complete block; an incomplete last block is omitted.
 
     Raises:
-        RecordingError: a block was changed.
+        RecordingError: A block was changed.
     """
     start, digest, size, wide = 0, b"", os.fstat(file.fileno()).st_size, 0
     while start + HEADS <= size:
@@ -255,7 +256,7 @@ def _blocks(file: BinaryIO) -> Iterator[tuple[bytes, bytes, int]]:
 
 
 def _digested(kind: bytes, content: bytes, wide: int) -> bytes:
-    """Return the input of a block's digest: its content, or the padding of its head and the sum of its rows."""
+    """Return the bytes of a block that its digest covers: the content or, for rows, padding and their checksum."""
     if kind != ROWS or not wide:
         return content
     fill = _lead(wide) - HEADS
@@ -267,7 +268,7 @@ def _digest(before: bytes, kind: bytes, content: bytes) -> bytes:
 
 
 def _ends_in_zeros(file: BinaryIO, start: int) -> bool:
-    """Tell whether a file ends, after a position, in at least a sector of zeros, as after a power failure."""
+    """Return whether the bytes of a file from `start` on end in SECTOR zeros or more, as after a power failure."""
     file.seek(start)
     rest = file.read()
     return len(rest) - len(rest.rstrip(b"\0")) >= SECTOR

@@ -1,4 +1,4 @@
-"""Recording of a run: its data, summary, figures and files."""
+"""Recording of a run: data, summary, figures and files."""
 
 from __future__ import annotations
 
@@ -49,10 +49,10 @@ CALLS = (
 
 
 class Drawing(Protocol):
-    """Figure of a recording; notebooks show it, and `save` writes it.
+    """Figure of a recording, which notebooks show and `save` writes.
 
     Attributes:
-        notes: Parts that could not be drawn, with reasons.
+        notes: Parts that could not be drawn, with the reasons.
     """
 
     notes: tuple[str, ...]
@@ -62,24 +62,24 @@ class Drawing(Protocol):
         """The matplotlib figure."""
 
     def save(self, path: str | PathLike[str], form: str = "", dpi: int = 0) -> Path:
-        """Write the figure in the format of the path's suffix, or of `form`: "png", "svg" or "pdf"."""
+        """Write the figure in the format of the path's suffix, or in the format `form`: "png", "svg" or "pdf"."""
 
 
 class Recording(Carded, History):
-    """Data of a run tick by tick: row k of each array belongs to the time k T (k m T with one row every m ticks).
+    """Data of a run. Row k of each array belongs to tick k m, at time k m T, if one of m ticks is recorded.
 
-    A row contains the readings of its tick and the quantities computed from them.
+    A row contains the readings of its tick and the quantities that the tick computed from them.
 
     Args:
-        rows: Rows (N, width), read-only afterwards; or a store from which they are read on demand.
-        layout: Columns of the rows.
-        header: Facts known before the run.
-        outcome: Facts known after the run.
-        start: Number of the first row, if the recording is a part of another recording.
+        rows: Rows (N, width), which become read-only, or a store from which rows are read on demand.
+        layout: Layout of the columns.
+        header: Metadata that are known before the run.
+        outcome: Metadata that are known after the run.
+        start: Index of the first row in the complete recording, if this is a part.
     """
 
     def __new__(cls, rows: object = None, *args: object, **kwargs: object) -> Self:
-        """Refuse paths, which `load` reads."""
+        """Raise InputError for a path, because `load` reads files."""
         if rows is None or isinstance(rows, str | PathLike):
             remedy = "gx.Recording.load(path) reads a file, gx.run(scene) makes a recording"
             raise InputError("Recording", rows, "the rows of a run", remedy)
@@ -98,7 +98,7 @@ class Recording(Carded, History):
             raise AttributeError(f"a recording has no {name!r}; {remedy}")
 
     def __reduce__(self) -> tuple[Callable[..., Recording], tuple[Any, ...]]:
-        """Pickle or copy the recording as the bytes of a file; the copy has its rows in memory."""
+        """Pickle or copy the recording as the bytes of a file; the rows of the copy are in memory."""
         return from_bytes, (type(self), to_bytes(self.save), self.start)
 
     def _card(self) -> Card:
@@ -107,7 +107,7 @@ class Recording(Carded, History):
         return Card(f"Recording of {name}", [*_card_rows(self)], CALLS)
 
     def summary(self) -> dict[str, Any]:
-        """Return a summary of the run in SI units, with the keys of `graspfx.recording.summary.summarise`."""
+        """Return a summary of the run in SI units; `graspfx.recording.summary.summarise` describes its keys."""
         from graspfx.recording.growth import losses
         from graspfx.recording.summary import summarise
 
@@ -122,21 +122,21 @@ class Recording(Carded, History):
         titles: Sequence[str] | None = None,
         width: Literal["screen", "page", "column"] = "screen",
     ) -> Drawing:
-        """Plot the run over time, side by side with other recordings on the same axes.
+        """Plot the run over time, beside other recordings on the same axes.
 
-        The figure shows positions, displacements and forces with their internal part (squeeze) and external part
-        (push), and the rotation of the object. docs/how-to/figures.md explains the figure.
+        The figure shows positions, displacements, forces and the rotation of the object. Displacements and forces are
+        split into an internal part (squeeze) and an external part (push); see docs/how-to/figures.md.
 
         Args:
             others: Recordings to plot beside this one.
-            titles: Title of each recording; by default the overrides of each.
-            width: Figure's width: that of a screen, or 7.2 ("page") or 3.5 ("column") inches for a journal.
+            titles: Title of each recording; by default the overrides of its scene.
+            width: Width of the figure: "screen", or 7.2 ("page") or 3.5 ("column") inches for a journal.
 
         Returns:
-            Drawing, which notebooks show; `.save(path)` writes it, `.figure` is the matplotlib figure.
+            Figure, which notebooks show. `.save(path)` writes it, and `.figure` is the matplotlib figure.
 
         Raises:
-            InputError: A recording has no ticks, the number of titles is wrong, or the width is unknown.
+            InputError: A recording has no rows, the number of titles is wrong, or the width is unknown.
         """
         from graspfx.show.run_figures import sheet
         from graspfx.show.style import Drawing
@@ -154,18 +154,19 @@ class Recording(Carded, History):
         """Draw one instant of the run to scale, with forces as arrows.
 
         Args:
-            time: Time [s]; by default the instant with most fingers in contact and the largest forces, or the end.
-            view: Azimuth and elevation of the camera [degrees] for scenes in space; by default a view of the fingers.
-            forces: Internal and external part of each force ("two"), or their sum ("total").
-            width: Figure's width: that of a screen, or 7.2 ("page") or 3.5 ("column") inches for a journal.
+            time: Time of the instant [s]. By default, the instant at which most fingers touch and, among these
+                instants, the forces are largest; if no finger touches, the end of the run.
+            view: Azimuth and elevation of the camera [degrees], for scenes in space; by default a view of the fingers.
+            forces: "two" for the internal and external part of each force, "total" for their sum.
+            width: Width of the figure: "screen", or 7.2 ("page") or 3.5 ("column") inches for a journal.
 
         Returns:
-            Drawing, which notebooks show; `.save(path)` writes it, `.figure` is the matplotlib figure, and `.notes`
+            Figure, which notebooks show. `.save(path)` writes it, `.figure` is the matplotlib figure, and `.notes`
             lists the parts that could not be drawn.
 
         Raises:
-            InputError: The recording has no ticks, the time is outside of the recording, or `forces` or `width` is not
-                one of the values above.
+            InputError: The recording has no rows, the time is outside the recording, or `forces` or `width` is not one
+                of the values above.
         """
         from graspfx.show.picture.portrait import portrait
 
@@ -178,12 +179,12 @@ class Recording(Carded, History):
         overwrite: bool = False,
         compression: Literal["none", "lzf", "gzip"] = "none",
     ) -> None:
-        """Write the recording as HDF5; the file appears when it is complete.
+        """Write the recording to an HDF5 file, which appears at its path when it is complete.
 
         Args:
             path: Path of the file.
             overwrite: Whether to replace an existing file.
-            compression: Compression of the rows: "lzf" is faster, "gzip" gives smaller files.
+            compression: Compression of the rows: "lzf" is faster, "gzip" gives smaller files; "none" is the default.
 
         Raises:
             InputError: The compression is unknown.
@@ -198,14 +199,15 @@ class Recording(Carded, History):
         )  # fmt: skip
 
     def to_xarray(self) -> xarray.Dataset:
-        """Convert to an xarray Dataset with dimensions time, finger, axis, ..., and `units` and `long_name`.
+        """Convert to an xarray Dataset with dimensions such as `time`, `finger` and `axis`.
 
-        Columns have the names, dimensions and attributes of the file. Columns of objects are combined, as in
-        `object_position` with a dimension `object`; derived variables such as `displayed_force` are included. The
-        attributes are those of the file: scene text, overrides, versions and outcome.
+        Columns have the names, dimensions and attributes (such as `units` and `long_name`) that they have in a file. A
+        column that each object has becomes one variable with a dimension `object`, such as `object_position`. Derived
+        variables, such as `displayed_force`, are included. The attributes of the Dataset are those of a file: scene
+        text, overrides, versions and outcome.
 
         Raises:
-            MissingPackageError: xarray is not installed: `pip install 'graspfx[data]'`.
+            MissingPackageError: xarray is not installed; `pip install 'graspfx[data]'` installs it.
         """
         from graspfx.show.conversions import recording_dataset
 
@@ -214,24 +216,24 @@ class Recording(Carded, History):
     def to_frame(self) -> pandas.DataFrame:
         """Convert to a pandas DataFrame with one row per recorded tick, and one column per component.
 
-        Columns have names such as `finger_force.thumb.x`. The index is the time [s]. `frame.attrs["units"]` has the SI
-        units by quantity.
+        Columns have names such as `finger_force.thumb.x`, and the index is the time [s]. `frame.attrs["units"]`
+        contains the SI unit of each quantity.
 
         Raises:
-            MissingPackageError: pandas is not installed: `pip install 'graspfx[data]'`.
+            MissingPackageError: pandas is not installed; `pip install 'graspfx[data]'` installs it.
         """
         from graspfx.show.conversions import recording_frame
 
         return recording_frame(self)
 
     def to_csv(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
-        """Write the columns of `to_frame`, with the time first, as comma-separated text; no package is needed.
+        """Write the time and the columns of `to_frame` as comma-separated text; no additional package is needed.
 
-        The first line contains the names of the columns. Numbers are in SI units and read back to the last bit; true is
-        1, false is 0.
+        The first line contains the names of the columns. Numbers are in SI units, with enough digits to restore each
+        number exactly. True is written as 1, and false as 0.
 
         Args:
-            path: Path of the file; the file appears when it is complete.
+            path: Path of the file, which appears when it is complete.
             overwrite: Whether to replace an existing file.
 
         Raises:
@@ -244,15 +246,15 @@ class Recording(Carded, History):
     def to_html(self, path: str | PathLike[str], *, overwrite: bool = False) -> Path:
         """Write a page that plays the run in a browser: objects, fingers, forces as arrows, and charts.
 
-        The page is one file and needs no network. It shows at most 60 frames per second, with numbers rounded to
-        24 bits; the charts show the minimum and maximum over all ticks.
+        The page is one file and needs no network. It shows at most 60 frames per second, with numbers rounded to 24
+        bits. Its charts show the minimum and maximum over all rows.
 
         Args:
-            path: Path of the file, which ends in .html; the file appears when it is complete.
+            path: Path of the file, which must end in .html. The file appears when it is complete.
             overwrite: Whether to replace an existing file.
 
         Raises:
-            InputError: The recording has no ticks, or the path does not end in .html.
+            InputError: The recording has no rows, or the path does not end in .html.
             RecordingError: The file exists or cannot be written.
         """
         from graspfx.live.page.document import write_page
@@ -263,14 +265,14 @@ class Recording(Carded, History):
     def load(cls, path: str | PathLike[str]) -> Recording:
         """Load a recording from a file.
 
-        The recording of a run that is active or was killed is loaded as far as it was written.
+        If the run is still active or was killed, the rows that have been written are loaded.
 
         Args:
-            path: Path of the file, or of the folder with recording.h5. If there is only recording.h5.part, which a run
-                writes until it ends, that file is read; its outcome is not `complete`.
+            path: Path of the file, or of the folder that contains recording.h5. If only recording.h5.part exists, which
+                a run writes until its end, this file is read; the outcome is then not `complete`.
 
         Raises:
-            RecordingError: The file has no recording, or its bytes were changed after it was written.
+            RecordingError: The file is not a recording, or was changed after it was written.
         """
         from graspfx.recording.file import read
 
@@ -325,10 +327,10 @@ def to_bytes(save: Callable[[Path], object]) -> bytes:
 
 
 def from_bytes(kind: type[Recording], content: bytes, start: int = 0) -> Recording:
-    """Create a recording in memory from the bytes of a file; `start` is the number of its first row in a whole run.
+    """Return a recording in memory from the bytes of a file; `start` is its first row's index in the whole recording.
 
     Raises:
-        RecordingError: If the bytes were changed since they were written.
+        RecordingError: The bytes were changed after they were written.
     """
     from graspfx.recording.file import read
 
@@ -343,12 +345,12 @@ def from_bytes(kind: type[Recording], content: bytes, start: int = 0) -> Recordi
 
 
 class Difference(NamedTuple):
-    """A column in which two recordings differ.
+    """Difference of one column in two recordings.
 
     Attributes:
         column: Name of the column.
-        largest: Largest difference; infinite if only one of two values is NaN.
-        tick: First tick in which they differ.
+        largest: Largest difference; infinite where only one of the two values is NaN.
+        tick: First tick at which the values differ.
         unit: Unit of the column.
     """
 
@@ -363,15 +365,15 @@ class Difference(NamedTuple):
 
 
 def compared(one: Recording, other: Recording) -> list[str]:
-    """List the columns that two recordings share, except those that a real-time loop fills, such as times of ticks."""
+    """Return the columns that both recordings have, except those that depend on real time, such as `wall`."""
     columns = [name for name in one.layout.columns if name in other.layout.columns]
     return [name for name in columns if one.layout.columns[name].filled != "loop"]
 
 
 def differences(one: Recording, other: Recording) -> list[Difference]:
-    """Compare the columns of two recordings with equal numbers of rows, except those that a real-time loop fills.
+    """Compare the columns of two recordings with the same number of rows, except those that depend on real time.
 
-    Values are compared by their bits: zeros of different sign differ, and NaN differs from numbers.
+    Values are compared bit by bit: zeros of opposite sign differ, and NaN differs from numbers.
     """
     each = (_difference(one, other, name) for name in compared(one, other))
     return [difference for difference in each if difference is not None]

@@ -1,6 +1,6 @@
-"""External and internal parts of recorded forces, moments, displacements and energies, and the friction margin.
+"""External and internal parts of recorded forces, moments and displacements; their work, and the friction margin.
 
-All parts follow from the rows and from each grasp's split rule in the recording; ticks do not compute them.
+The parts are computed from the rows and from the split rule of each grasp, which the recording contains.
 """
 
 from __future__ import annotations
@@ -25,7 +25,14 @@ Split = Mapping[str, Mapping[str, Any]]  # `SplitRule` of each object as a table
 
 
 class GraspRows(NamedTuple):
-    """Rows with the same split rule of a grasp: the rows, the rule, and the indices of its object and fingers."""
+    """Range of rows in which the split rule of a grasp does not change.
+
+    Attributes:
+        rows: Range of rows.
+        rule: Split rule.
+        thing: Index of the object.
+        fingers: Indices of the fingers that touch the object.
+    """
 
     rows: slice
     rule: SplitRule
@@ -37,12 +44,12 @@ class RowSplit:
     """Rows of a recording with their split rules; columns are read on demand.
 
     Args:
-        rows: Rows, (r, width), or their source.
-        layout: Columns of the rows.
-        splits: Split rules, each with the row from which it holds; empty if no split is needed.
-        start: Index of the first row in the recording.
-        friction: Fingers' coefficients (n,), each with the row of the recording from which they hold, as listed by
-            `coefficients`.
+        rows: Rows, (r, width), or the store from which they are read.
+        layout: Layout of the columns.
+        splits: Split rules, each with the first row of the recording in which it applies; empty if none is needed.
+        start: Index in the recording of the first of the rows.
+        friction: Coefficients of friction of the fingers (n,), each with the first row of the recording in which they
+            apply; see `coefficients`.
     """
 
     def __init__(
@@ -57,7 +64,7 @@ class RowSplit:
         return self._count
 
     def column(self, name: str) -> FloatArray:
-        """Return a column with the rows last, (..., r), which is faster to compute with."""
+        """Return a column with the row as its last dimension, (..., r)."""
         if name not in self._columns:
             column = self.layout.columns[name]
             values = self._store.read(0, self._count, column.where)
@@ -65,12 +72,12 @@ class RowSplit:
         return self._columns[name]
 
     def external_forces(self, force: FloatArray | None = None) -> tuple[FloatArray, FloatArray | None]:
-        """Compute the external part P f of forces f [N], (n, d, r), and its moments [N m], (n, 3, r).
+        """Return the external part P f of forces f, (n, d, r) [N], and the external moments, (n, 3, r) [N m].
 
-        The moments are None if fingers exert none. Parts that the file contains are read instead of computed.
+        The moments are None if the fingers exert no moments. If the file contains the results, they are read from it.
 
         Args:
-            force: Forces to use instead of the fingers' forces on the object, (n, d, r) [N].
+            force: Forces f, (n, d, r) [N]; None for the fingers' forces on the object.
         """
         if force is None:
             stored = [self._store.beside(name, 0, self._count) for name in ("external_force", "external_moment")]
@@ -94,7 +101,7 @@ class RowSplit:
         return external, moment
 
     def external_displacements(self) -> FloatArray:
-        """Compute the external part P' e of the displacements e = p - c [m], (n, d, r)."""
+        """Return the external part P' e of the displacements e of fingertips from their contacts, (n, d, r) [m]."""
         e = self.column("finger_position") - self.column("contact_position")
         external = np.zeros(e.shape)
         for grasp in self.grasps():
@@ -105,7 +112,7 @@ class RowSplit:
         return external
 
     def derived(self, names: Collection[str]) -> dict[str, FloatArray]:
-        """Compute variables that follow from the rows by their names in `Layout.derived`, (r, ...)."""
+        """Return the derived variables with these names in `Layout.derived`, (r, ...) each, by name."""
         variables: dict[str, FloatArray] = {}
         if "displayed_force" in names:
             variables["displayed_force"] = -self.column("finger_force")
@@ -123,10 +130,14 @@ class RowSplit:
         return {name: np.moveaxis(values, -1, 0) for name, values in variables.items()}
 
     def grip(self, fingers: Sequence[int] | None = None) -> tuple[FloatArray, FloatArray]:
-        """Compute the fingers' friction margin (r,) [N], and the coefficient |f_t| / f_n that each needs (n, r).
+        """Return the friction margin (r,) [N], and the coefficient |f_t| / f_n that each finger needs (n, r).
 
-        The margin is the smallest mu_i f_n - |f_t| of the touching fingers, zero where it is below rounding, and NaN if
-        none touches; fingers without a coefficient are left out.
+        f_n and f_t are the normal and tangential force of a finger. The margin is the smallest mu_i f_n - |f_t| of the
+        touching fingers i, zero if it is smaller than rounding errors, and NaN if no finger touches. Fingers without a
+        coefficient mu_i are ignored.
+
+        Args:
+            fingers: Indices of the fingers to use; None for all.
         """
         own = slice(None) if fingers is None else list(fingers)
         at = np.searchsorted([row for row, _ in self._friction], self.start + np.arange(self._count), side="right") - 1
@@ -144,7 +155,7 @@ class RowSplit:
         return np.where(np.isinf(margin), np.nan, margin), needed
 
     def grasps(self) -> Iterator[GraspRows]:
-        """List the grasps, each with the rows in which its rule is the same."""
+        """Yield each grasp for each range of rows in which its split rule does not change."""
         ends = [*(row - self.start for row, _ in self._splits[1:]), self._count]
         first = 0
         for (_, split), end in zip(self._splits, ends, strict=True):
@@ -156,7 +167,7 @@ class RowSplit:
             first = last
 
     def _samples(self, grasp: GraspRows) -> Samples:
-        """Return the contacts of a grasp in its rows."""
+        """Return the contacts of a grasp in its range of rows."""
         rows, rule, thing, fingers = grasp
         contact = self.column("contact_position")[fingers, :, rows]
         if rule.is_local:
@@ -172,7 +183,7 @@ def _rows_last(values: FloatArray) -> FloatArray:
 
 
 def _rule_of(split: Split, name: str) -> SplitRule:
-    """Read an object's split rule.
+    """Read the split rule of an object.
 
     Raises:
         RecordingError: The rule is missing, incomplete, or has unknown entries.
@@ -193,10 +204,10 @@ def _rule_of(split: Split, name: str) -> SplitRule:
 
 
 def splits_of(header: Header, changes: Sequence[KeyChange]) -> list[tuple[int, Split]]:
-    """List a run's split rules, each with the row from which it holds.
+    """Return the split rules of a run, each with the first row in which it applies.
 
     Raises:
-        RecordingError: The recording contains no split rules.
+        RecordingError: The recording has no split rules, because an earlier version of GraspFX made it.
     """
     if not header.split:
         raise RecordingError(
@@ -208,7 +219,10 @@ def splits_of(header: Header, changes: Sequence[KeyChange]) -> list[tuple[int, S
 
 
 def coefficients(header: Header, changes: Sequence[KeyChange], fingers: int) -> list[tuple[int, FloatArray]]:
-    """List the fingers' coefficients of friction (n,) with the row from which they hold; NaN for zero or "stick"."""
+    """Return the coefficients of friction of the fingers (n,), each set with the first row in which it applies.
+
+    A coefficient is NaN for a finger whose friction is zero or "stick".
+    """
     table = header.scene_table
     common = _coefficient(table.get("coupling", {}).get("friction", 0.0))
     tables: Sequence[Mapping[str, Any]] = _listed(table.get("finger", ()))
@@ -247,18 +261,18 @@ def work(
     first: int = 0,
     start: FloatArray | None = None,
 ) -> FloatArray:
-    """Compute the work done so far on each fingertip by a displayed force, (N, n) [J], as a tick does.
+    """Return the work that a displayed force has done on each fingertip so far, (N, n) [J], as the ticks compute it.
 
-    The work of a sample is its force times the fingertip's motion up to the next sample. No work is added after a
-    fault. The sample of the fault adds no work either if the fault occurred before its tick added the work; then
-    `device_energy` does not change.
+    The work in a sample is the force of the sample times the motion of the fingertip up to the next sample. After a
+    fault no work is added. If `device_energy` shows that the tick of the fault added no work, none is added for this
+    tick.
 
     Args:
         force: Displayed forces, (N, n, d) [N].
         tip: Fingertip positions, (N, n, d) [m].
         device_energy: Recorded device energy, (N, n) [J].
         faults: Faults of the run.
-        first: Tick of the first row.
+        first: Tick of the first row of the arrays.
         start: Work before the first row, (1, n) [J]; zero if not given.
     """
     steps = np.zeros(device_energy.shape)

@@ -1,4 +1,4 @@
-"""Recording of a run: rows are collected in blocks, written to a part, and converted to a file at the end."""
+"""Recorder of a run, which collects rows in blocks, passes them to sinks, and returns the recording at the end."""
 
 from __future__ import annotations
 
@@ -25,32 +25,31 @@ SECOND = 1.0  # time after which an incomplete block is sent [s]; the clock affe
 
 
 class Sink(Protocol):
-    """Receives blocks of rows."""
+    """Receiver of blocks of rows, such as a file."""
 
     def write(self, rows: FloatArray, faults: Sequence[RunFault], changes: Sequence[KeyChange]) -> None:
-        """Write rows (r, width), and faults and changes since the last write; the array is reused afterwards."""
+        """Write rows (r, width), and the faults and changes since the last call; the array `rows` is reused later."""
 
     def close(self, outcome: Outcome) -> None: ...
 
 
 class Recorder:
-    """Collects rows in preallocated blocks, which a separate thread passes to the sinks.
+    """Collector of the rows of a run in preallocated blocks, which a separate thread passes to the sinks.
 
-    `space()` returns the rows for the next ticks, `take(count)` accepts them, and `drain()` sends blocks that are full
-    or a second old. As a context manager it also closes the sinks after an error.
+    `space()` returns the block for the next ticks, `take(count)` accepts the rows of `count` ticks, and `drain()` sends
+    blocks that are full or one second old. At the end of a `with` block, also after an error, the sinks are closed.
 
     Args:
-        layout: layout of the rows that ticks write.
-        header: header of the recording.
-        sinks: receivers of blocks.
-        block: number of rows per block. By default a run of known length in memory has one block, and
-            other runs have blocks of about 1 MB.
-        keep: whether to keep rows in memory, so that `finish` can return a recording; otherwise only the sinks get the
-            rows.
-        ticks: number of ticks of the whole run, if known.
-        real_time: whether ticks never wait for the sinks; pending blocks stay in memory.
-        selection: selection of recorded data from complete rows of every tick. By default ticks write the recorded
-            data, one row every `header.every` ticks.
+        layout: Layout of the rows that the ticks write.
+        header: Header of the recording.
+        sinks: Receivers of the blocks.
+        block: Number of rows per block. By default one block contains the whole run, if its length is known and there
+            are no sinks; otherwise a block has about 1 MB.
+        keep: Whether to keep the rows in memory, so that `finish` returns them. Otherwise only the sinks get the rows.
+        ticks: Number of ticks of the run; None if unknown.
+        selection: Selection of the recorded data from rows of all ticks with all columns. By default the ticks write
+            only the recorded data, one row every `header.every` ticks.
+        real_time: Whether ticks never wait for the sinks; blocks that wait for the sinks are then kept in memory.
     """
 
     def __init__(
@@ -92,27 +91,28 @@ class Recorder:
 
     @property
     def used(self) -> int:
-        """Number of rows in the present block."""
+        """Number of rows of the present block that are written."""
         return -(-self.ticks // self._every) - self._first
 
     @property
     def row(self) -> FloatArray:
-        """The last row that a tick wrote."""
+        """The last row that was written."""
         row: FloatArray = self._block[max(self.used, 1) - 1]
         return row
 
     @property
     def backlog(self) -> int:
-        """Upper bound on the bytes that wait for the sinks."""
+        """Upper bound on the size of the rows that wait for the sinks, in bytes."""
         return 8 * self.layout.width * self._size * self._courier.waiting
 
     def space(self) -> tuple[FloatArray, int, int]:
-        """Return a block of rows (r, width), the next tick's index in the block, and the number of ticks that fit.
+        """Return a block (r, width), the index i of the next tick in the block, and the number of ticks that fit.
 
-        The tick at index r writes row r. With one row every m ticks, that tick writes row r / m if m divides r.
+        The tick at index i writes row i of the block. If one of m ticks is recorded, the tick writes row i / m if m
+        divides i, and no row otherwise.
 
         Raises:
-            RecordingError: a sink cannot write earlier rows.
+            RecordingError: A sink could not write earlier rows.
         """
         if self.used == self._size:
             self._send()
@@ -124,27 +124,27 @@ class Recorder:
         return self._block, place, self._size * self._every - place
 
     def take(self, count: int) -> None:
-        """Accept the rows that the next `count` ticks have written."""
+        """Accept the rows that the next `count` ticks have written to the block."""
         self.ticks += count
 
     def fault(self, k: int, message: str) -> None:
         self.faults.append(RunFault(k, message))
 
     def change(self, k: int, values: Mapping[str, Any]) -> None:
-        """Record that keys of the scene have these values from tick k on."""
+        """Record that keys of the scene have new values from tick k on."""
         self.changes += [KeyChange(k, key, as_stored(value)) for key, value in values.items()]
 
     def drain(self) -> None:
-        """Send blocks that are full or a second old; call it between ticks.
+        """Send blocks that are full or one second old to the sinks. Call this method between ticks.
 
         Raises:
-            RecordingError: a sink cannot write earlier rows.
+            RecordingError: A sink could not write earlier rows.
         """
         if self._sinks and (self.used == self._size or time.monotonic() - self._time >= SECOND):
             self._send()
 
     def flush(self) -> None:
-        """Write all rows so far, and wait until the operating system has received them."""
+        """Send all rows to the sinks, and wait until the sinks have written them."""
         try:
             self._send()
         finally:
@@ -153,13 +153,13 @@ class Recorder:
     def finish(
         self, wall_time: float | None = None, *, complete: bool = True, engine: str = "", **coupling: Any
     ) -> Recording:
-        """Write the remaining rows, close the sinks and return the recording of the retained rows.
+        """Send the remaining rows, close the sinks, and return a recording of the rows that were kept in memory.
 
         Args:
-            wall_time: time that the run took [s].
-            complete: False for a run that ended early.
-            engine: engine that ran the ticks.
-            coupling: reports of the objects' couplings, as items of `Outcome`.
+            wall_time: Duration of the run in real time [s].
+            complete: Whether the run reached its end.
+            engine: Name of the engine that ran the ticks.
+            coupling: Other fields of `Outcome`.
         """
         self._outcome = self._so_far(wall_time, complete=complete, engine=engine, **coupling)
         try:
@@ -170,7 +170,7 @@ class Recorder:
         return Recording(self._rows(), self.recorded, self.header, self._outcome)
 
     def recording(self, **outcome: Any) -> Recording:
-        """Return a copy of the retained rows so far as a recording, during the run; `outcome` as for `finish`."""
+        """Return a copy of the rows kept so far as a recording, during a run; the arguments are those of `finish`."""
         return Recording(self._rows().copy(), self.recorded, self.header, self._so_far(**outcome))
 
     def _so_far(self, wall_time: float | None = None, *, complete: bool = True, **outcome: Any) -> Outcome:
@@ -180,7 +180,7 @@ class Recorder:
         )  # fmt: skip
 
     def _rows(self) -> FloatArray:
-        """Return the retained rows, as a view if there is one block."""
+        """Return the rows kept so far; if there is only one block, the result is a view of it."""
         if not self._keep:
             return np.empty((0, self.recorded.width))
         rest = self._selection.cut(self._block[: self.used], self._first)
@@ -196,7 +196,7 @@ class Recorder:
             self.finish(complete=False, cause="" if error is None else cause_text(error))
 
     def _send(self) -> None:
-        """Send the block's unsent rows, faults and changes to the writing thread."""
+        """Pass the rows, faults and changes that have not been sent to the thread that calls the sinks."""
         block, tick, used = self._block, self._sent, self.used
         rows = block[tick - self._first : used]
         faults, changes = self.faults[self._faults_sent :], self.changes[self._changes_sent :]
@@ -215,19 +215,19 @@ class Recorder:
 
 
 def cause_text(error: BaseException) -> str:
-    """Describe in one line the exception that ended a run."""
+    """Return a description, in one line, of the exception that ended a run."""
     text = message(error)
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
 
 
 class Courier:
-    """Runs jobs in order in a thread; an error is raised when the next job is given.
+    """Thread that runs jobs in the order in which they were given.
 
-    Compiled ticks release Python's lock, so that a block is written while they fill the next one. After an error no
-    further job is run.
+    Compiled ticks release Python's global lock, so that a block is written while ticks fill the next one. If a job
+    raises an exception, no further job is run, and the next call of `give` or `end` raises this exception.
 
     Args:
-        waiting: largest number of pending jobs before `give` blocks; 0 for no limit.
+        waiting: Largest number of jobs that wait before `give` blocks; 0 for no limit.
     """
 
     def __init__(self, waiting: int) -> None:
@@ -237,14 +237,14 @@ class Courier:
 
     @property
     def waiting(self) -> int:
-        """Number of jobs that have not started."""
+        """Number of jobs that have not been started."""
         return self._jobs.qsize()
 
     def give(self, job: Callable[[], None]) -> None:
-        """Pass a job to the thread.
+        """Add a job to those that the thread will run.
 
         Raises:
-            BaseException: error of an earlier job.
+            BaseException: An earlier job raised this exception.
         """
         self._require()
         if self._thread is None:
@@ -253,10 +253,10 @@ class Courier:
         self._jobs.put(job)
 
     def end(self) -> None:
-        """Wait for all jobs.
+        """Wait until all jobs have ended, and end the thread.
 
         Raises:
-            BaseException: error of a job.
+            BaseException: A job raised this exception.
         """
         if self._thread is not None:
             self._jobs.put(None)

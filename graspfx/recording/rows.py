@@ -1,4 +1,4 @@
-"""Storage of a recording's rows: in memory, in blocks of a part, or in data sets of an HDF5 file."""
+"""Storage of the rows of a recording: in memory, in blocks of a file, or in data sets of an HDF5 file."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ BLOCK = 1 << 20  # bytes of rows that are processed together
 
 
 class RowStore:
-    """Rows of a recording.
+    """Rows of a recording, which can be read in ranges.
 
     Attributes:
-        step: number of rows that are best read together.
-        by_column: whether columns are stored apart, so that one is read without the others.
+        step: Number of rows that are best read in one call.
+        by_column: Whether a column can be read without reading the other columns.
     """
 
     step, by_column = 1, False
@@ -38,21 +38,21 @@ class RowStore:
         raise NotImplementedError
 
     def read(self, first: int, stop: int, where: slice) -> FloatArray:
-        """Return rows `first` to `stop` - 1, restricted to the columns `where`, (stop - first, w)."""
+        """Return the columns `where` of the rows `first` to `stop - 1`, (stop - first, w)."""
         raise NotImplementedError
 
     def beside(self, name: str, first: int, stop: int) -> FloatArray | None:
-        """Return a variable stored in addition to the rows, such as `internal_force` in a file; None if not stored."""
+        """Return a variable stored in addition to the rows, such as `internal_force`; None if it is not stored."""
         return None
 
 
 def step_of(width: int) -> int:
-    """Return the number of rows of a block."""
+    """Return the number of rows with `width` numbers that fit in a block of about 1 MB."""
     return max(1, BLOCK // (NUMBER.itemsize * max(width, 1)))
 
 
 class MemoryRows(RowStore):
-    """Rows in memory, which are returned as views."""
+    """Rows in memory; `read` returns views of them."""
 
     def __init__(self, rows: FloatArray) -> None:
         self.rows, self.step = rows, step_of(rows.shape[1])
@@ -66,7 +66,7 @@ class MemoryRows(RowStore):
 
 
 class Window(RowStore):
-    """Rows `first` to `stop` - 1 of another store."""
+    """The rows `first` to `stop - 1` of another store."""
 
     def __init__(self, store: RowStore, first: int, stop: int) -> None:
         self._store, self._first, self._count = store, first, max(stop - first, 0)
@@ -83,14 +83,14 @@ class Window(RowStore):
 
 
 class DataSetRows(RowStore):
-    """Rows in data sets of an HDF5 file, each of a few neighbouring numbers of a row.
+    """Rows in data sets of an HDF5 file, each of which contains some adjacent columns.
 
     Args:
-        path: path of the file, for messages.
-        data: data sets (N, ...) by index in a row, in ascending order.
-        count: number of rows N.
-        step: number of rows of a chunk.
-        others: additional data sets by name.
+        path: Path of the file, for error messages.
+        data: Data sets (N, ...), each with the position of its columns in a row, in ascending order.
+        count: Number of rows N.
+        step: Number of rows per chunk.
+        others: Data sets that are stored in addition to the rows, by name.
     """
 
     def __init__(
@@ -132,11 +132,11 @@ class Piece:
     """A block of rows in a file.
 
     Attributes:
-        first: index of its first row.
-        count: number of rows.
-        offset: offset of its head in the file.
-        lead: number of bytes before the rows.
-        check: `check_of` its head and rows; empty if not needed.
+        first: Index of the first row.
+        count: Number of rows.
+        offset: Position of the block in the file, in bytes.
+        lead: Number of bytes between the start of the block and its first row.
+        check: Checksum of the block, as returned by `check_of`; empty if the block need not be verified.
     """
 
     first: int
@@ -147,19 +147,20 @@ class Piece:
 
 
 class BlockRows(RowStore):
-    """Rows in blocks of a file, each verified on its first reading.
+    """Rows in blocks of a file; a block with a checksum is verified when it is first read.
 
-    The file stays open, so that it can be read even after it is moved, removed or replaced.
+    The file stays open, so that its rows can be read even after the file is moved, removed or replaced.
 
     Args:
-        path: path of the file, for messages.
-        file: descriptor of the file, which is closed when the rows are no longer needed.
-        wide: number of entries of a stored row; in format 4 the external and internal forces follow
-            the layout's columns.
+        path: Path of the file, for error messages.
+        file: Descriptor of the open file, which is closed when this object is deleted.
+        wide: Number of entries of a stored row. In format 4 a row contains the external and internal forces in addition
+            to the columns of the layout.
+        pieces: Blocks, in order.
         pieces: blocks in order.
 
     Raises:
-        RecordingError: the blocks are not contiguous, or exceed the file.
+        RecordingError: The blocks are not contiguous, or extend beyond the end of the file.
     """
 
     def __init__(self, path: Path, file: int, wide: int, pieces: Sequence[Piece]) -> None:
@@ -195,7 +196,7 @@ class BlockRows(RowStore):
         return rows
 
     def _rows(self, number: int, first: int, stop: int) -> FloatArray:
-        """Read some rows of a piece, or the whole piece if it must be verified."""
+        """Return rows of a block, after verifying the block if it has a checksum that was not verified yet."""
         size, piece = NUMBER.itemsize * self._wide, self._pieces[number]
         if not piece.check:
             content = self._bytes(piece.offset + piece.lead + first * size, (stop - first) * size)
@@ -211,21 +212,21 @@ class BlockRows(RowStore):
         return rows[first:stop]
 
     def _bytes(self, offset: int, count: int) -> NDArray[np.uint8]:
-        """Read bytes.
+        """Return bytes of the file.
 
         Raises:
-            RecordingError: the file is too short.
+            RecordingError: The file ends before these bytes.
         """
         content, done = np.empty(count, np.uint8), 0
         while done < count and (more := _read_into(self._file, memoryview(content)[done:], offset + done)):
             done += more
         if done < count:
-            raise RecordingError(f"{self._path}: ends at byte {offset + done}, in the middle of its rows")
+            raise RecordingError(f"{self._path}: the file ends at byte {offset + done}, within its rows")
         return content
 
 
 def opened(path: Path) -> int:
-    """Open a file for reading; return its descriptor."""
+    """Open a file for reading, and return its descriptor."""
     return os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
 
 
@@ -239,11 +240,11 @@ def _read_into(file: int, buffer: memoryview, offset: int) -> int:
 
 
 def rows_sum(rows: FloatArray) -> bytes:
-    """Compute the checksum of contiguous rows (r, width): BLAKE2b of their CRC-32 and a weighted sum of each column.
+    """Return a checksum of contiguous rows (r, width): BLAKE2b of their CRC-32 and of a weighted sum of each column.
 
-    Sums are over 64-bit integers modulo 2^64, with an odd weight per row. A change of one number always changes its
-    column's sum, and the CRC detects changes that cancel in the sum. A cryptographic digest of all rows would take
-    several times as long as the ticks.
+    The sums are of 64-bit integers modulo 2^64, with an odd weight for each row. A change of a single number always
+    changes the sum of its column. The CRC detects changes whose effects on a sum cancel. A cryptographic digest of all
+    rows would take several times as long as the ticks.
     """
     digest = blake2b(crc32(memoryview(rows).cast("B")).to_bytes(4, "little"), digest_size=SIZE)
     weights = _weights(1 << len(rows).bit_length())[: len(rows)]
@@ -252,13 +253,13 @@ def rows_sum(rows: FloatArray) -> bytes:
 
 
 def check_of(head: bytes, rows: bytes) -> bytes:
-    """Compute the check of a block from its head and the `rows_sum` of its rows."""
+    """Return the checksum of a block, from its bytes before the rows and from the `rows_sum` of its rows."""
     return blake2b(head + rows, digest_size=SIZE).digest()
 
 
 @cache
 def _weights(count: int) -> NDArray[np.uint64]:
-    """Generate pseudorandom odd numbers by the mixing step of splitmix64 (Steele, Lea and Flood, OOPSLA 2014)."""
+    """Return pseudorandom odd weights, by the mixing step of splitmix64 (Steele, Lea and Flood, OOPSLA 2014)."""
     z = np.arange(1, count + 1, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)

@@ -1,4 +1,4 @@
-"""The file of a run: rows are written to a part during the run and converted to the recording at its end."""
+"""The file of a run, whose rows are written to a part during the run and converted to a recording at its end."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ FAILURES = OSError, RuntimeError, ValueError, TypeError, MemoryError  # disk err
 
 @contextmanager
 def hold_signals() -> Iterator[None]:
-    """Defer the handlers of all signals to the end of the block.
+    """Defer the handlers of all signals to the end of the `with` block.
 
-    Signals without a handler still end the process. Python calls handlers in the main thread only, so there is nothing
-    to defer in other threads.
+    Signals without a handler still end the process. In threads other than the main thread this function has no effect,
+    because Python calls handlers in the main thread only.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -54,19 +54,20 @@ def hold_signals() -> Iterator[None]:
 
 
 class FileSink:
-    """Writes blocks of rows immediately, so that they can be read even if the run is killed.
+    """Sink that writes each block of rows to disk at once, so that the rows can be read even if the run is killed.
 
-    Until the recording is written and verified, the rows are in a part next to it. This process locks the part.
+    Until the recording has been written and verified, the rows are in a part beside the path of the recording. This
+    process holds a lock on the part.
 
     Args:
-        path: path of the recording.
-        layout: layout of the columns.
-        header: header of the recording.
-        overwrite: whether to replace an existing recording, or the part of a killed run.
-        compression: compression of the recording: "none", "lzf" or "gzip".
+        path: Path of the recording.
+        layout: Layout of the columns.
+        header: Header of the recording.
+        overwrite: Whether to replace an existing recording or part.
+        compression: Compression of the recording: "none", "lzf" or "gzip".
 
     Raises:
-        RecordingError: the file exists, is being written by another run, or cannot be written.
+        RecordingError: The file exists, another run is writing it, or it cannot be written.
     """
 
     def __init__(
@@ -92,10 +93,10 @@ class FileSink:
     def write(
         self, rows: FloatArray, faults: Sequence[RunFault], changes: Sequence[KeyChange] = ()
     ) -> None:  # fmt: skip
-        """Append rows (r, width), faults and key changes; a change precedes the rows to which it applies.
+        """Append rows (r, width), faults and changes of keys; a change is written before the rows to which it applies.
 
         Raises:
-            RecordingError: the rows cannot be written, or the part was removed; the error states where the rows are.
+            RecordingError: The rows cannot be written, or the part was removed; the message says where the rows are.
         """
         if self._failure is not None:
             raise self._failure
@@ -113,10 +114,10 @@ class FileSink:
 
     @hold_signals()
     def close(self, outcome: Outcome) -> None:
-        """Write the outcome, and convert the part to the recording; do nothing after a failure in `write`.
+        """Append the outcome, and convert the part to the recording. After a failure of `write`, only close the part.
 
         Raises:
-            RecordingError: the rows cannot be written, or the part was removed; the error states where the rows are.
+            RecordingError: The rows cannot be written, or the part was removed; the message says where the rows are.
         """
         if self._failure is not None:
             self._part.file.close()
@@ -145,7 +146,10 @@ class FileSink:
         return f"the {rows} rows before that can be read there" if rows else "no row was written"
 
     def _rescue(self, outcome: Outcome) -> None:
-        """Save rows of a removed part, which exist while it is open, to the nearest existing (or temporary) folder."""
+        """Save the rows of a removed part, which is still open, to the nearest folder that exists, and raise an error.
+
+        If the rows cannot be saved there, they are saved to the folder for temporary files.
+        """
         from tempfile import gettempdir, mkdtemp
 
         text = f"{self._home}: was removed or moved while a run wrote there"
@@ -156,7 +160,7 @@ class FileSink:
                 self._convert(place, outcome)
                 break
         else:
-            self._fail(f"{text}, and its rows fit nowhere else")
+            self._fail(f"{text}, and its rows could not be written to another folder")
         self._fail(f"{text}; its {self._part.rows} rows so far are in {place}")
 
     def _fail(self, text: str, error: Exception | None = None) -> None:
@@ -169,7 +173,7 @@ class FileSink:
 
 
 def _why(error: Exception) -> str:
-    """Return the message of the system or of HDF5 in one line."""
+    """Return the message of an error of the system or of HDF5 as one line."""
     return (isinstance(error, OSError) and error.strerror) or " ".join(str(error).split())
 
 
@@ -184,10 +188,10 @@ def save(
     overwrite: bool,
     compression: str = "none",
 ) -> None:
-    """Write a complete recording.
+    """Write a complete recording to a file.
 
     Raises:
-        RecordingError: the file exists, is being written by another run, or cannot be written.
+        RecordingError: The file exists, another run is writing it, or it cannot be written.
     """
     from graspfx.recording.file import write_recording
 

@@ -1,4 +1,4 @@
-"""Summary of a run: penetration depth, tracking error, vibration, energies and computation time."""
+"""Summary of a run: penetration depth, tracking error, vibration, energies and computing time."""
 
 from __future__ import annotations
 
@@ -21,64 +21,68 @@ HALVES = ("internal_force", "external_force")
 
 
 def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Summarise a run in SI units, in one pass over its rows; a value that does not apply to the run is None.
+    """Return a summary of a run in SI units, computed in one pass over its rows; None if a value does not apply.
 
     Keys:
-        ticks, period, duration: N, T [s], N T [s].
+        ticks, period, duration: Number of ticks N, sampling period T [s], duration N T [s].
         touching: Fraction of ticks in which each finger touches.
-        internal_deformation_mean, internal_deformation_peak: Squeeze of touching fingers: RMS over the fingers of
-            e - mean e [m], with e = p - c, fingertip minus contact. With equal weights and the object's rotation
-            locked, e - mean e is (I - P) e of eq. (3).
-        invasion_mean, invasion_peak: Penetration depth of touching fingers along the normal [m]; None for attached
-            fingers.
-        finger_distance_mean, finger_distance_least: Distance of two fingers [m]; None for other numbers of fingers.
-        tracking_error: RMS distance between an object's centre and the centre of its fingers [m].
+        internal_deformation_mean, internal_deformation_peak: Mean and peak over ticks of the squeeze of the touching
+            fingers: RMS over the fingers of e - mean e [m], where e is the vector from a finger's contact to its
+            fingertip. With equal weights and a locked rotation of the object, e - mean e is (I - P) e of eq. (3).
+        invasion_mean, invasion_peak: Mean and peak penetration depth of touching fingers along the normal [m]; None for
+            attached fingers.
+        finger_distance_mean, finger_distance_least: Mean and smallest distance of two fingers [m]; None unless there
+            are two fingers.
+        tracking_error: RMS distance of an object's centre from the mean position of its fingers [m].
         peak_force: Peak force of each finger [N].
-        peak_displayed_force: Peak force on the operator of each finger [N]; None if not recorded.
+        peak_displayed_force: Peak force on each finger's operator [N]; None if not recorded.
         saturated: Fraction of ticks in which each finger's force is at its limit; None without limits.
-        force_vibration: RMS over fingers and ticks of a finger's force above 5 Hz [N].
-        internal_force_peak, external_force_peak: Peak magnitude for each finger while it touches [N].
+        force_vibration: RMS over fingers and ticks of the part above 5 Hz of a finger's force [N].
+        internal_force_peak, external_force_peak: Peak magnitude of the internal or external force of each finger while
+            the finger touches [N].
         internal_force_mean, external_force_mean: Mean magnitude over fingers and ticks with contact [N].
-        internal_force_vibration, external_force_vibration: Like `force_vibration` [N]; all six quantities of internal
-            and external forces are None for a recording of an earlier format, which does not define the split of its
-            forces.
-        internal_moment: Peak moment sum e_i x f_i of the internal forces f at the fingertips, relative to the peak of
-            |f| r, with r the contacts' RMS distance from their mean; None if forces react at the contacts or no object
-            turns.
-        finger_vibration: RMS over fingers and ticks of a fingertip's position above 5 Hz [m]; of the true position
-            if known.
-        object_vibration: RMS over objects and ticks of an object's position above 5 Hz [m].
-        port_energy: Total work of each finger's device on the fingertip [J].
+        internal_force_vibration, external_force_vibration: RMS of the part above 5 Hz, as in `force_vibration` [N]. All
+            six values of internal and external forces are None for a recording of an early format without split rule.
+        internal_moment: Peak moment of the internal forces about the object, which act at the fingertips, relative to
+            the peak of |f| r. Here f are the internal forces, and r is the RMS distance of the contacts from their
+            mean. None if forces react at the contacts, or if no object can rotate.
+        finger_vibration: RMS over fingers and ticks of the part above 5 Hz of a fingertip's position [m]; of its true
+            position if known.
+        object_vibration: RMS over objects and ticks of the part above 5 Hz of an object's position [m].
+        port_energy: Work that each finger's device has done on the fingertip in the run [J].
         fade_shortfall: Largest distance by which the fade of `coupling.fade` began too close to the surface [m]; None
-            if it never did.
-        blended: Fraction of samples in which a rotation of a grasp was in the band of `coupling.blend`, where forces
-            are not those of eq. (4); None without such samples.
-        associated: Fraction of samples in which an object's forces satisfy the associated law instead of Coulomb's;
-            None without a coefficient of friction.
-        friction_residual: Largest residual of either law [N]; None without a coefficient.
-        grip_margin: Smallest mu f_n - |f_t| of touching fingers with friction, the margin of the grip against slipping
-            [N]; None without a coefficient, or if none of these fingers touched.
-        friction_needed: Largest |f_t| / f_n of these fingers, the coefficient that the recorded forces need.
-        leak: Largest energy of each mode generated beyond friction, the maximum over objects [J].
+            if the fade never began too close.
+        blended: Fraction of samples in which a rotation of a grasp was in the band of `coupling.blend`, where the
+            forces are not those of eq. (4); None if there are no such samples.
+        associated: Fraction of samples in which an object's forces satisfy the associated friction law instead of
+            Coulomb's law; None without a coefficient of friction.
+        friction_residual: Largest residual of the friction law that was used [N]; None without a coefficient of
+            friction.
+        grip_margin: Smallest friction margin mu f_n - |f_t| of the touching fingers that have a coefficient of friction
+            mu [N], where f_n and f_t are the normal and tangential force; None if no such finger touched.
+        friction_needed: Largest |f_t| / f_n of these fingers, which is the coefficient that the recorded forces need.
+        leak: Largest energy that was generated in each mode beyond the dissipation of friction, as the maximum over
+            objects [J].
         braking: Largest damping that the passivity controller added to each mode [N s/m]; None without a controller.
-        braked: Total energy of each mode dissipated by this controller [J]; None without a controller.
-        ledger_gap: Largest gap of an object's ledger relative to its largest entry; this and the previous three are
-            None unless energies are observed.
-        growth: A table for each object with a detected loss of stability; empty without one. It has `object`, `mode` as
-            named in certificates, `rate` of the log amplitude [1/s], `frequency` [Hz], `begin` and `end` of the
-            interval [s], `first` and `last` amplitude of a fingertip relative to the object [m], `sustained` if it
-            continues at that size, `certificate` (its `spectral_radius`, `gain` and `limit` [N/m] and `text`; None for
-            a recording without its scene), and `text`, a sentence.
-        wall_time, ticks_per_second, tick_cost: Computation time [s, 1/s, microseconds].
-        engine: Engine of the ticks, "compiled" or "interpreted", or the name used by an earlier version; None if
+        braked: Energy that the passivity controller dissipated in each mode [J]; None without a controller.
+        ledger_gap: Largest gap in the balance of an object's energy ledger, relative to the ledger's largest entry.
+            `leak`, `braking`, `braked` and `ledger_gap` are None unless energies are observed.
+        growth: Table for each object with a detected instability; empty without one. Its keys are `object`; `mode`, as
+            named in certificates; `rate` of the log amplitude [1/s]; `frequency` [Hz]; `begin` and `end` of the
+            interval [s]; `first` and `last`, the amplitudes of a fingertip relative to the object [m]; `sustained`,
+            whether the motion continues at the amplitude `last`; `certificate`, with `spectral_radius`, `gain` and
+            `limit` [N/m] and `text` (None if the recording has no scene); and `text`, a sentence.
+        wall_time, ticks_per_second, tick_cost: Duration of the computation [s], ticks per second [1/s], duration of a
+            tick [microseconds].
+        engine: Engine of the ticks, "compiled" or "interpreted", or the name that an earlier version used; None if
             unknown.
         faults: Number of faults.
-        changes: Number of values of keys replaced during the run; None if none was.
-        recorded: Sentence about the recorded values if a recording omits values or ticks; else None.
+        changes: Number of values that were replaced during the run; None if no value was replaced.
+        recorded: Sentence that says which columns or ticks are not recorded; None if all are recorded.
 
     Args:
-        recording: Recording in memory or on disk.
-        growth: Growths, as in the result.
+        recording: Recording, in memory or on disk.
+        growth: Tables for the key `growth`.
     """
     tally = Tally(recording)
     for part in recording.parts():
@@ -88,7 +92,7 @@ def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[s
 
 
 class Sizes:
-    """Peaks, sum and count of the sizes of several quantities; NaN propagates.
+    """Peak of each of several quantities, and their common sum and count. NaN gives NaN results.
 
     Args:
         count: Number of quantities.
@@ -98,7 +102,7 @@ class Sizes:
         self.largest, self._sums, self.count = np.full(count, -math.inf), list[float](), 0
 
     def add(self, sizes: FloatArray, where: BoolArray | None = None) -> None:
-        """Add the sizes (quantities, r) selected by `where`."""
+        """Add sizes (quantities, r), or only those where the mask `where` is True."""
         if not sizes.size:
             return
         some = None if where is None or where.all() else where  # a selection of all would only be copied
@@ -109,22 +113,22 @@ class Sizes:
 
     @property
     def mean(self) -> float | None:
-        """Mean of all sizes; None without any."""
+        """Mean of all sizes; None if no size was added."""
         return _sum(self._sums) / self.count if self.count else None
 
     @property
     def peaks(self) -> list[float | None]:
-        """Largest size of each quantity; None without any."""
+        """Largest size of each quantity; None if no size was added."""
         return [None if value == -math.inf else float(value) for value in self.largest]
 
     @property
     def peak(self) -> float | None:
-        """Largest size of all quantities."""
+        """Largest size of all quantities; None if no size was added."""
         return _largest(self.peaks)
 
 
 class Ledger:
-    """Peaks and final values of one object's energy ledger."""
+    """Peaks and final values of the energy ledger of one object."""
 
     def __init__(self) -> None:
         self.leak: FloatArray | None = None
@@ -133,7 +137,7 @@ class Ledger:
         self.gap = self.largest = 0.0
 
     def add(self, name: str, values: FloatArray) -> None:
-        """Add an entry of the ledger, (..., r)."""
+        """Add values (..., r) of the ledger's quantity `name`."""
         if name == "balance":
             self.leak = _larger(self.leak, np.maximum(-values, 0.0).max(axis=-1))
         if name == "damping":
@@ -149,10 +153,10 @@ class Ledger:
 
 
 class Tally:
-    """Sums and peaks over the blocks of a recording.
+    """Sums and peaks over the rows of a recording, from which its summary is computed.
 
     Args:
-        recording: Whole recording.
+        recording: Complete recording.
     """
 
     def __init__(self, recording: History) -> None:
@@ -177,11 +181,11 @@ class Tally:
         self.shaking = Vibration(recording.row_period, len(recording), sums=sums if self.divided else None)
 
     def has(self, *columns: str) -> bool:
-        """Tell whether the recording has all of these columns."""
+        """Return whether the recording has all of these columns."""
         return all(column in self.layout.columns for column in columns)
 
     def add(self, block: RowSplit) -> None:
-        """Add a block of rows."""
+        """Add the rows of a block to the sums and peaks."""
         self.rows += len(block)
         on = np.not_equal(block.column("touching"), 0.0) if self.has("touching") else None
         if on is not None:
@@ -209,7 +213,7 @@ class Tally:
         self._add_signals(block, parts)
 
     def _add_places(self, block: RowSplit, on: BoolArray | None) -> None:
-        """Add the squeeze of touching fingers, sqrt(mean |e - mean e|^2), and the distance of fingers."""
+        """Add penetration depths, distances, and the squeeze of the touching fingers, sqrt(mean |e - mean e|^2)."""
         if on is not None and self.has("gap"):
             self.depth.add(np.maximum(-block.column("gap"), 0.0), on)
         if not self.has("finger_position"):
@@ -253,10 +257,10 @@ class Tally:
             self.energy = block.column("device_energy")[:, -1].copy()
 
     def _add_moments(self, block: RowSplit, grasp: GraspRows, force: FloatArray) -> None:
-        """Add the moment of internal forces on one object, and its reference |f| r.
+        """Add the moment of the internal forces about an object, and its reference |f| r (see `summarise`).
 
-        Internal forces at the contact points have no resultant moment. If fingers act on the object at their tips, the
-        same forces have this moment. It is omitted if forces react at the contact points or no object turns.
+        Internal forces f at the contacts have no resultant moment. If the forces act on the object at the fingertips,
+        they have a resultant moment. Nothing is added if forces react at the contacts, or if the object cannot rotate.
         """
         rows, rule, thing, fingers = grasp
         if rule.reaction == "contact" or not any(rule.rotations):
@@ -370,7 +374,7 @@ class Tally:
         return max((moment / whole for moment, whole in both if moment is not None and whole), default=None)
 
     def _books(self) -> dict[str, Any]:
-        """Combine the ledgers."""
+        """Return the values of the summary that come from the energy ledgers of all objects."""
         books = self.ledgers.values()
         leaks, braking, braked = (
             [value for ledger in books if (value := getattr(ledger, name)) is not None]
@@ -388,12 +392,12 @@ class Tally:
         layout, every = self.layout, self.recording.header.every
         texts = [f"peaks, means and energies are of the recorded rows, one per {every} ticks"] if every > 1 else []
         if layout.omitted:
-            texts.append(f"not recorded, and thus not computed: {', '.join(layout.omitted)}")
+            texts.append(f"not recorded, and therefore not computed: {', '.join(layout.omitted)}")
         return "; ".join(texts) or None
 
 
 def _length(vectors: FloatArray) -> FloatArray:
-    """Compute the lengths of vectors (n, d, r)."""
+    """Return the lengths of vectors (n, d, r), as (n, r)."""
     return np.asarray(np.sqrt((vectors * vectors).sum(axis=1)))
 
 
@@ -402,11 +406,11 @@ def _larger(before: FloatArray | None, now: FloatArray) -> FloatArray:
 
 
 def _sum(values: Iterable[float]) -> float:
-    """Sum numbers without intermediate rounding."""
+    """Return the sum of numbers without intermediate rounding."""
     return math.fsum(values) if all(map(math.isfinite, values := [*values])) else sum(values)
 
 
 def _largest(values: Iterable[float | None]) -> float | None:
-    """Return the largest number, or NaN if any is NaN."""
+    """Return the largest number, or NaN if a number is NaN; None if there are no numbers."""
     numbers = [value for value in values if value is not None]
     return float(np.max(numbers)) if numbers else None

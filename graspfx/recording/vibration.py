@@ -1,4 +1,4 @@
-"""Vibration in a run: residual of Whittaker's smoother, for many signals at once, in blocks of any length."""
+"""Vibration in a run: residual of Whittaker's smoother, for many signals and in blocks of any length."""
 
 from __future__ import annotations
 
@@ -21,19 +21,22 @@ TOGETHER = 50_000  # numbers filtered together, so that they fit the processor's
 
 
 def vibration(signal: FloatArray, period: float, above: float = VIBRATION_FROM) -> float | None:
-    """Compute the RMS of |x - s| over ticks and vectors of x, s minimising |x - s|^2 + q |D s|^2, D fourth differences.
+    """Return the RMS over ticks and vectors of a signal's part above a frequency.
 
-    x - s of Whittaker's smoother has the gain 1/(1 + (above/f)^8) of a Butterworth high-pass of order 4 that is run
-    forwards and backwards. Moreover, it removes polynomials up to degree 3 exactly and needs no samples beyond the ends
-    (E. T. Whittaker, On a new method of graduation, Proc. Edinburgh Math. Soc. 41, 1923; P. H. C. Eilers, A perfect
-    smoother, Analytical Chemistry 75(14), 2003). Samples less than 1 ms apart are first averaged over 1 ms.
+    This part is x - s for a signal x, where s minimises |x - s|^2 + q |D s|^2. D are the fourth differences, and the
+    weight q follows from `above`. The part has the gain 1/(1 + (above/f)^8) at the frequency f, which is that of a
+    Butterworth high-pass filter of order 4 that is run forwards and backwards. Whittaker's smoother s, however, follows
+    polynomials up to degree 3 exactly, and needs no samples beyond the ends (E. T. Whittaker, On a new method of
+    graduation, Proc. Edinburgh Math. Soc. 41, 1923; P. H. C. Eilers, A perfect smoother, Analytical Chemistry 75(14),
+    2003). Samples less than 1 ms apart are first averaged over 1 ms.
 
     Args:
-        signal: Signal (N, k, d): k vectors of d components over time.
+        signal: Signal (N, k, d): k vectors of d components in N samples.
         period: Sampling period T [s].
-        above: Lower frequency limit [Hz].
+        above: Lower limit of frequency [Hz].
 
     Returns:
+        RMS in the signal's unit; None if the signal is shorter than two periods of `above`, or sampled too slowly.
         RMS in the signal's unit; None for a signal shorter than two periods of `above`, or sampled too slowly.
     """
     tally = Vibration(period, len(signal), above)
@@ -44,16 +47,16 @@ def vibration(signal: FloatArray, period: float, above: float = VIBRATION_FROM) 
 
 
 class Vibration:
-    """Mean squares of |x - s|, s minimising |x - s|^2 + q |D s|^2, D fourth differences, over a run in blocks.
+    """Mean squares of signals' parts above a frequency, from blocks of a run; see `vibration` for these parts.
 
-    A block is smoothed together with the neighbouring samples that influence it (`REACH`), so that the division into
-    blocks changes the result by rounding only. Samples less than 1 ms apart are first averaged over 1 ms.
+    A block is smoothed together with the neighbouring samples that influence it (`REACH`). The division into blocks
+    therefore changes the results by rounding only. Samples less than 1 ms apart are first averaged over 1 ms.
 
     Args:
         period: Sampling period [s].
-        samples: Total number of samples.
-        above: Lower frequency limit [Hz].
-        sums: Two ranges of signals, paired in order; the mean square of the sum of each pair is also computed.
+        samples: Number of samples of the run.
+        above: Lower limit of frequency [Hz].
+        sums: Two ranges of signals. The mean square of the sum of the k-th signals of both ranges is also computed.
     """
 
     def __init__(
@@ -72,7 +75,7 @@ class Vibration:
             self._q, self._reach = slow**-8, ceil(REACH / slow)
 
     def add(self, x: FloatArray) -> None:
-        """Add samples of k signals, (k, r)."""
+        """Add r samples of each of k signals, (k, r)."""
         if not self.is_long:
             return
         if self._group > 1:
@@ -90,7 +93,7 @@ class Vibration:
                 self._count_up(self._used - self._reach)
 
     def mean_squares(self) -> FloatArray | None:
-        """Return the mean square of x - s for each signal, then for each sum of a pair, (k + pairs,).
+        """Return the mean square for each of k signals, and for each sum of two signals, (k + sums,).
 
         The result is None if the signals are too short or sampled too slowly.
         """
@@ -101,7 +104,7 @@ class Vibration:
         return np.asarray(self._squares / self._count)
 
     def _count_up(self, stop: int) -> None:
-        """Evaluate the samples of the buffer before `stop`; keep the samples that influence later ones."""
+        """Add the squares of the buffer's samples before `stop`, and keep the samples that influence later ones."""
         assert self._buffer is not None
         rough = roughness(self._buffer[:, : self._used], self._q)[:, self._first : stop]
         squares = _squares(rough)
@@ -125,13 +128,14 @@ def _squares(x: FloatArray) -> FloatArray:
 
 
 def roughness(x: FloatArray, q: float) -> FloatArray:
-    """Compute x - s, s minimising |x - s|^2 + q |D s|^2 with D the fourth differences: q D' (q D D' + I)^-1 D x.
+    """Return x - s, where s minimises |x - s|^2 + q |D s|^2, by the formula q D' (q D D' + I)^-1 D x.
 
-    Nearly equal numbers are not subtracted, so small residuals are accurate.
+    D are the fourth differences. The formula does not subtract nearly equal numbers, so that small residuals are
+    accurate.
 
     Args:
-        x: Signals, (k, N), N > 4 samples each.
-        q: Weight of the penalty.
+        x: Signals, (k, N), with N > 4 samples each.
+        q: Weight of the smoothness of s.
     """
     rough = np.empty(x.shape)
     step = max(1, TOGETHER // x.shape[1])
@@ -142,11 +146,11 @@ def roughness(x: FloatArray, q: float) -> FloatArray:
 
 
 def _solve(q: float, b: FloatArray) -> FloatArray:
-    """Solve (q D D' + I) z = b for signals (k, n); return z with four zeros at either end, (k, n + 8).
+    """Solve (q D D' + I) z = b for k signals b (k, n); return z between four zeros at either end, (k, n + 8).
 
-    The matrix is a section of a circulant matrix, which the Fourier transform inverts. The circulant matrix acts on z
-    like the section if z vanishes in four samples at either end; the right-hand side in these samples is chosen
-    accordingly.
+    D are the fourth differences. The matrix is a section of a circulant matrix, which is inverted by a Fourier
+    transform. Both matrices have the same effect on z if z is zero in four samples at either end. The right-hand side
+    in these samples is chosen accordingly.
     """
     k, n = b.shape
     if n < FEW:
@@ -160,12 +164,13 @@ def _solve(q: float, b: FloatArray) -> FloatArray:
 
 
 class Inverse(NamedTuple):
-    """Inverse of the circulant q D D' + I.
+    """Inverse of the circulant matrix q D D' + I, where D are the fourth differences.
 
     Attributes:
         gain: Factors of the inverse by frequency.
-        ends, near: Indices of four samples at either end, and of the samples within their reach.
-        among, between: Entries of the inverse in the rows `ends` and in the columns `ends` and `near`.
+        ends: Indices of the first four and the last four samples.
+        near: Indices of the samples that are close enough to either end to have an influence there.
+        among, between: Entries of the inverse in the rows `ends`, and in the columns `ends` (`among`) or `near`.
     """
 
     gain: FloatArray
@@ -186,5 +191,5 @@ def _inverse(q: float, n: int, size: int) -> Inverse:
 
 
 def fast_size(least: int) -> int:
-    """Return a size 2^a k for which Fourier transforms are fast, at least `least`."""
+    """Return the smallest of the sizes 2^a k, k = 1, 3, 5, 9, 15, that is `least` or more; transforms are then fast."""
     return min(k << max(0, ceil(log2(least / k))) for k in (1, 3, 5, 9, 15))

@@ -1,1 +1,1 @@
-"""Description of a scene: tables, sources, presets and overrides. Nothing is assembled here."""
+"""Scenes as data: tables, sources, presets and overrides; `graspfx.assembly` builds runs from scenes."""

@@ -1,4 +1,4 @@
-"""Keys of a scene: paths in nested tables, and their dotted names."""
+"""Keys of a scene, which are paths in nested tables, and their dotted names."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ NAMES = ("label", "name")  # keys that name such a table, in order; the `name` o
 
 
 def dotted(key: Sequence[str | int]) -> str:
-    """Join a key with dots; quote a part that contains dots."""
+    """Return a key with its parts joined by dots; a part that contains a dot is quoted."""
     return ".".join(f'"{part}"' if "." in str(part) else str(part) for part in key)
 
 
 def parts_of(text: str) -> Key:
-    """Parse a key that was written by `dotted`."""
+    """Return the key that `dotted` converts to this text."""
     return tuple(quoted or (int(bare) if bare.isdecimal() else bare) for quoted, bare in PART.findall(text))
 
 
 def number_of(name: str, tables: Sequence[Mapping[str, Any]]) -> int | None:
-    """Find the index of the first table with that label or name; None if there is none."""
+    """Return the index of the first table with this label or, if there is none, this name; None if there is neither."""
     for key in NAMES:
         for i, table in enumerate(tables):
             if table.get(key) == name:
@@ -38,7 +38,7 @@ def number_of(name: str, tables: Sequence[Mapping[str, Any]]) -> int | None:
 
 
 def key_in(data: Any, location: Sequence[str | int]) -> Key:
-    """Convert a validator's location to a key of the data, without the validator's tags."""
+    """Convert the location of a fault in Pydantic's errors to a key of the data."""
     key: list[str | int] = []
     for part in location:
         if isinstance(part, str) and (part.startswith("<") or part == "[key]"):
@@ -54,17 +54,17 @@ def key_in(data: Any, location: Sequence[str | int]) -> Key:
 
 
 def as_faults(data: Mapping[str, Any], findings: Iterable[tuple[Key, str]]) -> list[Fault]:
-    """Return faults with dotted keys, as written in the data."""
+    """Return faults with dotted keys from pairs of a key and a message."""
     return [Fault(dotted(key_in(data, at)), text) for at, text in findings]
 
 
 def reaches(keys: tuple[str, ...], key: str) -> bool:
-    """Tell whether a key in its general form equals, lies below or contains one of these keys."""
+    """Return whether a key, in its general form, equals one of the keys, or is below or above one of them."""
     return any(key == each or key.startswith(f"{each}.") or each.startswith(f"{key}.") for each in keys)
 
 
 def general(key: str) -> str:
-    """Write a key for all tables of a list: `finger.0.start` as `finger.*.start`, `object.mass` as `object.*.mass`."""
+    """Return a key with `*` for the table of a list: `finger.0.start` as `finger.*.start`, `object.mass` likewise."""
     first, *rest = key.split(".")
     if first in LISTS:
         rest = ["*", *(rest[1:] if rest and (rest[0] == "*" or rest[0].isdecimal()) else rest)]
@@ -81,11 +81,11 @@ FORMER = {  # for each driver: former name and current name of a setting
 
 
 def current_setting(driver: object, key: str) -> str:
-    """Return the current name of a driver's setting."""
+    """Return the current name of a setting of a driver; `key` is the current or a former name."""
     return FORMER.get(str(driver), {}).get(key, key)
 
 
 def other_names(driver: object, key: str) -> set[str]:
-    """List the other names of a driver's setting."""
+    """Return all names of a setting of a driver, current and former, except `key`."""
     names = FORMER.get(str(driver), {})
     return {name for pair in names.items() if key in pair for name in pair} - {key}

@@ -1,4 +1,4 @@
-"""Loading of a scene by name or path: a TOML file, or a Python file with `def scene(**parameters) -> Scene`."""
+"""Loading of scenes by name or path: TOML files, and Python files with `def scene(**parameters) -> Scene`."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ SIMPLE = re.compile(r"^[A-Za-z_]\w*$")
 
 
 def load(name: str | PathLike[str], overrides: Mapping[str, Any] | None = None, *, preset: str | None = None) -> Scene:
-    """Load a built-in scene by name, or a scene from a .toml or .py file.
+    """Load a built-in or installed scene by name, or a scene from a .toml or .py file by path.
 
     Args:
-        name: Name of a scene, or path of a file.
+        name: Name of the scene, or path of its file.
         overrides: Values by dotted key, for example {"coupling.internal.stiffness": 50.0, "finger.*.device.mass": 0.2}.
-            For a Python scene, a key without a dot that `scene()` accepts is its parameter; any other key refers to the
-            scene that it returns.
-        preset: Name of one of the scene's presets, whose values are applied before `overrides`.
+            If the scene is a Python file, a key without a dot that is a parameter of its `scene()` is passed to
+            `scene()`. All other keys replace values of the scene that `scene()` returns.
+        preset: Name of one of the scene's presets. The values of the preset are applied before `overrides`.
 
     Raises:
-        SceneError: If the scene has faults; the error lists all of them, with their lines in a TOML file.
-        UnknownNameError: If no scene has that name, or the scene has no such preset.
-        InputError: If the file does not exist, or does not contain a scene.
+        SceneError: If the scene has faults. The message lists all of them, with their lines if the file is TOML.
+        UnknownNameError: If there is no scene of this name, or the scene has no such preset.
+        InputError: If the file does not exist, or contains no scene.
         PluginError: If a Python file cannot be imported, or its `scene()` raises an exception.
     """
     path = plugins.find("scenes", name)
@@ -55,11 +55,11 @@ def load(name: str | PathLike[str], overrides: Mapping[str, Any] | None = None, 
 
 
 def to_scene(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | None = None) -> Scene:
-    """Return a given scene, or load a scene by name or path; apply overrides by dotted key.
+    """Return a scene, which may be given by name or path, with values replaced by dotted key.
 
     Raises:
-        InputError: If the argument is not a scene, name or path; other errors are those of `load`.
-        SceneError: If the scene with its overrides has faults; the error lists all of them.
+        InputError: If the argument is neither a scene nor a name or path. Other errors are those of `load`.
+        SceneError: If the scene with its overrides has faults; the message lists all of them.
     """
     if isinstance(scene, str | PathLike):
         return load(scene, overrides)
@@ -70,10 +70,10 @@ def to_scene(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | 
 
 
 def file_text(path: Path) -> str:
-    """Read the text of a scene's file.
+    """Return the text of a scene's file.
 
     Raises:
-        SceneError: If the file is not UTF-8; the error states the line.
+        SceneError: If the file is not encoded in UTF-8; the message states the line.
     """
     name = plugins.shown_path(path)
     data = read_bytes(path, name)
@@ -86,10 +86,10 @@ def file_text(path: Path) -> str:
 
 
 def parse(text: str, name: str) -> dict[str, Any]:
-    """Parse the text of a file into tables.
+    """Return the tables of a TOML text; `name` is the name of the file in error messages.
 
     Raises:
-        SceneError: If the text is not TOML, or exceeds the limits; the error states the line.
+        SceneError: If the text is not TOML, or exceeds the limits of `excess`; the message states the line.
     """
     if fault := excess(text):
         raise SceneError(name, [fault])
@@ -135,7 +135,7 @@ def _from_python(path: Path, source: Source, preset: str | None) -> Scene:
 
 
 def _unknown(keys: AbstractSet[str], parameters: AbstractSet[str]) -> Iterator[Fault]:
-    """Find overrides that are neither parameters nor keys of a scene, before `scene()` is called."""
+    """Yield faults for keys of overrides that are neither parameters of `scene()` nor keys of a scene."""
     names = parameters | Scene.model_fields.keys()
     for key in sorted(keys):
         if key.split(".")[0] not in names:
@@ -156,18 +156,18 @@ def _missing(parameters: Mapping[str, inspect.Parameter], arguments: Mapping[str
 
 
 def with_preset(source: Source, table: Mapping[str, Any], name: str | None) -> Source:
-    """Add the values of a named preset to a scene's source; None adds nothing.
+    """Return a source with the values of a preset of the scene; the same source if `name` is None.
 
-    An invalid preset has no values; the validation of the scene reports its faults.
+    An invalid preset is treated as one without values. The validation of the scene reports its faults.
 
     Raises:
-        UnknownNameError: If the scene has no preset of that name.
-        InputError: If the name is not a string.
+        UnknownNameError: If the scene has no preset of this name.
+        InputError: If the name of the preset is not a string.
     """
     if name is None:
         return source
     if not isinstance(name, str):
-        raise InputError("preset", name, "the name of one of the scene's presets")
+        raise InputError("preset", name, "the name of a preset of the scene, as a string")
     presets = table.get("preset", {})
     if isinstance(presets, Mapping) and name not in presets:
         raise UnknownNameError("preset", name, presets, "" if presets else f"{source.name} has no presets")
@@ -179,7 +179,7 @@ def with_preset(source: Source, table: Mapping[str, Any], name: str | None) -> S
 
 
 def preset_faults(scene: Scene) -> list[Fault]:
-    """Find the faults of a scene with each of its presets; presets of a changed scene are not checked."""
+    """Return the faults that a scene has with each of its presets; none for a scene with a preset or overrides."""
     source = scene.source
     if source.changes:
         return []

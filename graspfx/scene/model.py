@@ -1,4 +1,4 @@
-"""A validated scene: the input of a run, with the text from which it was read."""
+"""A validated scene, which is the input of a run, with its source."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 
 
 class Scene(Carded, SceneTable):
-    """A scene, validated when it is created: `Scene(dimensions=1, period=0.005, object={"mass": 0.1, ...}, ...)`.
+    """A scene, validated when it is created, as in `Scene(dimensions=1, period=0.005, object={"mass": 0.1}, ...)`.
 
-    Fields have the names of the keys of a scene file. Lists of tables (`object`, `finger`, `device`, `hand`,
-    `obstacle`) are tuples.
+    The fields have the names of the keys of a scene file. The lists of tables `object`, `finger`, `device`, `hand` and
+    `obstacle` are tuples.
 
     Raises:
-        SceneError: If the scene has faults; the error lists all of them.
+        SceneError: If the scene has faults; the message lists all of them.
     """
 
     _source: Source = PrivateAttr(default_factory=Source)
@@ -57,13 +57,13 @@ class Scene(Carded, SceneTable):
         })  # fmt: skip
 
     def __eq__(self, other: object) -> bool:
-        """Compare the descriptions, not their sources."""
+        """Return whether two scenes have the same tables; their sources may differ."""
         return isinstance(other, Scene) and self.to_dict() == other.to_dict()
 
     __hash__ = None  # type: ignore[assignment]
 
     def __copy__(self) -> Self:
-        """Copy the description only, so that a copy with replaced fields has its own devices and shapes."""
+        """Return a copy without the loaded devices and meshes, so that a copy with other fields loads its own."""
         copy = super().__copy__()
         copy._stock = None
         return copy
@@ -80,14 +80,14 @@ class Scene(Carded, SceneTable):
 
     @property
     def source(self) -> Source:
-        """Source of the scene."""
+        """Source of the scene: its file, preset and overrides."""
         return self._source
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the scene as nested tables that `Scene(**table)` accepts, without defaults.
+        """Return the scene as nested tables, without default values, as accepted by `Scene(**table)`.
 
         Raises:
-            InputError: If the scene holds an object that cannot be written as data.
+            InputError: If the scene contains an object that cannot be written as data.
         """
         serializer = SceneTable.__pydantic_serializer__
         try:
@@ -97,10 +97,10 @@ class Scene(Carded, SceneTable):
         return table
 
     def require_reach(self) -> None:
-        """Find faults that appear only when simulated devices are placed, as at the start of a run.
+        """Require that each finger's start is within reach of its simulated device, as at the start of a run.
 
         Raises:
-            SceneError: If fingers start where their devices cannot reach; the error lists all of them.
+            SceneError: If a finger starts where its device cannot reach; the message lists all such fingers.
         """
         from graspfx.assembly.resolve import reach_faults
 
@@ -109,25 +109,25 @@ class Scene(Carded, SceneTable):
             raise self.error(faults)
 
     def error(self, faults: Iterable[tuple[Key, str]]) -> SceneError:
-        """Return the error for these faults, each with its key and its line."""
+        """Return an error for faults at keys of the scene; the message states the line of each key in a TOML file."""
         source = self._source
         is_toml = source.path is not None and source.path.suffix == ".toml"
         table = tomllib.loads(source.text) if is_toml else self.to_dict()
         return _placed(source, table, as_faults(table, faults), source.text if is_toml else None)
 
     def linearise(self, at: str = "squeezed") -> Linearisation:
-        """Linearise small motions about the scene's grasp at rest, for use with `gx.stability`.
+        """Linearise small motions about an equilibrium of the scene's grasp, for use with `gx.stability`.
 
         Args:
-            at: State about which to linearise: "squeezed", the rest in which the hands do not move and are closed to
-                their largest squeeze; "start", the state in which the fingers first meet the object, without force; or
-                "provisional", one linear step of squeezing from the start. `certificate.linearise` also returns the
-                assumptions.
+            at: State about which to linearise. "squeezed": equilibrium with stationary hands that are closed to their
+                largest squeeze. "start": state in which the fingers touch the object for the first time, without force.
+                "provisional": one linear step of the squeeze from the start. (`certificate.linearise` also returns the
+                assumptions of the linearisation.)
 
         Raises:
-            InputError: If a device does not state its mass or damping, objects have different integrators, or no finger
-                touches an object at rest.
-            NoRestError: If no rest of the grasp is found.
+            InputError: If a device does not state its mass or damping, if objects have different integrators, or if no
+                finger touches an object in equilibrium.
+            NoRestError: If no equilibrium of the grasp is found.
         """
         from graspfx.certificate.linearise import linearise
 
@@ -140,36 +140,36 @@ class Scene(Carded, SceneTable):
         presets: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
         overwrite: bool = False,
     ) -> Path:
-        """Write a page that runs the scene in a browser: one file, without an installation, a server or a network.
+        """Write a page that runs the scene in a browser, as one file that needs no installation, server or network.
 
         The page computes the ticks of the scene in WebAssembly. Users drag fingertips with the mouse or by touch.
-        Sliders change values of the scene, whose stability limits are computed when the page is written.
-        `gx.Recording.load` opens recordings of the page.
+        Sliders change values of the scene; the stability limits of these values are computed when the page is written.
+        The page can save recordings, which `gx.Recording.load` reads.
 
         Args:
-            path: Path of the file, which ends in .html; the file appears when it is complete.
-            presets: Buttons of the page by name; each button sets sliders to these values by key.
+            path: Path of the file, which must end in .html. The file appears when it is complete.
+            presets: Buttons of the page, by name. Each button sets sliders to the given values, by key.
             overwrite: Whether to replace an existing file.
 
         Raises:
             InputError: If the path does not end in .html; if a part of the scene is plain Python, PyBullet, MuJoCo or
                 hardware; or if a preset has a key without a slider, or a value outside the slider's range.
             RecordingError: If the file exists or cannot be written.
-            MissingPackageError: If `ziglang` or llvmlite is not installed in a checkout.
+            MissingPackageError: If the page has to be compiled in a checkout, and `ziglang` or llvmlite is missing.
         """
         from graspfx.live.page.document import write_running_page
 
         return write_running_page(self, path, presets=presets, overwrite=overwrite)
 
     def replace(self, overrides: Mapping[str, Any]) -> Scene:
-        """Return a copy of the scene with values replaced by dotted key, as on the command line."""
+        """Return a copy of the scene with values replaced by dotted key, as by `--set` on the command line."""
         changes = by_key(overrides)
         source = replace(self._source, overrides={**self._source.overrides, **changes})
         return make_scene(self.to_dict(), changes, source)
 
 
 def without_object(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Add a coupling and an object that never moves, in place of the host's, to the tables of a scene with a host."""
+    """Return the tables of a scene with a host, with an added coupling and an added object that never moves."""
     d = table.get("dimensions")
     thing = {**OBJECT, "free": (False,) * WIDTHS.get(d, 1) if isinstance(d, int) else ()}
     return {"object": thing, "coupling": dict(COUPLING), **table}
@@ -178,12 +178,12 @@ def without_object(table: Mapping[str, Any]) -> dict[str, Any]:
 def make_scene(
     table: Mapping[str, Any], overrides: Mapping[str, Any], source: Source, *, lines_from: str | None = None
 ) -> Scene:
-    """Create a scene from nested tables with overrides.
+    """Return a scene from nested tables and overrides.
 
-    If `lines_from` is the scene's TOML text, faults state the lines of their keys in it.
+    If `lines_from` is the TOML text of the scene, the faults in an error have the lines of their keys in this text.
 
     Raises:
-        SceneError: If the scene has faults; the error lists all of them.
+        SceneError: If the scene has faults; the message lists all of them.
     """
     data, _, faults = overridden(table, overrides)
     try:
@@ -196,7 +196,7 @@ def make_scene(
 
 
 def _placed(source: Source, table: Mapping[str, Any], faults: Sequence[Fault], lines_from: str | None) -> SceneError:
-    """Sort faults by line, faults without a line first; `table` is the scene without its overrides."""
+    """Return an error with faults sorted by line, first those without line; `table` is the scene before overrides."""
     lines = KeyLines(lines_from) if lines_from is not None else None
     _, replaced, _ = overridden(table, source.overrides)
     placed = [_with_line(fault, source, table, replaced, lines) for fault in faults]
@@ -219,7 +219,7 @@ def _with_line(
 
 
 def schema() -> dict[str, Any]:
-    """Return the JSON schema of a scene file: with an object and its coupling, or with a host that replaces both."""
+    """Return the JSON schema of a scene file, which has either an object and a coupling, or a host."""
     described = SceneTable.model_json_schema()
     asked = [name for name in described["required"] if name in ("object", "coupling")]
     described["required"] = [name for name in described["required"] if name not in asked]
@@ -232,7 +232,7 @@ DO = "create it in a driver of your own, a Python file whose `connect` takes set
 
 
 def not_data(table: Any) -> InputError:
-    """Return the error of a table with an object that cannot be written as data."""
+    """Return the error for the first value in a table that cannot be written as data."""
     return next((InputError(key, value, EXPECTED, DO) for key, value in _leaves(table, "") if not _is_data(value)),
                 InputError("scene", table, EXPECTED, DO))  # fmt: skip
 
@@ -246,7 +246,7 @@ def _is_data(value: object) -> bool:
 
 
 def _leaves(value: Any, key: str) -> Iterator[tuple[str, Any]]:
-    """List the leaf values, each with its key."""
+    """Yield all values in nested tables and lists that are not tables or lists, each with its dotted key."""
     if isinstance(value, Mapping):
         items = [(str(name), each) for name, each in value.items()]
     elif isinstance(value, list | tuple):
@@ -265,7 +265,7 @@ MOST = 4  # largest number of objects, or hands, that have a line each
 
 
 def scene_card(scene: SceneTable, source: Source) -> Card:
-    """Return the card of a scene."""
+    """Return the card that a console or notebook shows for a scene."""
     name = source.path.stem.replace("_", "-") if source.path is not None else source.name
     title = f"Scene {name}: {scene.title}" if scene.title else f"Scene {name}"
     calls = "gx.run(scene), gx.check(scene), gx.certify(scene), gx.open(scene), .replace({key: value}), .to_dict()"

@@ -1,4 +1,4 @@
-"""Replacement of a scene's values by dotted key: `coupling.internal.stiffness`, `finger.*.device.mass`."""
+"""Replacement of values in nested tables by dotted keys, such as `coupling.internal.stiffness`, `finger.*.hand`."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from graspfx.scene.toml_text import DEEPEST, too_deep
 
 
 def by_key(overrides: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Copy overrides into a new dictionary.
+    """Return overrides as a new dictionary with strings as keys.
 
     Raises:
-        InputError: If the overrides are not values by dotted key, or are nested too deeply.
+        InputError: If the overrides are not values by dotted key, or if they are nested too deeply.
     """
     values = {} if overrides is None else overrides
     if not isinstance(values, Mapping):
@@ -28,14 +28,14 @@ def by_key(overrides: Mapping[str, Any] | None) -> dict[str, Any]:
 
 
 def toml_value(text: str, argument: str) -> Any:
-    """Parse a value as TOML.
+    """Return the value that a TOML text represents.
 
     Args:
-        text: Text of the value, on one or more lines.
-        argument: Name of the argument in messages.
+        text: Text of one value, in one or more lines.
+        argument: Name of the argument, for error messages.
 
     Raises:
-        InputError: If other keys follow the value on their own lines.
+        InputError: If the text contains other keys after the value, on lines of their own.
         TOMLDecodeError: If the text is not TOML.
     """
     import tomllib
@@ -47,13 +47,14 @@ def toml_value(text: str, argument: str) -> Any:
 
 
 def overridden(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> tuple[dict[str, Any], set[Key], list[Fault]]:
-    """Copy nested tables with values replaced; list the replaced keys, and a fault for each key that cannot be set.
+    """Return a copy of nested tables with values replaced, the replaced keys, and faults for keys that cannot be set.
 
-    Without overrides the copy shares its inner tables with `data`.
+    Without overrides, the copy shares its inner tables with `data`.
 
-    In a list, a number selects an item, a name selects the table of that name, and `*` selects all. A single table is
-    treated as a list of one table, whose index may be omitted; keys of the table take precedence over its name. Missing
-    intermediate tables are created; the validation of the scene decides whether a key exists.
+    In a list, a number selects an item, a name selects the table with this name or label, and `*` selects all items. A
+    single table in place of a list is treated as a list of one table. The index of a single table may be omitted. A key
+    of a single table takes precedence over the table's name. Intermediate tables that are missing are created; the
+    validation of the scene later decides whether their keys exist.
     """
     changed: dict[str, Any] = deepcopy(dict(data)) if overrides else dict(data)
     replaced: set[Key] = set()
@@ -68,7 +69,7 @@ def overridden(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> tuple[d
 
 
 def replacing(data: Mapping[str, Any], overrides: Mapping[str, Any], key: Key) -> str | None:
-    """Find the override, valid or invalid, that refers to a key or to an enclosing table; None without one."""
+    """Return the name of the first override, even if invalid, of a key or an enclosing table; None if there is none."""
     for name, value in overrides.items():
         if name == dotted(key) or is_within(key, overridden(data, {name: value})[1]):
             return name
@@ -76,12 +77,12 @@ def replacing(data: Mapping[str, Any], overrides: Mapping[str, Any], key: Key) -
 
 
 def is_within(key: Key, replaced: AbstractSet[Key]) -> bool:
-    """True if a key, or a table that contains it, was replaced."""
+    """Return whether a key, or a table that contains the key, was replaced."""
     return any(key[:length] in replaced for length in range(1, len(key) + 1))
 
 
 def _replace(holder: Any, at: Key, path: list[str], value: Any) -> Iterator[Key | str]:
-    """Follow the path into a table or list; yield each replaced key, or a reason why it cannot be replaced."""
+    """Replace values along a path in a table or list; yield each replaced key, or the reason why it is not replaced."""
     part, *rest = path
     if not part:
         yield "an override needs a key between its dots"
@@ -132,7 +133,7 @@ def _replace_item(items: list[Any], at: Key, part: str, rest: list[str], value: 
 
 
 def _names_lone(part: str, rest: list[str], item: Any, value: Any) -> bool:
-    """True if part of a key is the name of the only table of a list, and not a key of that table."""
+    """Return whether a part of a path is the name of the only table in a list, and not a key of this table."""
     if not isinstance(item, dict) or part in item or number_of(part, [item]) is None:
         return False
     return bool(rest) or isinstance(value, Mapping)

@@ -13,16 +13,17 @@ from graspfx.environment import resolved, to_path
 
 @dataclass(frozen=True)
 class Source:
-    """Source of a scene.
+    """Source of a scene: the file that was read, and the changes that the user made.
 
     Attributes:
-        name: Name in messages.
-        text: Text of the file, verbatim; empty for a scene made in Python.
-        path: Path of the file.
+        name: Name of the scene in error messages.
+        text: Text of the file, unchanged; empty for a scene that was made in Python.
+        path: Path of the file; None if there is no file.
         overrides: Overrides by dotted key, as given by the user.
-        preset: Name of the active preset; empty for none.
-        preset_values: Values of the active preset, by dotted key.
-        is_recorded: True for a scene from a recording; no user chose its folder, so its Python files must not run.
+        preset: Name of the preset that is used; empty if none is used.
+        preset_values: Values of this preset, by dotted key.
+        is_recorded: Whether the scene was read from a recording. Python files in its folder must then not be run,
+            because no user has chosen the folder.
     """
 
     name: str = "scene"
@@ -35,7 +36,7 @@ class Source:
 
     @property
     def changes(self) -> dict[str, Any]:
-        """Values that replace values of the file, by dotted key: first values of the preset, then overrides."""
+        """Values that replace values of the file, by dotted key; overrides take precedence over preset values."""
         first = {key: value for key, value in self.preset_values.items() if key not in self.overrides}
         return first | dict(self.overrides)
 
@@ -46,15 +47,15 @@ class Source:
 
     @property
     def is_trusted(self) -> bool:
-        """True if all files that the scene names may be used: the scene is Python code, or the user allows them."""
+        """Whether all files that the scene names may be used: if it is Python code, or if the user allows all files."""
         return self.path is None or self.path.suffix == ".py" or environment.is_granted()
 
     def is_of_user(self, text: str) -> bool:
-        """True if this text is, or is part of a list or table in, the value of an override."""
+        """Return whether a text is the value of an override, or is contained in a list or table that is."""
         return text in texts_in(self.overrides)
 
     def holds(self, text: str) -> bool:
-        """True if a path, with links resolved, is in the folder of the scene's file, or if an override gives it.
+        """Return whether a path (with links resolved) is in the folder of the scene's file, or is given by an override.
 
         Raises:
             InputError: If the path does not exist.
@@ -66,7 +67,7 @@ class Source:
 
 
 def texts_in(value: Any) -> Iterator[str]:
-    """List all strings in a value, at every depth."""
+    """Yield all strings in a value, including those in nested lists and tables."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, Mapping | list | tuple):

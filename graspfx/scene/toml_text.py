@@ -1,4 +1,4 @@
-"""Text of a TOML file: limits that are checked before the text is parsed, and the line of each key for faults."""
+"""Text of TOML files: limits of size that are checked before parsing, and the line of each key for fault messages."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ TOKEN = re.compile(
 
 
 def excess(text: str) -> Fault | None:
-    """Find where TOML text exceeds the limits; None for text within the limits.
+    """Return a fault if a TOML text exceeds the limits of size; None if it does not.
 
-    Text from an unclosed quote on is not checked, because the parser refuses it. The computing time is proportional to
-    the length of the text, unlike the time of a parser for some texts.
+    The text after an unclosed quote is not checked, because the parser refuses it. The computing time is proportional
+    to the length of the text; a parser can take longer for some texts.
     """
     depth = parts = keys = values = start = 0
     in_value = False
@@ -86,7 +86,7 @@ def excess(text: str) -> Fault | None:
 
 
 def outline(text: str) -> str:
-    """Replace long values in TOML by 0, so that the text is parsed quickly; keys keep their lines."""
+    """Return a TOML text with long values replaced by 0, which is parsed quickly; the keys keep their lines."""
     pieces, last, depth, value = [], 0, 0, -1
     for token in TOKEN.finditer(text):
         kind, at = token.lastgroup, token.start()
@@ -105,7 +105,7 @@ def outline(text: str) -> str:
 
 
 def too_deep(data: Any) -> Fault | None:
-    """Find where tables and lists are nested more than DEEPEST levels deep, or a table contains itself."""
+    """Return a fault if tables and lists are nested more than DEEPEST levels deep, as is one that contains itself."""
     holders = [data]
     for _ in range(DEEPEST + 1):
         holders = [value for holder in holders for _, value in _parts(holder)]
@@ -118,7 +118,7 @@ def too_deep(data: Any) -> Fault | None:
 
 
 def _parts(holder: Any) -> list[tuple[Any, Any]]:
-    """List the items of a table or list that are tables or lists."""
+    """Return the items of a table or list that are tables or lists, each with its key or index."""
     items: Iterable[tuple[Any, Any]] = holder.items() if isinstance(holder, Mapping) else ()
     if isinstance(holder, list | tuple):
         items = enumerate(holder)
@@ -126,10 +126,10 @@ def _parts(holder: Any) -> list[tuple[Any, Any]]:
 
 
 def read_bytes(path: Path, name: str) -> bytes:
-    """Read a scene's file, if it is not too large.
+    """Return the content of a scene's file, if its size is at most LARGEST_FILE; `name` is its name in messages.
 
     Raises:
-        InputError: If the file is too large, or cannot be read.
+        InputError: If the file is too large or cannot be read.
     """
     try:
         with path.open("rb") as file:
@@ -146,9 +146,10 @@ def read_bytes(path: Path, name: str) -> bytes:
 
 
 class KeyLines:
-    """Lines by key: `KeyLines(text)[("finger", 0, "start")]`; a missing key has the line of its table.
+    """Line number of each key in a TOML text: `KeyLines(text)[("finger", 0, "start")]`.
 
-    Every part of a very long value has the line of the value.
+    A key that does not exist has the line of the table in which it would be. All parts of a very long value have the
+    line of the value.
     """
 
     def __init__(self, text: str) -> None:
@@ -183,7 +184,7 @@ class KeyLines:
                 self._pair(at, pair)
 
     def _open(self, at: Key, path: Sequence[str], name: Node) -> Key:
-        """Open the key of a table, through arrays of tables to their last table; create implied tables."""
+        """Return the key of a table, with an index of the last table for each array of tables; mark implied tables."""
         for part in path:
             at = (*at, part)
             if at in self._last:

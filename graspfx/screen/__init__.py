@@ -1,1 +1,1 @@
-"""Touch screen for devices; servers of its page and of streams, with access control and message formats."""
+"""Touch screen as a device: its page, servers of pages and streams, access control, and message formats."""

@@ -1,4 +1,4 @@
-"""Server of pages and streams, whose clients claim items: a client keeps them until release, exit or silence."""
+"""Server of pages and streams; a client may claim items, such as fingers, until it releases them or is lost."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ HEADERS = {
 
 
 def response(status: HTTPStatus, body: bytes, more: Mapping[str, str] | None = None) -> Response:
-    """Make an HTTP response; the body is plain text unless `more` has another Content-Type."""
+    """Return an HTTP response; the body is plain text unless `more` contains another Content-Type."""
     from websockets.datastructures import Headers
     from websockets.http11 import Response
 
@@ -51,11 +51,11 @@ def response(status: HTTPStatus, body: bytes, more: Mapping[str, str] | None = N
 
 
 def require_websockets(wanted_by: str = "a touch screen", extra: str = "touch") -> None:
-    """Require the package websockets.
+    """Require that the package websockets is installed.
 
     Args:
-        wanted_by: Feature that needs the package.
-        extra: Extra of GraspFX that installs the package.
+        wanted_by: Feature that needs the package, for the error message.
+        extra: Extra of GraspFX that installs the package, for the error message.
 
     Raises:
         MissingPackageError: If websockets is not installed.
@@ -67,14 +67,15 @@ def require_websockets(wanted_by: str = "a touch screen", extra: str = "touch") 
 
 
 class Terms(NamedTuple):
-    """Limits for messages of clients.
+    """Limits for the messages between a client and the server.
 
     Attributes:
         path: Path of the WebSocket.
-        longest: Length of the longest message in bytes; a longer one ends the connection.
-        rate: Highest rate of a client's orders [Hz].
-        burst: Largest number of orders that are accepted at once.
-        unsent: Send buffer of a client in bytes; newer messages replace those that wait for space.
+        longest: Largest length of a message from a client, in bytes; a longer message ends the connection.
+        rate: Largest mean rate of a client's orders [Hz].
+        burst: Largest number of orders that a client may send at once.
+        unsent: Size of the send buffer of a client, in bytes. If it is full, a waiting message is replaced by a newer
+            one.
     """
 
     path: str
@@ -85,19 +86,19 @@ class Terms(NamedTuple):
 
 
 class Client:
-    """State of a connected client.
+    """State of a connected client of a server.
 
     Attributes:
         number: Number of the client, from 1, in the order of connections.
-        abort: Function that ends its connection without a closing handshake.
-        last: Number of its last valid order; a later order must have a larger number.
-        silence: Time since its last valid order [s].
+        abort: Function that ends the connection without a closing handshake.
+        last: Number of the last valid order of the client; the number of a later order must be larger.
+        silence: Time since the last valid order [s].
         dropped: Number of orders that were dropped.
-        reason: Reason why the last dropped order was dropped.
-        budget: Rate limiter of its orders.
-        news: Event that is set while there is something new to send.
-        has_hello: Whether the newest hello message was sent to the client.
-        sent: Version of the newest frame sent to the client.
+        reason: Reason for which the last dropped order was dropped.
+        budget: Limiter of the rate of orders.
+        news: Event that is set while a message has to be sent.
+        has_hello: Whether the present hello message was sent.
+        sent: Version of the last frame that was sent.
     """
 
     def __init__(self, number: int, abort: Callable[[], object], budget: Bucket) -> None:
@@ -110,25 +111,25 @@ class Client:
 
 
 class ClaimServer:
-    """Server in its own thread with its own event loop; a context manager.
+    """Server that runs in a separate thread with its own event loop while a `with` block runs.
 
-    A slow client misses messages, but does not delay other clients. A client's items are released on request, when the
-    connection ends, and after half a second of silence.
+    A slow client misses messages, but does not delay other clients. The items that a client has claimed are released on
+    the client's request, when its connection ends, and after half a second without a valid order.
 
     Args:
-        line: Listening socket; the server closes it at the end.
+        line: Listening socket, which the server closes at its end.
         name: Name of the thread.
-        gate: Access control; silence and rates are measured on its clock.
-        terms: Limits for clients.
+        gate: Access control; its clock measures silence and rates.
+        terms: Limits for messages.
         hello: First message to every client; empty for none.
 
     Attributes:
-        counts: Number of orders by outcome ("taken", or the reason for dropping), of requests refused by the gate
-            ("refused" and the status), and of errors while items of a lost or silent client were released ("fault").
+        counts: Number of orders by outcome ("taken", or the reason for dropping the order), of refused requests
+            ("refused" and the HTTP status), and of errors on releasing the items of a lost or silent client ("fault").
         owners: Number of the client that has claimed an item, by item.
 
     Raises:
-        DeviceError: If the socket cannot be served when the block is entered.
+        DeviceError: If the server cannot start; the error is raised at the beginning of the `with` block.
     """
 
     def __init__(self, line: socket.socket, name: str, gate: Gate, terms: Terms, hello: str = "") -> None:
@@ -148,7 +149,7 @@ class ClaimServer:
         self._ready.wait()
         if self._error:
             self._thread.join()
-            raise DeviceError(f"the page cannot be served: {self._error[0]}") from self._error[0]
+            raise DeviceError(f"the server of the page cannot start: {self._error[0]}") from self._error[0]
         return self
 
     def __exit__(self, *exc: object) -> None:
@@ -172,25 +173,25 @@ class ClaimServer:
 
     @property
     def clients(self) -> int:
-        """Number of clients."""
+        """Number of connected clients."""
         return len(self._clients)
 
     # In the server's thread: to be overridden --------------------------------------------------------------------
 
     def _page(self, path: str, headers: Mapping[str, str], admission: Admission) -> Response | Awaitable[Response]:
-        """Answer an admitted request that is not for the WebSocket."""
+        """Return the response to an admitted request that does not open the WebSocket."""
         raise NotImplementedError
 
     def _take(self, client: Client, data: bytes | str) -> str:
-        """Execute a message; return "taken", or the reason for dropping it."""
+        """Execute the order in a message; return "taken", or the reason for dropping the order."""
         raise NotImplementedError
 
     def _let_go(self, thing: int, reason: str) -> None:
-        """Release an item; the reason is "lost" or "silence", or empty if the client released the item."""
+        """Release an item; `reason` is "lost" or "silence", or empty if its client has released the item."""
         raise NotImplementedError
 
     def _message(self, client: Client) -> bytes | str:
-        """Return the next message for a client; empty for none."""
+        """Return the next message for a client; empty if there is none."""
         raise NotImplementedError
 
     # In the server's thread ---------------------------------------------------------------------------------------
@@ -212,10 +213,10 @@ class ClaimServer:
                 self._loop.call_later(FAREWELL, client.abort)
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | Awaitable[Response] | None:
-        """Answer a request with a page or a refusal; None accepts a WebSocket."""
+        """Return the response to a request: a page or a refusal; None if the request may open a WebSocket."""
         headers = single(request.headers)
         if headers is None:
-            return response(HTTPStatus.BAD_REQUEST, b"a header stands twice\n")
+            return response(HTTPStatus.BAD_REQUEST, b"a header occurs twice\n")
         path, peer = request.path.partition("?")[0], connection.remote_address
         is_socket = path == self._terms.path
         admission = self.gate.admit(request.path, headers, str(peer[0]) if peer else "", is_socket=is_socket)
@@ -229,7 +230,7 @@ class ClaimServer:
         return None
 
     async def _attend(self, connection: ServerConnection) -> None:
-        """Serve a client until it leaves."""
+        """Serve a client until its connection ends."""
         from websockets.exceptions import ConnectionClosed
 
         line = connection.transport.get_extra_info("socket")
@@ -259,9 +260,9 @@ class ClaimServer:
             client.dropped, client.reason = client.dropped + 1, fate
 
     def _judge(self, client: Client, number: int, kind: Kind, thing: int) -> str:
-        """Claim or release the item of a valid order; return "taken", or the reason for dropping the order.
+        """Apply a valid order to the claims of items; return "taken", or the reason for dropping the order.
 
-        A release is never dropped because of the rate limit.
+        The order to release an item is never dropped because of the limit on the rate.
         """
         if number <= client.last:
             return "number"
@@ -282,11 +283,11 @@ class ClaimServer:
         return "taken" if self.owners.get(thing) == client.number else "claim"
 
     def _items_of(self, client: Client) -> list[int]:
-        """List the items of a client."""
+        """Return the items that a client has claimed."""
         return sorted(thing for thing, owner in self.owners.items() if owner == client.number)
 
     def _release_all(self, client: Client, reason: str) -> None:
-        """Release all items of a client; an error for one item does not affect the others."""
+        """Release all items of a client; an error on releasing one item does not prevent the release of the others."""
         for thing in self._items_of(client):
             del self.owners[thing]
             try:
@@ -295,7 +296,7 @@ class ClaimServer:
                 self.counts["fault"] += 1
 
     async def _watch(self) -> None:
-        """Release the items of silent clients; a time during which this loop is blocked counts as at most 2 LOOK."""
+        """Release the items of silent clients; while the event loop is blocked, at most 2 LOOK [s] count as silence."""
         before = self.gate.clock()
         while True:
             await asyncio.sleep(LOOK)

@@ -1,10 +1,11 @@
-"""Access to pages and streams: listening ports and addresses, Host and Origin checks, tokens and cookies.
+"""Access control for pages and streams: ports and addresses, checks of Host and Origin, tokens and cookies.
 
-A browser sends the site that it addresses (Host) and the site whose page makes the request (Origin). A request needs
-the page's own Host, and the page's own Origin if it states one or opens a WebSocket: another site has a different
-Origin, and DNS rebinding leads to a different Host. On this machine any port is valid, because a tunnel (`ssh -L`) may
-change it. In a network a page also requires a token. The token is part of the printed address, is valid for one request
-within ten minutes, and is exchanged for a cookie. The page's socket and all later requests need the cookie. A stream
+A browser sends the address of the requested site (Host) and the address of the site whose page makes the request
+(Origin). A request is refused if its Host is not that of the page, or if its Origin is not that of the page. A request
+for a WebSocket needs an Origin; other requests may omit it. A page of another site has a different Origin, and an
+attack by DNS rebinding has a different Host. On this computer any port is accepted, because a tunnel (`ssh -L`) may
+change the port. In a network a page also requires a token, which is part of the printed address. The token is valid for
+one request within ten minutes, and is exchanged for a cookie, which the WebSocket and all later requests need. A stream
 requires its token in every request (`StreamGate`).
 """
 
@@ -44,16 +45,17 @@ def listen(host: str, port: int | None = None, first: int = FIRST, name: str = "
     """Bind a port of an address, and return the listening socket.
 
     Args:
-        host: Address of this machine.
-        port: Port to bind, 0 for any free one; None for the first free one from `first`.
-        first: First port to try.
-        name: Name of the setting, for errors.
+        host: Address of this computer.
+        port: Port to bind; 0 for any free port; None for the first free port from `first` on.
+        first: First port to try if `port` is None.
+        name: Name of the setting, for the error message.
 
     Raises:
-        InputError: If the port is invalid, in use or not permitted, or none of the `MOST` ports from `first` is free.
+        InputError: If the port is invalid, in use or not permitted, or if none of the `MOST` ports that are tried is
+            free.
     """
     if port is not None and not 0 <= port < 1 << 16:
-        raise InputError(name, port, "a port from 0 (any free one) to 65535")
+        raise InputError(name, port, "a port from 0 to 65535, where 0 is any free port")
     for number in range(first, first + MOST) if port is None else (port,):
         line = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         line.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -67,38 +69,38 @@ def listen(host: str, port: int | None = None, first: int = FIRST, name: str = "
             reason = "it is in use" if error.errno == errno.EADDRINUSE else str(error.strerror)
             raise InputError(name, number, "a free port", reason) from error
         return line
-    raise InputError(name, f"{first} to {first + MOST - 1}", "a free port", "all are in use or not permitted")
+    raise InputError(name, f"{first} to {first + MOST - 1}", "a free port", "all of them are in use or not permitted")
 
 
 def network_address() -> str:
-    """Return the address of this machine's interface with the default route; no packet is sent.
+    """Return the address of this computer in the network of its default route; no packet is sent.
 
     Raises:
-        InputError: If the machine is not in a network.
+        InputError: If the computer is not in a network.
     """
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect(ELSEWHERE)
             address = str(probe.getsockname()[0])
         except OSError as error:
-            raise InputError("lan", True, "a machine in a network", str(error.strerror)) from error
+            raise InputError("lan", True, "a computer in a network", str(error.strerror)) from error
     return address
 
 
 def names_of(line: socket.socket, *, lan: bool) -> tuple[Collection[str], int]:
-    """Return the host names and the port of a listening socket; without `lan` the port is 0, any, for tunnels."""
+    """Return the allowed host names and port of a listening socket; without `lan`, port 0 allows any, for tunnels."""
     host, port = line.getsockname()[:2]
     return ({host}, port) if lan else (NAMES, 0)
 
 
 def url(line: socket.socket, token: str = "") -> str:
-    """Return the address of the page, with the token if there is one."""
+    """Return the address of the page of a listening socket, with the token if there is one."""
     host, port = line.getsockname()[:2]
     return f"http://{host}:{port}/{f'?{TOKEN}={token}' if token else ''}"
 
 
 def code(text: str) -> str:
-    """Return a text as a QR code of terminal characters.
+    """Return a text as a QR code that consists of characters for a terminal.
 
     Raises:
         MissingPackageError: If segno is not installed.
@@ -113,10 +115,10 @@ def code(text: str) -> str:
 
 
 def single(headers: Any) -> Mapping[str, str] | None:
-    """Read the headers that identify the sender; None if a header occurs twice.
+    """Return the headers that identify the sender of a request, by name; None if one of them occurs twice.
 
     Args:
-        headers: Headers of a request, with a case-insensitive `get_all`.
+        headers: Headers of the request, with a case-insensitive method `get_all`.
     """
     values: dict[str, str] = {}
     for name in IDENTITY:
@@ -129,29 +131,29 @@ def single(headers: Any) -> Mapping[str, str] | None:
 
 
 def refusal(headers: Mapping[str, str], *, is_socket: bool, names: Collection[str] = NAMES, port: int = 0) -> str:
-    """Return the reason why a request is not from the page's own address; empty if it is.
+    """Return the reason for which a request is refused as not from the page itself; empty if it is admitted.
 
     Args:
-        headers: Headers of the request, from `single`.
+        headers: Headers of the request, as returned by `single`.
         is_socket: Whether the request opens a WebSocket, for which every browser sends the Origin.
         names: Allowed host names, in lower case.
-        port: Port of the address; 0 for any, such as behind a tunnel.
+        port: Allowed port; 0 for any port, for example behind a tunnel.
     """
     host, origin = headers.get("Host", ""), headers.get("Origin")
     match = ADDRESS.fullmatch(host)
     if match is None or match[1].lower() not in names or port not in (0, int(match[2] or 80)):
-        return "this page is served under its own address only, such as 127.0.0.1 or localhost"
+        return "this page is only served at its own address, such as 127.0.0.1 or localhost"
     if (origin is None and is_socket) or (origin is not None and origin != f"http://{host}"):
-        return "orders are accepted from this server's own page only"
+        return "orders are only accepted from the page of this server"
     return ""
 
 
 class Bucket:
-    """Token bucket that limits the rate of events.
+    """Token bucket, which limits the rate of events.
 
     Args:
-        rate: Highest mean rate [1/s].
-        burst: Largest number of events at once.
+        rate: Largest mean rate [1/s].
+        burst: Largest number of events that may occur at once.
     """
 
     def __init__(self, rate: float, burst: float) -> None:
@@ -159,7 +161,7 @@ class Bucket:
         self._level, self._time = burst, -float("inf")
 
     def take(self, now: float) -> bool:
-        """Count an event at time `now` [s]; return whether the limit allows it."""
+        """Return whether the limit allows an event at time `now` [s], and count the event if so."""
         self._level = min(self.burst, self._level + self.rate * max(0.0, now - self._time))
         self._time = now
         if self._level < 1.0:
@@ -169,7 +171,7 @@ class Bucket:
 
 
 class Admission(NamedTuple):
-    """Result of access control: an HTTP status with a reason if it is not 200, and a cookie to set."""
+    """Result of access control: HTTP status, reason for a status other than 200, and cookie to set (may be empty)."""
 
     status: HTTPStatus
     reason: str = ""
@@ -180,13 +182,13 @@ BARRED = Admission(HTTPStatus.TOO_MANY_REQUESTS, "too many wrong tokens: wait a 
 
 
 class Gate:
-    """Access control for requests to one address.
+    """Access control for the requests to one address.
 
     Args:
         names: Allowed host names.
-        port: Port of the address; 0 for any, such as behind a tunnel (`ssh -L`).
+        port: Allowed port; 0 for any port, for example behind a tunnel (`ssh -L`).
         locked: Whether a token is required.
-        clock: Clock of the gate and of its server [s].
+        clock: Clock for the validity of tokens and for rates [s].
     """
 
     def __init__(
@@ -199,16 +201,16 @@ class Gate:
         self._wrong: dict[str, Bucket] = {}
 
     def renew(self) -> str:
-        """Replace the token by a new one, and return it."""
+        """Return a new token, which replaces the previous one."""
         self._token, self._ends = secrets.token_urlsafe(24), self.clock() + LIFE
         return self._token
 
     def admit(self, target: str, headers: Mapping[str, str], peer: str, *, is_socket: bool) -> Admission:
-        """Decide on a request; a status of 200 admits it.
+        """Return the decision on a request; the request is admitted if the status is 200.
 
         Args:
             target: Path and query of the request.
-            headers: Headers of the request, from `single`, which refuses repeated headers.
+            headers: Headers of the request, as returned by `single`.
             peer: Address of the sender.
             is_socket: Whether the request opens a WebSocket, for which every browser sends the Origin.
         """
@@ -222,10 +224,10 @@ class Gate:
         return self._refused(peer, "scan the code in the terminal; each code is valid for one screen")
 
     def _refused(self, peer: str, reason: str) -> Admission:
-        """Answer a missing or wrong token and count it; after too many, the answer tells the peer to wait.
+        """Count a missing or wrong token, and return the refusal; after too many, the refusal says to wait.
 
-        Tokens are compared before they are counted. Wrong requests from an address, for example from another page in
-        the same browser, therefore do not lock out a person with the right token.
+        A token is compared before it is counted. Therefore, wrong requests from an address, for example from another
+        page in the same browser, do not exclude a person who has the right token.
         """
         wrong = self._wrong.setdefault(peer, Bucket(TRIES / PER, TRIES))
         while len(self._wrong) > MOST_PEERS:
@@ -241,7 +243,7 @@ class Gate:
         return any([is_same(value, each) for each in self._sessions])  # noqa: C419 (all of them: in constant time)
 
     def _redeem(self, token: str, now: float) -> bool:
-        """Use up the token if it is correct, and return whether it is; its age is checked after the comparison."""
+        """Return whether a token is correct and not too old; a correct token becomes invalid."""
         if not (is_same(token, self._token) and self._token and now < self._ends):
             return False
         self._token = ""
@@ -255,12 +257,12 @@ class Gate:
 
 
 def is_same(one: str, other: str) -> bool:
-    """Compare two texts in constant time."""
+    """Return whether two texts are equal; the comparison takes a time that does not depend on the texts' content."""
     return hmac.compare_digest(one.encode(errors="replace"), other.encode())
 
 
 def token_in(target: str) -> str:
-    """Read the token in the path and query of a request; empty if there is none."""
+    """Return the token in the query of a request; empty if there is none."""
     try:
         return parse_qs(urlsplit(target).query, max_num_fields=4).get(TOKEN, [""])[0]
     except ValueError:
@@ -273,21 +275,21 @@ ORIGIN = re.compile(r"https?://[A-Za-z0-9.-]+(:[0-9]{1,5})?")
 
 
 class StreamGate(Gate):
-    """Access control for programs: every request needs the token. Programs, unlike browsers, send no Origin.
+    """Access control for programs, which need the token in every request and, unlike browsers, send no Origin.
 
     Args:
         names: Allowed host names.
-        port: Port of the address; 0 for any, such as behind a tunnel.
-        token: Token of 16 letters or more; None for a new one.
-        origins: Origins of further web pages that may open the stream, such as http://localhost:5000.
-        clock: Clock of the gate and of its server [s].
+        port: Allowed port; 0 for any port, for example behind a tunnel.
+        token: Token of 16 characters or more; None for a random token.
+        origins: Origins of web pages that may also open the stream, such as http://localhost:5000.
+        clock: Clock for rates [s].
 
     Attributes:
-        token: Token that requests need.
+        token: Token that every request needs.
 
     Raises:
-        InputError: If the token is too short or has a character other than letters, digits, "_" and "-", or an origin
-            is invalid.
+            InputError: If the token is too short or contains a character other than letters, digits, "_" and "-", or if
+                an origin is invalid.
     """
 
     def __init__(
@@ -299,27 +301,27 @@ class StreamGate(Gate):
             raise InputError("token", "*" * len(token), f"at least {SHORTEST} letters, digits, '_' or '-'")
         for origin in origins:
             if ORIGIN.fullmatch(origin) is None:
-                raise InputError("origin", origin, "a page's address without the path, such as http://localhost:5000")
+                raise InputError("origin", origin, "the address of a site without path, such as http://localhost:5000")
         self.token = secrets.token_urlsafe(24) if token is None else token
         self.origins = frozenset(origins)
 
     def admit(self, target: str, headers: Mapping[str, str], peer: str, *, is_socket: bool) -> Admission:
-        """Decide on a request; a status of 200 admits it.
+        """Return the decision on a request; the request is admitted if the status is 200.
 
         Args:
-            target: Path and query of the request, with the token.
-            headers: Headers of the request, from `single`, which refuses repeated headers.
+            target: Path and query of the request; the query must contain the token.
+            headers: Headers of the request, as returned by `single`.
             peer: Address of the sender.
-            is_socket: Whether the request opens a WebSocket; programs send no Origin.
+            is_socket: Whether the request opens a WebSocket; an Origin is not required, because programs send none.
         """
         own = {name: value for name, value in headers.items() if name != "Origin" or value not in self.origins}
         if reason := refusal(own, is_socket=False, names=self.names, port=self.port):
             return Admission(HTTPStatus.FORBIDDEN, reason)
         if is_same(token_in(target), self.token):
             return Admission(HTTPStatus.OK)
-        return self._refused(peer, "the address must end in ?token= followed by the token in the terminal")
+        return self._refused(peer, "the address must end in ?token= and the token that the terminal shows")
 
 
 def gate_for(line: socket.socket, *, lan: bool) -> Gate:
-    """Make the access control of a page for a listening socket; in a network a token is required."""
+    """Return the access control for a page at a listening socket; in a network (`lan`) a token is required."""
     return Gate(*names_of(line, lan=lan), locked=lan)

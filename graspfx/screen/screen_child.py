@@ -1,4 +1,4 @@
-"""Process that serves the page of a touch-screen device, apart from the control loop."""
+"""Process that serves the page of a touch-screen device, separately from the control loop."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ NICENESS = 5
 
 
 def main(board: int, answers: int, settings: str) -> None:
-    """Serve the page until the device closes this process's stdin or ends.
+    """Serve the page until the device closes the standard input of this process or ends.
 
     Args:
         board: Descriptor of the memory shared with the device.
-        answers: Descriptor of a pipe; one line reports the page's address, or why the page is not served.
-        settings: Table of fingers, port, box, lan and scenery (as in `TouchScreen`), as JSON.
+        answers: Descriptor of a pipe, to which one line is written: the page's address, or why the page is not served.
+        settings: Settings `fingers`, `port`, `box` and `lan` of `TouchScreen`, and the page's content, as JSON.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the device's process, which then closes this one
     be_nice(NICENESS)
@@ -46,7 +46,7 @@ def main(board: int, answers: int, settings: str) -> None:
 
 
 class _Screen:
-    """Page whose touches are written to the memory shared with a device."""
+    """Page whose touches are written to the memory that is shared with a device."""
 
     def __init__(self, board: int, table: dict[str, Any]) -> None:
         fingers, lan = int(table["fingers"]), bool(table["lan"])
@@ -60,11 +60,11 @@ class _Screen:
         self.server.__enter__()
 
     def press(self, finger: int, place: tuple[float, float]) -> None:
-        """Write that a finger touches a position."""
+        """Write to the shared memory that a finger touches the screen at a position [m]."""
         self._note(finger, 1.0, place)
 
     def lift(self, finger: int) -> None:
-        """Write that a finger was lifted."""
+        """Write to the shared memory that a finger was lifted."""
         self._note(finger, 0.0, None)
 
     def _note(self, finger: int, is_down: float, place: tuple[float, float] | None) -> None:
@@ -83,7 +83,7 @@ class _Screen:
         head[:6] = time.monotonic(), counts["taken"], dropped, counts["lost"], self.server.last, self.server.clients
 
     def serve(self) -> None:
-        """Send pictures and heartbeats until stdin ends."""
+        """Send pictures to the screens and heartbeats to the device until the standard input is closed."""
         try:
             while not select.select([sys.stdin], [], [], PICTURES)[0] or os.read(0, 1):
                 with self._lock, self.board.writing() as (head, _):
@@ -97,7 +97,7 @@ class _Screen:
 
 
 def _picture(now: float, fingers: Any, touches: Any) -> bytes:
-    """Encode a picture in the format of a scene's page: each finger's position, force and touch, but no objects."""
+    """Return a picture in the format of the page: position, force and touch of each finger, without objects."""
     size = float(np.linalg.norm(fingers[:, 2:4], axis=1).max())
     rows = np.zeros((len(fingers), 7))
     rows[:, 0:2], rows[:, 4:6] = fingers[:, :2], fingers[:, 2:4]

@@ -1,4 +1,4 @@
-"""Server of a stream: sends the newest state to each client, and accepts the goals of one client per guide."""
+"""Server of a stream: sends states to all clients, and accepts goals for each guide from one client at a time."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ KEYS = {
 
 
 class StreamOrder(NamedTuple):
-    """Valid order of a client.
+    """Valid order of a client of a stream.
 
     Attributes:
-        kind: Kind of order: "goal", "release" (gives up a guide, which keeps its goal) or "alive".
-        number: Number of the message; it increases within a connection.
+        kind: Kind of order: "goal", "release" (of a guide, which keeps its goal) or "alive".
+        number: Number of the order; the numbers on a connection increase.
         guide: Number of the guide; -1 for "alive".
-        offset: Operator offset (3,) [m]; None keeps the present offset.
-        squeeze: Squeeze added to the squeeze of the hand [m]; None keeps the present value.
+        offset: Offset of the operator (3,) [m]; None to keep the present offset.
+        squeeze: Squeeze to add to that of the hand [m]; None to keep the present value.
     """
 
     kind: str
@@ -44,7 +44,7 @@ class StreamOrder(NamedTuple):
 
 
 def read_stream_order(data: bytes | str, guides: int, farthest: float, closest: float) -> StreamOrder | str:
-    """Parse a message; return a reason (str) if it is invalid.
+    """Return the order that a message contains, or the reason (str) for which the message is invalid.
 
     Args:
         data: Content of the message.
@@ -94,10 +94,10 @@ KINDS = {"alive": Kind.ALIVE, "goal": Kind.PRESS, "release": Kind.LIFT}  # a goa
 
 
 class Bounds(NamedTuple):
-    """Limits for goals of clients.
+    """Limits for the goals of clients.
 
     Attributes:
-        guides: Number of guides that can be moved; 0 for none.
+        guides: Number of guides that clients may move; 0 for none.
         farthest: Largest absolute component of an offset [m].
         closest: Largest absolute value of the added squeeze [m].
     """
@@ -108,14 +108,15 @@ class Bounds(NamedTuple):
 
 
 class StreamServer(ClaimServer):
-    """Server of states and goals.
+    """Server that sends states to its clients and receives goals from them.
 
     Args:
-        line: Listening socket; the server closes it at the end.
+        line: Listening socket, which the server closes at its end.
         gate: Access control.
-        lead: Function that executes a goal. It and `release` are called in the server's thread and must not block.
-        release: Function called with the number of a guide that its client has released, or whose client is lost or
-            silent; the guide keeps its goal.
+        lead: Function that executes a goal. This function and `release` are called in the server's thread and must not
+            block.
+        release: Function that is called with the number of a guide when the guide's client releases it, is lost or is
+            silent. The guide keeps its goal.
 
     Raises:
         MissingPackageError: If websockets is not installed.
@@ -130,15 +131,15 @@ class StreamServer(ClaimServer):
         self._lead, self._release, self._bounds, self._state = lead, release, Bounds(), ""
 
     def describe(self, hello: str, bounds: Bounds) -> None:
-        """Send a new hello message, a JSON object, to all clients; they lose their claims."""
+        """Send a new hello message, which is a JSON object, to all clients, and release all claims of guides."""
         self._post(self._begin, hello, bounds)
 
     def show(self, state: str) -> None:
-        """Send a state, a JSON object, to every client; a slow client gets the newest state when it is ready."""
+        """Send a state, which is a JSON object, to every client; a slow client skips states that it cannot receive."""
         self._post(self._set_state, state)
 
     def conclude(self, state: str) -> None:
-        """Send the last state; guides can no longer be moved."""
+        """Send the last state, and accept no more goals."""
         self._post(self._set_bounds, Bounds())
         if state:
             self.show(state)

@@ -1,4 +1,4 @@
-"""Orders of a touch-screen page: binary messages of fixed length with finger positions; invalid orders are dropped."""
+"""Orders of a touch-screen page: binary messages of fixed length with a finger's position, checked on arrival."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MOST_NUMBER = (1 << 32) - 1
 
 
 class Kind(IntEnum):
-    """Kinds of orders."""
+    """Kinds of orders from a touch screen."""
 
     ALIVE = 0  # sign of life; no finger has moved
     PRESS = 1  # a finger was put down
@@ -22,12 +22,12 @@ class Kind(IntEnum):
 
 
 class Order(NamedTuple):
-    """Valid order.
+    """Valid order of a touch screen.
 
     Attributes:
         kind: Kind of the order.
         finger: Number of the finger; unused for `Kind.ALIVE`.
-        number: Number of the message; it increases within a connection.
+        number: Number of the order; the numbers on a connection increase.
         place: Position on the screen (2,) [m]; unused for `Kind.ALIVE` and `Kind.LIFT`.
     """
 
@@ -38,7 +38,7 @@ class Order(NamedTuple):
 
 
 class Box(NamedTuple):
-    """Area of the screen for fingers [m]."""
+    """Rectangle of valid positions on the screen [m]."""
 
     left: float
     bottom: float
@@ -46,17 +46,17 @@ class Box(NamedTuple):
     top: float
 
     def contains(self, x: float, y: float) -> bool:
-        """Tell whether a position is inside; NaN and infinity are not."""
+        """Return whether a position is in the rectangle; False for NaN and infinity."""
         return self.left <= x <= self.right and self.bottom <= y <= self.top
 
 
 def read_order(data: bytes | str, fingers: int, box: Box) -> Order | str:
-    """Parse a message; return a reason (str) if it is invalid.
+    """Return the order that a message contains, or the reason (str) for which the message is invalid.
 
     Args:
         data: Content of the message.
         fingers: Number of fingers.
-        box: Area of valid positions.
+        box: Rectangle of valid positions.
     """
     if isinstance(data, str) or len(data) != ORDER.size:
         return "length"

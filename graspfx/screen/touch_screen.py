@@ -1,4 +1,4 @@
-"""Touch screen for device drivers: states and positions of the touching fingers, read without waiting."""
+"""Touch screen for device drivers: positions of the fingers on the screen, read without blocking."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ INK = "#1a1a1a"
 
 
 def approach(point: FloatArray, goal: FloatArray, most: float) -> None:
-    """Move a point (d,) towards a goal (d,) by at most `most` [m], in place."""
+    """Move a point (d,) in place towards a goal (d,), by a distance of at most `most` [m]."""
     way = goal - point
     far = float(np.linalg.norm(way))
     if far <= most:
@@ -46,12 +46,12 @@ def approach(point: FloatArray, goal: FloatArray, most: float) -> None:
 
 
 class Touches(NamedTuple):
-    """Fingers on the screen.
+    """State of the fingers on a touch screen.
 
     Attributes:
         time: Time of the server's last write, on the clock of `time.monotonic` [s].
-        counts: Orders taken, dropped and lost, number of the last order, number of screens (5,).
-        fingers: For each finger, whether it touches, x and y [m], and its number of touches (k, 4).
+        counts: Numbers of orders taken, dropped and lost, number of the last order, number of screens, (5,).
+        fingers: For each finger, whether it touches the screen, x and y [m], and how often it has touched, (k, 4).
     """
 
     time: float
@@ -60,14 +60,14 @@ class Touches(NamedTuple):
 
 
 class Board:
-    """Memory shared by a touch-screen device and the process that serves its page; neither side ever waits.
+    """Memory that a touch-screen device shares with the process that serves its page; no side waits for the other.
 
-    Each half is written by one side and read by the other. A counter in each half is odd while the half's numbers
-    change.
+    Each half of the memory is written by one side and read by the other. A half begins with a counter, which is odd
+    while the numbers in the half change.
 
     Args:
-        file: Descriptor of shared memory of `BOARD` bytes.
-        fingers: Number of the device's fingers.
+        file: Descriptor of a shared memory of `BOARD` bytes.
+        fingers: Number of fingers of the device.
     """
 
     def __init__(self, file: int, fingers: int) -> None:
@@ -80,26 +80,29 @@ class Board:
 
     @contextmanager
     def writing(self) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Yield the head and the fingers (k, 4), to be changed within the block; no reader sees a partial change."""
+        """Yield the head and the fingers (k, 4) for changes in the `with` block, of which readers see all or none."""
         with self._changing(self._orders) as fingers:
             yield self._orders[1:HEAD], fingers
 
     def state(self) -> tuple[float, FloatArray] | None:
-        """Read the time [s] and the device's fingers (k, 4), position [m] and force [N]; None during a write."""
+        """Return the time [s], and position [m] and force [N] of the fingers (k, 4), from the device; None on failure.
+
+        Reading fails if the device writes during all attempts.
+        """
         half = _read(self._state)
         return None if half is None else (float(half[1]), self._of_fingers(half))
 
     # The device's side --------------------------------------------------------------------------------------------
 
     def touches(self) -> Touches | None:
-        """Read the touches; None during a write."""
+        """Return the touches from the server; None if the server is writing."""
         half = _read(self._orders)
         if half is None:
             return None
         return Touches(float(half[1]), half[2:7], self._of_fingers(half))
 
     def show(self, time: float, positions: FloatArray, forces: FloatArray) -> None:
-        """Write positions (k, 2) [m] and forces (k, 2) [N] for the page."""
+        """Write the time [s], and the fingers' positions (k, d) [m] and forces (k, d) [N], d <= 2, for the page."""
         with self._changing(self._state) as fingers:
             self._state[1] = time
             fingers[:, : positions.shape[1]] = positions
@@ -116,7 +119,7 @@ class Board:
 
 
 def _read(half: FloatArray) -> FloatArray | None:
-    """Copy a half; None if all attempts coincide with a write."""
+    """Return a copy of a half of the memory; None if each of `TRIES` attempts coincides with a write."""
     for _ in range(TRIES):
         before = half[0]
         copy = half.copy()
@@ -126,16 +129,16 @@ def _read(half: FloatArray) -> FloatArray | None:
 
 
 class TouchScreen:
-    """Page on a touch screen, served by a separate process so that sockets do not delay this interpreter.
+    """Page on a touch screen, served by a separate process, so that its connections do not delay this process.
 
     Args:
         fingers: Number of fingers.
-        port: Port of the page; 0 for any free one.
-        box: Area of valid positions: left, bottom, right and top [m].
-        lan: Whether a tablet in the network has access through a printed QR code.
+        port: Port of the page; 0 for any free port.
+        box: Rectangle of valid positions: left, bottom, right and top [m].
+        lan: Whether a tablet in the network can open the page, by a QR code that is printed.
 
     Attributes:
-        address: Address of the page while it is open.
+        address: Address of the page while the page is open; otherwise empty.
     """
 
     def __init__(self, *, fingers: int, port: int, box: Sequence[float], lan: bool) -> None:
@@ -147,19 +150,21 @@ class TouchScreen:
         self._looked = 0.0
 
     def open(self) -> None:
-        """Serve the page; if it is open, restart it.
+        """Start the process that serves the page; if it is running, restart it.
 
         Raises:
             MissingPackageError: If websockets is not installed.
-            DeviceError: If the page cannot be served, for example because the port is in use, or because segno is not
-                installed for `lan`.
+            DeviceError: If the page cannot be served, for example because the port is in use, or because `lan` is True
+                and segno is not installed.
         """
         from graspfx.screen.claim_server import require_websockets  # loads asyncio: 36 ms of every run
 
         self.close()
         require_websockets()
         if not child_process.is_possible():
-            raise DeviceError(f"a touch screen as a device {child_process.REFUSAL}; `graspfx touch` does not")
+            raise DeviceError(
+                f"a touch screen as a device {child_process.REFUSAL}; `graspfx touch` has no such requirement"
+            )
         file = shared_memory.create("graspfx-screen", BOARD)
         ours, theirs = os.pipe()
         try:
@@ -173,7 +178,7 @@ class TouchScreen:
             )
         except OSError as error:
             os.close(ours)
-            raise DeviceError(f"the page's process does not start: {error}") from error
+            raise DeviceError(f"the process that serves the page cannot start: {error}") from error
         finally:
             os.close(theirs)
             os.close(file)
@@ -182,14 +187,15 @@ class TouchScreen:
             line = answer.readline().decode().strip() if ready else ""
         if not line.startswith("yes "):
             self.close()
-            raise DeviceError(f"the touch screen's page is not served: {line.removeprefix('no ') or 'no answer'}")
+            reason = line.removeprefix("no ") or f"its process sent no answer in {PATIENCE:g} s"
+            raise DeviceError(f"the page of the touch screen cannot be served: {reason}")
         self.address, self._last = line.removeprefix("yes "), None
 
     def touches(self) -> Touches:
-        """Read the touches; no finger touches if the server has sent no heartbeat for half a second.
+        """Return the touches; no finger touches if the server has not written for half a second.
 
         Raises:
-            DeviceError: If the process of the page has ended.
+            DeviceError: If the process that serves the page has ended.
         """
         assert self._board is not None
         now = time.monotonic()
@@ -204,12 +210,12 @@ class TouchScreen:
         return touches
 
     def show(self, positions: FloatArray, forces: FloatArray) -> None:
-        """Show positions (k, d) [m] and forces (k, d) [N] on the page, d up to 2."""
+        """Show the fingers' positions (k, d) [m] and forces (k, d) [N] on the page; a third component is ignored."""
         if self._board is not None:
             self._board.show(time.monotonic(), positions[:, :2], forces[:, :2])
 
     def close(self) -> None:
-        """Close the page, without an error if the page is already closed or its process has ended."""
+        """Close the page and end its process, if it is still running."""
         process, self._process, self._board = self._process, None, None
         if process is None:
             return
@@ -227,7 +233,7 @@ class TouchScreen:
         colours = [COLOURS[i % len(COLOURS)] for i in range(self.fingers)]
         scenery = {
             "title": "Touch screen",
-            "hint": f"Touch with {most}. The force is shown here, not felt.",
+            "hint": f"Touch with {most}. The page shows the force on the finger, which cannot be felt.",
             "fault": "",
             "box": self.box,
             "touchable": self.fingers,

@@ -1,4 +1,4 @@
-"""Server of the touch-screen page and its WebSocket; fingers of a lost or silent screen are released."""
+"""Server of the touch-screen page and its WebSocket, which releases the fingers of a lost or silent screen."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _text() -> str:
 
 
 def page_for(host: str) -> tuple[bytes, dict[str, str]]:
-    """Return the page for a host such as 127.0.0.1:8765, and headers that allow only the page's own script."""
+    """Return the page for a host, such as 127.0.0.1:8765, and HTTP headers that allow only the page's own script."""
     nonce = secrets.token_urlsafe(16)
     policy = (
         f"default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; connect-src ws://{host}; "
@@ -47,31 +47,31 @@ HEAD = struct.Struct("<4d")  # number of the last order, bits of own and of clai
 
 
 class Touched(Protocol):
-    """Fingers that screens move. The methods are called in the server's thread and must not block."""
+    """Object that receives the touches of screens; its methods are called in the server's thread and must not block."""
 
     def press(self, finger: int, place: tuple[float, float]) -> None:
-        """Move a finger to a position on the screen [m]."""
+        """Set the position of a finger on the screen [m]."""
 
     def lift(self, finger: int) -> None:
-        """Release a finger, because it was lifted or its screen is lost or silent."""
+        """Release a finger, which was lifted, or whose screen is lost or silent."""
 
 
 class TouchServer(ClaimServer):
-    """Server of a page whose clients are touch screens.
+    """Server of a page that runs on touch screens.
 
     Args:
-        line: Listening socket; the server closes it at the end.
+        line: Listening socket, which the server closes at its end.
         gate: Access control of the page.
         fingers: Number of fingers.
-        box: Area of valid positions [m].
-        scenery: Static content of the page, as JSON.
-        touched: Object that moves the fingers.
-        note: Function called with the number of the client, each valid order, and the order's outcome.
+        box: Rectangle of valid positions [m].
+        scenery: Content of the page that does not move, as JSON.
+        touched: Object that receives the touches.
+        note: Function that is called with each valid order: number of the client, order, and outcome of the order.
 
     Attributes:
-        counts: As in `ClaimServer`; also the number of missing orders ("lost"), and of fingers released because their
-            screen was lost or silent ("let go: lost", "let go: silence").
-        last: Number of the last order received.
+        counts: Numbers as in `ClaimServer`, and also the numbers of orders that were lost ("lost") and of fingers that
+            were released because their screen was lost or silent ("let go: lost", "let go: silence").
+        last: Number of the last valid order.
 
     Raises:
         MissingPackageError: If websockets is not installed.
@@ -88,22 +88,22 @@ class TouchServer(ClaimServer):
 
     @property
     def has_touches(self) -> bool:
-        """Whether any finger is claimed."""
+        """Whether a client has claimed a finger."""
         return bool(self.owners)
 
     def show(self, picture: bytes) -> None:
-        """Send a picture to every screen; a slow screen gets the newest picture when it is ready."""
+        """Send a picture to every screen; a slow screen skips pictures that it cannot receive."""
         self._post(self._set_picture, picture)
 
     def describe(self, scenery: str) -> None:
-        """Replace the static content on all screens, including later ones."""
+        """Send content that does not move to all present screens and to screens that connect later."""
         self._post(self._set_scenery, scenery)
 
     # In the server's thread ---------------------------------------------------------------------------------------
 
     def _page(self, path: str, headers: Mapping[str, str], admission: Admission) -> Response:
         if path != "/":
-            return response(HTTPStatus.NOT_FOUND, b"there is one page only\n")
+            return response(HTTPStatus.NOT_FOUND, b"this server has only the page /\n")
         body, more = page_for(headers["Host"])
         return response(HTTPStatus.OK, body, more | ({"Set-Cookie": admission.cookie} if admission.cookie else {}))
 

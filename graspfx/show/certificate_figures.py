@@ -1,4 +1,4 @@
-"""Figures of certificates: limits over keys, loci of loops, the Z-width, and margins over operators."""
+"""Figures of certificates: stability limits over keys, loci of loops, Z-widths, and margins over operators."""
 
 from __future__ import annotations
 
@@ -46,16 +46,18 @@ EQUAL = "#ffffff"  # colour of the line where both limits are equal
 
 
 def label_of(key: str) -> str:
-    """Return a key's label, with its unit if known."""
+    """Return the label of an axis for a key, with the key's unit if it is known."""
     name, unit = NAMES.get(key, plain(key)), unit_of(key)
     return f"{name} [{unit}]" if unit else name
 
 
 def limits_sheet(limits: SweptLimits, title: str = "", *, width: str = "screen") -> Sheet:
-    """Draw the limits of k_ep, k_ip and k_p = k_ep = k_ip over one key, or as maps over two, with the line k_ep = k_ip.
+    """Draw the stability limits of k_ep, k_ip and k_p = k_ep = k_ip over the keys of a sweep.
+
+    With one key, the limits are curves. With two keys, they are maps, on which a line marks k_ep = k_ip.
 
     Raises:
-        InputError: If the width is unknown.
+        InputError: If `width` is unknown.
     """
     with style.look(width):
         drawing = _curves(limits, width) if len(limits.sweeps) == 1 else _maps(limits, width)
@@ -85,7 +87,7 @@ def _curves(limits: SweptLimits, width: str) -> Sheet:
     )
     ax.set_ylim(0.0, 1.08 * top)
     if not positive.any():
-        text = "no gain is too large" if np.isposinf(values).all() else "no limit is finite and above zero"
+        text = "stable with any gain" if np.isposinf(values).all() else "no limit is finite and above zero"
         ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", color=NOTE)
     if len(x) > 1:
         ax.set_xlim(x[0], x[-1])
@@ -125,7 +127,7 @@ def _maps(limits: SweptLimits, width: str) -> Sheet:
 
 
 def _add_contours(ax: Axes, x: FloatArray, y: FloatArray, part: FloatArray, more: FloatArray, width: Width) -> bool:
-    """Add contours, and the line where the external and internal limits are equal; return whether the line exists."""
+    """Add contours of `part`, and the line on which the limits are equal (`more` is 0); return whether it exists."""
     if np.isfinite(part).any() and np.nanmin(part) < np.nanmax(part):
         drawn = ax.contour(x, y, part, levels=LEVELS, colors="white", linewidths=0.5 * width.weight)
         ax.clabel(drawn, fontsize=width.text - 1.0, fmt="%.4g")
@@ -137,7 +139,7 @@ def _add_contours(ax: Axes, x: FloatArray, y: FloatArray, part: FloatArray, more
 
 
 def rim(weight: float) -> list[AbstractPathEffect]:
-    """Return a dark rim for a white line, which makes it visible on any background."""
+    """Return a dark rim for a line, which makes a white line visible on any background."""
     from matplotlib.patheffects import Normal, Stroke
 
     return [Stroke(linewidth=3.5 * weight, foreground="black"), Normal()]
@@ -155,7 +157,7 @@ STABLE, PASSIVE = "#1b9e77", "#882255"
 
 
 def bode(loci: Loci, width: str = "screen", title: str = "") -> Drawing:
-    """Draw magnitude and phase of the loci over frequency, with the margins."""
+    """Draw a Bode diagram: magnitude and phase of the loci over frequency, with the stability margins."""
     with style.look(width):
         sheet = style.figure([1.9, 1.6], width=width)
         upper, lower = sheet.panels[:, 0]
@@ -180,7 +182,7 @@ def bode(loci: Loci, width: str = "screen", title: str = "") -> Drawing:
 
 
 def _mark(loci: Loci, upper: Axes, lower: Axes, sheet: Sheet) -> None:
-    """Draw the margins as distances to the magnitude and the phase of -1."""
+    """Draw the gain margin and the phase margin as distances from magnitude 1 and from phase -180 degrees."""
     marks = []
     if not math.isinf(loci.gain_margin):
         ends = [1.0 / loci.gain_margin, 1.0]
@@ -198,7 +200,7 @@ def _mark(loci: Loci, upper: Axes, lower: Axes, sheet: Sheet) -> None:
 
 
 def nyquist(loci: Loci, width: str = "screen", title: str = "") -> Drawing:
-    """Draw the loci near -1: solid lines for positive frequencies, and mirrored lines for negative frequencies."""
+    """Draw a Nyquist diagram near -1: solid lines for positive frequencies, pale lines for negative frequencies."""
     with style.look(width):
         sheet = style.figure([3.4], width=width)
         ax = sheet.panels[0, 0]
@@ -223,7 +225,7 @@ def nyquist(loci: Loci, width: str = "screen", title: str = "") -> Drawing:
 
 
 def z_width(region: ZWidth, width: str = "screen", title: str = "") -> Drawing:
-    """Draw the largest passive and the largest stable stiffness of a wall over its damping."""
+    """Draw the Z-width: the largest passive and the largest stable stiffness of a wall over the wall's damping."""
     with style.look(width):
         sheet = style.figure([2.6], width=width)
         ax, B = sheet.panels[0, 0], region.wall_damping
@@ -262,7 +264,10 @@ DASHES = {"external translation": (0.0, (5.0, 2.0)), "external rotation": (0.0, 
 
 
 def operators_sheet(answer: OperatorCertificate, width: str = "screen") -> Sheet:
-    """Draw the smallest margin over the first one or two keys, and the share of hands with at least each margin."""
+    """Draw the smallest margin over the first key or the first two keys, and the distribution of the margins.
+
+    The distribution is, for each mode, the share of hands over the margin that they have at least.
+    """
     region = answer.region(answer.operators.keys[:2], POINTS)
     with style.look(width):
         stacked = width == "column"
@@ -279,7 +284,7 @@ def operators_sheet(answer: OperatorCertificate, width: str = "screen") -> Sheet
 
 
 def gains_sheet(answer: OperatorCertificate, width: str = "screen") -> Sheet:
-    """Draw the share of hands with which each pair of gains is stable, and mark the scene's gains."""
+    """Draw the share of hands with which each pair of gains is stable, and mark the gains of the scene."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -306,7 +311,7 @@ def gains_sheet(answer: OperatorCertificate, width: str = "screen") -> Sheet:
 
 
 def _draw_region(ax: Axes, region: OperatorRegion, answer: OperatorCertificate, drawing: Sheet) -> None:
-    """Draw margins as a map over two keys, with the contour at margin 1, or as a curve over one key."""
+    """Draw the smallest margin as a curve over one key, or as a map over two keys with the contour of margin 1."""
     weight = drawing.width.weight
     margin = np.minimum(region.margin, MOST_MARGIN)
     keys = [each.key for each in region.ranges]
@@ -339,7 +344,7 @@ def _draw_region(ax: Axes, region: OperatorRegion, answer: OperatorCertificate, 
 
 
 def _plain_ticks(ax: Axes, region: OperatorRegion) -> None:
-    """Label logarithmic axes with plain numbers, at 1, 2 and 5 in every decade."""
+    """Set ticks at 1, 2 and 5 in every decade of logarithmic axes, with labels such as 200."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     for axis, each in zip((ax.xaxis, ax.yaxis), region.ranges, strict=False):
@@ -350,7 +355,7 @@ def _plain_ticks(ax: Axes, region: OperatorRegion) -> None:
 
 
 def _draw_margins(ax: Axes, answer: OperatorCertificate, drawing: Sheet) -> None:
-    """Draw for each mode the share of hands whose margin is at least the abscissa."""
+    """Draw, for each mode, the share of hands over the margin that they have at least."""
     weight = drawing.width.weight
     most = 1.0
     for mode in answer.modes:

@@ -1,4 +1,4 @@
-"""Recordings, batches and linearisations for other programs: names and units, xarray, pandas, CSV, python-control."""
+"""Conversion of recordings, batches and linearisations for xarray, pandas, CSV files and python-control."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ NO_UNIT = ("coupling.friction",)  # these keys have no unit, although other keys
 
 
 def unit_of(key: str) -> str:
-    """Return the unit of a key's numbers; empty if unknown."""
+    """Return the unit of the values of a key; empty if it is unknown."""
     last = key.rsplit(".", 1)[-1]
     return "" if key in NO_UNIT else UNITS.get(last, "")
 
@@ -52,7 +52,15 @@ ENERGIES = {  # attributes of a recording, one value per finger and tick, that a
 
 
 class Quantity(NamedTuple):
-    """One quantity of all ticks: array (N, ...), names of its dimensions except time, unit and meaning."""
+    """One quantity of a recording.
+
+    Attributes:
+        name: Name of the quantity.
+        values: Values, (N, ...).
+        dimensions: Names of the dimensions of `values` after the first, which is time.
+        unit: Unit of the values.
+        meaning: Description of the quantity.
+    """
 
     name: str
     values: NDArray[Any]
@@ -62,7 +70,7 @@ class Quantity(NamedTuple):
 
 
 def works_of(recording: Recording) -> dict[str, NDArray[Any]]:
-    """Compute the work terms that accumulate over a recording, by name (N, fingers) [J]; empty if unknown."""
+    """Return the work of the displayed force's parts, (N, fingers) [J], by name; empty if it cannot be computed."""
     values = {name: _derived(recording, name) for name in ENERGIES}
     return {name: each for name, each in values.items() if each is not None}
 
@@ -70,16 +78,16 @@ def works_of(recording: Recording) -> dict[str, NDArray[Any]]:
 def quantities(
     recording: Recording, works: Mapping[str, NDArray[Any]] | None = None, only: str = ""
 ) -> Iterator[Quantity]:
-    """Yield the columns of a recording, combined over its objects, and the variables computed from them.
+    """Yield the columns of a recording and the variables that are derived from them.
 
-    A column `objects/NAME/position` becomes `object_position` with a dimension `object`. An object that lacks another
-    object's column gets NaN.
+    The columns `objects/NAME/position` of all objects become one quantity `object_position` with a dimension `object`.
+    Its values are NaN for an object without the column.
 
     Args:
-        recording: Complete recording, or a part.
-        works: Rows of `works_of` of the complete recording that belong to a part, because work accumulates from the
-            beginning; None for a complete recording.
-        only: Name of the only quantity to read; empty for all.
+        recording: Complete recording, or a part of it.
+        works: Rows of `works_of` for this part of a recording, because work accumulates from the start of the run; None
+            for a complete recording.
+        only: Name of the only quantity to yield; empty for all.
     """
     layout = recording.layout
     for column in (*layout.columns.values(), *layout.derived):
@@ -101,7 +109,7 @@ def quantities(
 
 
 def rows_of(recording: Recording, name: str, first: int, stop: int) -> NDArray[Any]:
-    """Return the values of one of the `quantities` in rows `first` to `stop` - 1; only required columns are read."""
+    """Return the values of a quantity in the rows `first` to `stop - 1`, without reading other columns."""
     is_whole = name in ENERGIES or (first, stop) == (0, len(recording))  # energies accumulate from the beginning
     source = recording if is_whole else recording.part(first, stop)
     values = next(quantities(source, only=name)).values
@@ -109,12 +117,15 @@ def rows_of(recording: Recording, name: str, first: int, stop: int) -> NDArray[A
 
 
 def coordinates(layout: Layout) -> dict[str, tuple[str, ...]]:
-    """Name the entries along each dimension except time."""
+    """Return the names of the entries along each dimension except time, by dimension."""
     return {**layout.scales, "object": layout.objects}
 
 
 def parts_of_objects(layout: Layout) -> Mapping[str, Column]:
-    """List the objects' columns without the object's name, such as `energy/work`, each as the first object has it."""
+    """Return the columns of objects by their names without the object, such as `energy/work`.
+
+    If several objects have a column, the column of the first of these objects is returned.
+    """
     parts: dict[str, Column] = {}
     for column in layout.columns.values():
         if column.name.startswith("objects/"):
@@ -123,7 +134,7 @@ def parts_of_objects(layout: Layout) -> Mapping[str, Column]:
 
 
 def components(quantity: Quantity, names: Mapping[str, tuple[str, ...]]) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Yield a quantity's components (N,) one by one, such as `finger_force.thumb.x`."""
+    """Yield each component of a quantity, (N,), with its name, such as `finger_force.thumb.x`."""
     shape = quantity.values.shape[1:]
     flat = quantity.values.reshape(len(quantity.values), prod(shape))
     for k, place in enumerate(np.ndindex(*shape)):
@@ -144,7 +155,7 @@ def _derived(recording: Recording, name: str) -> NDArray[Any] | None:
 
 
 def _of_objects(recording: Recording, part: str, like: Column) -> NDArray[Any]:
-    """Combine a column of all objects, (N, objects, ...), with NaN for an object that lacks it."""
+    """Return a column of all objects, (N, objects, ...), with NaN for objects without the column."""
     own = [recording.layout.columns.get(f"objects/{name}/{part}") for name in recording.layout.objects]
     nothing = np.full((1, *like.shape), np.nan)
     values = [nothing if each is None else _stored(recording, each) for each in own]
@@ -154,7 +165,7 @@ def _of_objects(recording: Recording, part: str, like: Column) -> NDArray[Any]:
 
 
 def recording_dataset(recording: Recording) -> xarray.Dataset:
-    """Convert a recording; see `Recording.to_xarray`."""
+    """Convert a recording as described in `Recording.to_xarray`."""
     xr = _package("xarray", "Recording.to_xarray")
     labels = coordinates(recording.layout)
     first = {each.name: each for each in quantities(recording.part(0, min(1, len(recording))))}
@@ -182,7 +193,7 @@ def _package(name: str, wanted_by: str, extra: str = "data") -> Any:
 
 
 def _lazy(xr: Any, recording: Recording, first: Quantity) -> Any:
-    """Make a variable whose numbers are read from disk, or computed, on access."""
+    """Return an xarray variable whose values are read from disk or computed when they are accessed."""
     from xarray.backends import BackendArray
     from xarray.core.indexing import IndexingSupport, LazilyIndexedArray, explicit_indexing_adapter
 
@@ -208,12 +219,12 @@ def _about(quantity: Quantity) -> dict[str, str]:
 
 
 class Labels(NamedTuple):
-    """Labelled arrays for xarray and netCDF.
+    """Arrays with dimensions and attributes, for xarray and netCDF.
 
     Attributes:
-        variables: Names of the dimensions, values, and attributes such as `units`, by name.
-        coordinates: The same for coordinates; a coordinate named like a dimension contains the dimension's entries.
-        attributes: Global attributes.
+        variables: For each variable, the names of its dimensions, its values, and attributes such as `units`.
+        coordinates: The same for each coordinate; a coordinate with the name of a dimension contains its entries.
+        attributes: Attributes of the whole data set.
     """
 
     variables: dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]
@@ -222,7 +233,7 @@ class Labels(NamedTuple):
 
 
 def batch_dataset(labels: Labels) -> xarray.Dataset:
-    """Convert the labelled arrays of a batch; see `Batch.to_xarray`."""
+    """Convert the arrays of a batch as described in `Batch.to_xarray`."""
     xr = _package("xarray", "Batch.to_xarray")
     variables, scales = (
         {name: xr.Variable(*each) for name, each in part.items()} for part in (labels.variables, labels.coordinates)
@@ -232,10 +243,10 @@ def batch_dataset(labels: Labels) -> xarray.Dataset:
 
 
 def batch_labels(batch: Batch) -> Labels:
-    """Collect a batch's arrays with their dimensions, units and meanings, for xarray and netCDF."""
+    """Return the arrays of a batch with their dimensions, units and descriptions."""
     grid, scales = grid_of(batch)
     names = {} if batch.layout is None else coordinates(batch.layout)
-    meaning = {"long_name": "tick of the first fault; -1: none"}
+    meaning = {"long_name": "tick of the first fault; -1 if no fault occurred"}
     variables: dict[str, Any] = {"fault_tick": (grid, batch.fault_tick, meaning)}
     for quantity, by_name in batch.measures.items():
         column = batch.column(quantity)
@@ -255,7 +266,10 @@ def batch_labels(batch: Batch) -> Labels:
 
 
 def grid_of(batch: Batch) -> tuple[tuple[str, ...], dict[str, Any]]:
-    """Return a batch's axes and the values of each key along its axis; with `zip` the only axis is `variant`."""
+    """Return the names of a batch's axes, and the values of each key along its axis.
+
+    If the values of several keys change together (`zip`), the only axis is `variant`.
+    """
     together = len(batch.values) > len(batch.shape)
     axes = ("variant",) if together else tuple(batch.values)
     scales: dict[str, Any] = {}
@@ -268,7 +282,7 @@ def grid_of(batch: Batch) -> tuple[tuple[str, ...], dict[str, Any]]:
 
 
 def summary_numbers(batch: Batch) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
-    """Collect the scalar items of all summaries, in the grid's shape; None becomes NaN."""
+    """Return the numbers of all summaries by name, in the shape of the batch; None becomes NaN."""
     summaries = [] if batch.summaries is None else batch.summaries.ravel().tolist()
     numbers = {}
     for name in summaries[0]:
@@ -288,7 +302,8 @@ def _stacked(batch: Batch, grid: tuple[str, ...]) -> dict[str, Any]:
     first = tables[0]
     shapes = {name: each.values.shape for name, each in first.items()}
     if any({name: each.values.shape for name, each in table.items()} != shapes for table in tables):
-        raise InputError("keep", "recordings", "recordings with the same columns and length", "convert them one by one")
+        expected = "recordings with the same columns and number of rows"
+        raise InputError("keep", "recordings", expected, "convert the recordings one by one")
     return {
         name: (
             (*grid, "time", *each.dimensions),
@@ -303,7 +318,7 @@ BLOCK = 1000  # number of rows that are written at once
 
 
 def recording_frame(recording: Recording) -> Any:
-    """Convert a recording; see `Recording.to_frame`."""
+    """Convert a recording as described in `Recording.to_frame`."""
     pandas = _package("pandas", "Recording.to_frame")
     frame = pandas.DataFrame(dict(_columns(recording)), index=pandas.Index(recording.time, name="time"))
     frame.attrs = {"scene": recording.header.scene, "units": {each.name: each.unit for each in quantities(recording)}}
@@ -311,7 +326,7 @@ def recording_frame(recording: Recording) -> Any:
 
 
 def batch_frame(batch: Batch) -> Any:
-    """Convert a batch; see `Batch.to_frame`."""
+    """Convert a batch as described in `Batch.to_frame`."""
     pandas = _package("pandas", "Batch.to_frame")
     plain = {key: np.asarray(values, dtype=object).ravel() for key, values in batch.values.items()}
     columns: dict[str, Any] = {
@@ -330,7 +345,7 @@ def batch_frame(batch: Batch) -> Any:
 
 
 def write_csv(recording: Recording, path: str | PathLike[str], *, overwrite: bool = False) -> None:
-    """Write a recording; see `Recording.to_csv`."""
+    """Write a recording as described in `Recording.to_csv`."""
     place = recording_path(path, "path")
     if not place.name:
         raise InputError("path", str(path), "the path of a file, such as recording.csv")
@@ -341,9 +356,9 @@ def write_csv(recording: Recording, path: str | PathLike[str], *, overwrite: boo
 
 
 def csv_lines(recording: Recording) -> Iterator[str]:
-    """Yield the lines of a CSV file (RFC 4180), with the shortest digits that restore each number.
+    """Yield the lines of a CSV file (RFC 4180), in which each number has the fewest digits that restore it exactly.
 
-    Names of fingers and objects contain no commas or quotes.
+    Quotes are not needed, because the names of fingers and objects contain no commas or quotes.
     """
     together, first = works_of(recording), 0
     for part in recording.parts() if len(recording) else [recording]:
@@ -370,7 +385,7 @@ LOOPS = ("closed", "open")
 
 
 def to_control(linear: Linearisation, loop: str = "closed") -> Any:
-    """Convert a linearisation; see `Linearisation.to_control`."""
+    """Convert a linearisation as described in `Linearisation.to_control`."""
     control = _package("control", "Linearisation.to_control", "control")
     if loop not in LOOPS:
         raise UnknownNameError("loop", str(loop), LOOPS)

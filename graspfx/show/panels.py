@@ -1,4 +1,4 @@
-"""Rows of a run's figure: positions along each axis, squeeze and push, forces, rotations of the object."""
+"""Rows of the figure of a run: positions, squeeze and push, forces, grip margin, and rotations of the objects."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ ALL = "fingers: mean and range"
 
 @dataclass(frozen=True)
 class View:
-    """One object of a recording with its fingers: a column of the figure."""
+    """An object of a recording with its fingers, which is a column of the figure."""
 
     recording: Recording
     number: int
@@ -47,27 +47,27 @@ class View:
 
     @property
     def fingers(self) -> list[int]:
-        """Indices of the fingers."""
+        """Indices of the object's fingers."""
         return [i for i, thing in enumerate(self.recording.layout.finger_objects) if thing == self.number]
 
     @property
     def names(self) -> list[str]:
-        """Names of the fingers."""
+        """Names of the object's fingers."""
         return [self.recording.layout.fingers[i] for i in self.fingers]
 
     @property
     def finger_position(self) -> FloatArray:
-        """Positions of the fingers (N, n, d) [m]."""
+        """Positions of the object's fingers, (N, n, d) [m]."""
         return self.recording.finger_position[:, self.fingers]
 
     @property
     def finger_force(self) -> FloatArray:
-        """Forces of the fingers (N, n, d) [N]."""
+        """Forces of the object's fingers, (N, n, d) [N]."""
         return self.recording.finger_force[:, self.fingers]
 
     @property
     def touching(self) -> BoolArray:
-        """Whether each finger touches, (N, n)."""
+        """Whether each of the object's fingers touches, (N, n)."""
         return self.recording.touching[:, self.fingers]
 
     @property
@@ -76,12 +76,12 @@ class View:
 
     @cached_property
     def displacement_modes(self) -> Modes | None:
-        """Squeeze and push as displacements [m]; None if not recorded, without fingers, or with a host."""
+        """Squeeze and push as displacements [m]; None without fingers, with a host, or if they are not recorded."""
         return None if self.recording.header.has_host else self._modes("internal_displacement", "external_displacement")
 
     @cached_property
     def force_modes(self) -> Modes | None:
-        """Squeeze and push as forces [N]; None if not recorded, or without fingers."""
+        """Squeeze and push as forces [N]; None without fingers, or if they are not recorded."""
         return self._modes("internal_force", "external_force")
 
     def _modes(self, internal: str, external: str) -> Modes | None:
@@ -95,13 +95,13 @@ class View:
             return None
 
     def has(self, column: str) -> bool:
-        """Tell whether a column, or a column of the object, is recorded."""
+        """Return whether a column of this name, of the recording or of the object, is recorded."""
         name = f"objects/{self.recording.layout.objects[self.number]}/{column}"
         return not {column, name} & set(self.recording.layout.omitted)
 
     @property
     def is_whole(self) -> bool:
-        """Tell whether all columns of the figure are recorded."""
+        """Whether all columns of the figure are recorded."""
         split = self.recording.layout.sources_of("internal_force") + self.recording.layout.sources_of(
             "internal_displacement"
         )
@@ -110,14 +110,13 @@ class View:
 
 @dataclass(frozen=True)
 class Curve:
-    """One line with a value per tick.
+    """A line of a panel, with one value per row of the recording.
 
     Attributes:
         label: Label in the legend.
-        values: Values (N,).
+        values: Values of the line, (N,).
         stroke: Style of the line.
-        many: Values (N, k) whose mean is `values`; the range of these values is drawn as a band. k = 0 for a single
-            curve.
+        many: Values (N, k) with the mean `values`, whose range is drawn as a band; k = 0 if no band is drawn.
     """
 
     label: str
@@ -127,7 +126,7 @@ class Curve:
 
     @property
     def band(self) -> tuple[FloatArray, FloatArray] | None:
-        """Minimum and maximum of `many` at each tick, NaN where it has no finite value; None for a single curve."""
+        """Minimum and maximum of `many` in each row, NaN if no value is finite; None if no band is drawn."""
         if not self.many.size:
             return None
         finite = np.isfinite(self.many)
@@ -138,13 +137,13 @@ class Curve:
 
 @dataclass(frozen=True)
 class Row:
-    """Panels side by side that share an ordinate.
+    """A row of panels with the same quantity and a common ordinate.
 
     Attributes:
         label: Label of the ordinate.
-        panels: One panel per view, without curves if a run lacks the quantity.
+        panels: Curves of each view; empty if its recording lacks the quantity.
         height: Height on a screen [inches].
-        signed: Whether zero is in the range and drawn.
+        signed: Whether the ordinate includes zero, with a line at zero.
     """
 
     label: str
@@ -154,7 +153,7 @@ class Row:
 
 
 def views(recordings: Iterable[Recording]) -> list[View]:
-    """List the objects that fingers touch, recording by recording; the first object of a recording without fingers."""
+    """Return a view for each object that fingers touch; for a recording without fingers, for its first object."""
     views_ = []
     for recording in recordings:
         numbers = sorted(set(recording.layout.finger_objects)) or [0]
@@ -163,11 +162,11 @@ def views(recordings: Iterable[Recording]) -> list[View]:
 
 
 def rows(columns: Sequence[View], strokes: Mapping[str, Stroke]) -> list[Row]:
-    """List the recorded rows of the figure, or one empty row if nothing is recorded.
+    """Return the rows of the figure whose quantities are recorded; one empty row if there are none.
 
     Args:
         columns: Views to show side by side.
-        strokes: Line styles by finger name.
+        strokes: Style of each finger's line, by name of the finger.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         axes = _axes_worth_showing([_ranges(view) for view in columns])
@@ -187,9 +186,10 @@ def rows(columns: Sequence[View], strokes: Mapping[str, Stroke]) -> list[Row]:
 
 
 def _axes_worth_showing(ranges: Sequence[FloatArray]) -> list[int]:
-    """Select the axes whose range in a view is at least `SHARE` of the largest range; the first axis if all are zero.
+    """Return the axes whose range, in at least one view, is `SHARE` of the largest range or more.
 
-    Views share an ordinate, on which even the largest range of a view may be too small to be seen.
+    The ranges are compared over all views, because the views share an ordinate. If all ranges are zero, the first axis
+    is returned.
     """
     farthest = max((float(each.max()) for each in ranges), default=0.0)
     axes = {int(a) for each in ranges for a in np.flatnonzero(each >= SHARE * farthest)}
@@ -197,7 +197,7 @@ def _axes_worth_showing(ranges: Sequence[FloatArray]) -> list[int]:
 
 
 def _ranges(view: View) -> FloatArray:
-    """Compute the largest motion of object and fingers along each axis, (d,) [m]."""
+    """Return the largest range of motion of the object and its fingers along each axis, (d,) [m]."""
     lines = [view.motion.position] if view.has("position") else []
     if view.has("finger_position"):
         lines.extend(np.moveaxis(view.finger_position, 1, 0))
@@ -219,7 +219,7 @@ def _positions(columns: Sequence[View], a: int, strokes: Mapping[str, Stroke], h
 
 
 def pushes(parts: Sequence[Modes | None]) -> list[int]:
-    """Select the axes along which the external part (push) is large enough to be plotted."""
+    """Return the axes along which the push (external part) is large enough to be plotted."""
     largest = [np.abs(np.where(np.abs(each.push) < LARGEST, each.push, 0.0)).max(axis=0) for each in parts if each]
     return _axes_worth_showing(largest)
 
@@ -227,7 +227,10 @@ def pushes(parts: Sequence[Modes | None]) -> list[int]:
 def _parts(
     label: str, columns: Sequence[View], parts: Sequence[Modes | None], axes: Sequence[int], scale: float
 ) -> list[Row]:
-    """Make the row of the squeeze (for more than two fingers its mean and range) and of the push along each axis."""
+    """Return the row of the squeeze and of the push along `axes`; empty if no view has these quantities.
+
+    With more than two fingers, the squeeze is drawn as its mean and range.
+    """
     if not any(parts):
         return []
     crowded = any(len(view.fingers) > 2 for view in columns)
@@ -257,7 +260,7 @@ def _push(view: View, each: Modes | None, axes: Sequence[int], name: str, scale:
 
 
 def brief_rows(columns: Sequence[View]) -> list[Row]:
-    """List the rows depth, squeeze and push, as far as recorded."""
+    """Return the rows for depth, squeeze and push, those of them whose quantities are recorded."""
     with np.errstate(over="ignore", invalid="ignore"):
         forces = [view.force_modes for view in columns]
         pairs, axes = list(zip(columns, forces, strict=True)), pushes(forces)
@@ -274,7 +277,7 @@ def _internal(view: View) -> str:
 
 
 def _depth(view: View) -> tuple[Curve, ...]:
-    """Make the curve of mean and range of the fingers' penetration depth, zero for free fingers."""
+    """Return a curve of the mean and the range of the fingers' penetration depths, which are zero for free fingers."""
     gap = view.recording.gap if view.has("gap") and view.has("touching") else None
     if gap is None or not view.fingers:
         return ()
@@ -287,7 +290,7 @@ def _forces(view: View, strokes: Mapping[str, Stroke]) -> tuple[Curve, ...]:
 
 
 def _grip(view: View) -> tuple[Curve, ...]:
-    """Make the curve of the fingers' smallest friction margin, if any touches with a coefficient of friction."""
+    """Return a curve of the smallest friction margin; none if no finger with a coefficient of friction touches."""
     try:
         margin = view.recording.grip_margin_of(view.fingers)
     except RecordingError:  # without some columns
@@ -296,7 +299,7 @@ def _grip(view: View) -> tuple[Curve, ...]:
 
 
 def _turns(columns: Sequence[View]) -> list[Row]:
-    """Make the row of the objects' rotations from their start about world axes; no row if none rotates by `TURN`."""
+    """Return a row of the rotations of the objects about world axes; empty if no object rotates by `TURN` or more."""
     if not all(view.has("orientation") for view in columns):
         return []
     turns = [_rotation_vector(view.motion.orientation) for view in columns]
@@ -315,7 +318,7 @@ def _turns(columns: Sequence[View]) -> list[Row]:
 
 
 def _rotation_vector(orientation: FloatArray | None) -> FloatArray:
-    """Compute u theta of the rotation since the first tick, (N, 3) [degrees], continuous beyond half a turn."""
+    """Return the rotation vectors since the first row, (N, 3) [degrees], continuous beyond half a turn."""
     if orientation is None:
         return np.zeros((1, 3))
     if orientation.ndim == 1:
@@ -332,7 +335,10 @@ def _rotation_vector(orientation: FloatArray | None) -> FloatArray:
 
 
 def _changes(row: Row) -> Row:
-    """Return a row; if its lines would look straight, return changes since the first tick, with starts in labels."""
+    """Return the changes of a row's curves since the first tick, with the first values in the labels.
+
+    The row is returned unchanged if the changes are large enough to be seen, or within rounding.
+    """
     curves = [curve for panel in row.panels for curve in panel]
     ends = [_ends(values) for curve in curves for values in (curve.values, curve.many)]
     span = max((high for _, high in ends), default=0.0) - min((low for low, _ in ends), default=0.0)
@@ -353,7 +359,7 @@ def _since_start(curve: Curve, starts: set[str]) -> Curve:
 
 
 def _of_fingers(view: View, values: FloatArray, strokes: Mapping[str, Stroke]) -> tuple[Curve, ...]:
-    """Return one curve per finger of values (N, n); for many fingers, one curve with their mean and range."""
+    """Return a curve of values (N, n) for each finger; for more than MOST_FINGERS, one curve of mean and range."""
     if len(view.fingers) > MOST_FINGERS:
         return (curve(ALL, mean(values, np.isfinite(values)), FINGERS_TOGETHER, values),)
     return tuple(curve(name, values[:, i], strokes[name]) for i, name in enumerate(view.names))

@@ -43,7 +43,7 @@ def test_the_token_may_come_from_the_environment(
         (["--seconds", "0"], "a time above zero"),
         (["--rate", "0.5"], "1 to 120 states a second"),
         (["--token", "short"], "16 letters"),
-        (["--origin", "*"], "a page's address"),
+        (["--origin", "*"], "the address of a site"),
         (["--port", "70000"], "a port from 0"),
     ],
 )

@@ -151,7 +151,7 @@ def test_silence_lifts_fingers_and_a_dead_server_is_a_fault() -> None:
 def test_a_port_in_use_is_refused() -> None:
     with ScreenWire() as wire, connect(wire) as one, connect(wire) as two:
         one.open(0.001)
-        with pytest.raises(DeviceError, match="not served: port: "):
+        with pytest.raises(DeviceError, match="cannot be served: port: "):
             two.open(0.001)
         assert np.isfinite(one.read()[0]).all()
 

@@ -130,7 +130,7 @@ def test_a_loop_that_misses_ticks_is_refused(monkeypatch: pytest.MonkeyPatch) ->
     counts(both.pacer)[:] = 0.0
     counts(both.pacer)[1000] = 1000.0
     both.pacer.most = 1e-3
-    assert "report it" in [*both.findings()][1].remedy
+    assert "report this" in [*both.findings()][1].remedy
 
 
 def test_a_device_is_opened_at_zero_force_and_closed() -> None:

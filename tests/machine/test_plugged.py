@@ -40,7 +40,7 @@ def test_each_driver_has_a_line_with_what_there_is_and_how_a_scene_names_it(root
     assert lines["rig"].sight == port
     assert lines["rig"].device == f'{{ name = "rig", port = "{port}" }}'
     assert lines["mouse"].device == f'{{ name = "mouse", port = "/dev/input/by-id/{MOUSE}" }}'
-    assert lines["gamepad"].sight == lines["haply-2diy"].sight == "nothing plugged in"
+    assert lines["gamepad"].sight == lines["haply-2diy"].sight == "no matching device is connected"
     assert lines["force-dimension"].sight.endswith("usr/lib/x86_64-linux-gnu/libdrd.so")
     assert "not queried" in lines["haply-inverse"].sight
     assert lines["simulated"].sight == "a simulation"
@@ -50,7 +50,7 @@ def test_each_driver_has_a_line_with_what_there_is_and_how_a_scene_names_it(root
 
 def test_a_machine_without_anything_says_so(tmp_path: Path) -> None:
     lines = {each.driver: each for each in sightings(tmp_path)}
-    assert lines["rig"].sight == "nothing plugged in"
+    assert lines["rig"].sight == "no matching device is connected"
     assert lines["force-dimension"].sight.startswith("no libdrd.so")
     assert not any(each.device for name, each in lines.items() if name in ("rig", "mouse", "force-dimension"))
 

@@ -126,7 +126,7 @@ def test_text_needs_quotes() -> None:
 
 def test_a_file_of_that_name_is_suggested() -> None:
     write(GOOD, "good.toml")
-    with pytest.raises(UnknownNameError, match=r"there is a file good\.toml: give its name with the ending"):
+    with pytest.raises(UnknownNameError, match=r"there is a file good\.toml: give its name with the suffix"):
         load("good")
     with pytest.raises(UnknownNameError, match="unknown scene 'no-such-scene'"):
         load("no-such-scene")

@@ -102,7 +102,7 @@ def test_tokens_and_origins_that_are_none() -> None:
     for token in ("short", "with a space in it", "a" * 16 + "&"):
         with pytest.raises(InputError, match="16 letters"):
             StreamGate(NAMES, 0, token)
-    with pytest.raises(InputError, match=r"a page's address"):
+    with pytest.raises(InputError, match=r"the address of a site"):
         StreamGate(NAMES, 0, origins=["*"])
     assert len({StreamGate(NAMES, 0).token for _ in range(3)}) == 3
 

@@ -291,7 +291,7 @@ def test_screens_are_few_and_a_port_is_one_program_s() -> None:
     with listen("127.0.0.1", 0) as line:
         line.close()
         with (
-            pytest.raises(DeviceError, match="cannot be served"),
+            pytest.raises(DeviceError, match="server of the page cannot start"),
             TouchServer(line, Gate({"127.0.0.1"}, 0, locked=False), 1, BOX, SCENERY, Fingers()),
         ):
             pass

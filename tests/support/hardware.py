@@ -81,7 +81,7 @@ class Line:
 
     def send(self, frame: bytes) -> None:
         if not self.is_open or self.wire.failure == "unplugged":
-            raise DeviceError(f"the board at {self.path} is gone")
+            raise DeviceError(f"the board at {self.path} is disconnected")
         self._exchange(frame)
 
     def receive(self, deadline: float) -> bytes:
@@ -240,7 +240,7 @@ def _change_views(fake: Fake, forces: FloatArray) -> None:
 
 
 def _cannot_stop(fake: Fake) -> None:
-    raise OSError("the port is gone")
+    raise OSError("the port is disconnected")
 
 
 def _constant(fake: Fake, p: FloatArray, v: FloatArray, t: float) -> Any:

@@ -1,4 +1,4 @@
-"""Rigid bodies simulated by PyBullet's only integrator, semi-implicit in position, with exact viscosity."""
+"""Rigid bodies simulated by PyBullet, semi-implicit in position, with exact viscosity."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["create", "create_world"]
 
 
 def create_world(members: Sequence[Member], obstacles: Sequence[Obstacle], meeting: Meeting) -> BulletWorld:
-    """Create the world of objects that touch obstacles or one another."""
+    """Return the PyBullet world of objects that touch obstacles or one another."""
     from graspfx.objects.bullet.bullet_world import BulletWorld
 
     return BulletWorld(members, obstacles, meeting)

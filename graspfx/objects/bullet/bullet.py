@@ -1,4 +1,4 @@
-"""A rigid body in a PyBullet world: its wrench is applied before each step, and its motion is read after it."""
+"""A rigid body in a PyBullet world: the wrench is applied before each step, and the motion is read after the step."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ NONE = math.inf  # impossible last angular velocity, so that the first one is al
 
 
 class BulletMember(CarriedBody):
-    """A body in a PyBullet world, described by a block and without PyBullet's damping.
+    """A body in a PyBullet world, with the parameters in its block, and without the damping that PyBullet adds.
 
-    A body with one free rotation gets the moment of inertia of its axis about all axes, which does not change its
-    motion. With two free rotations the inertia has to be isotropic.
+    A body with one free rotation gets the moment of inertia of this rotation about all axes, which does not change the
+    motion. If two rotations are free, the three moments of inertia must be equal.
 
-    The calls `pushes` apply the wrench that `guest.hand_over` wrote to the body's part of the buffer. After PyBullet's
-    step, the calls `readings` write the motion to that part, for `guest.take_over`.
+    The calls in `pushes` apply the wrench that `guest.hand_over` has written to the body's part of the buffer. The
+    calls in `readings` write the motion after PyBullet's step to that part, where `guest.take_over` reads it.
 
     Args:
-        state: Block filled by `fill_body`, (SIZE,). The motion is read from it once, and then only written.
-        part: Body's part of the buffer, (guest.SIZE,), for wrench and motion; overwritten completely.
+        state: Block filled by `fill_body`, (SIZE,). The motion is read from the block once, and then only written.
+        part: Body's part of the buffer, (guest.SIZE,), for wrench and motion; all entries are overwritten.
         client: PyBullet's index of the world.
-        collision: PyBullet's index of the body's shape; -1 for a body without contacts.
+        collision: PyBullet's index of the collision shape; -1 for a body without contacts.
 
     Raises:
-        InputError: If two rotations of a body with unequal moments are free.
+        InputError: If two rotations are free and the moments of inertia differ.
     """
 
     def __init__(self, state: FloatArray, part: FloatArray, client: int, collision: int = -1) -> None:
@@ -55,7 +55,7 @@ class BulletMember(CarriedBody):
             raise InputError(
                 "free",
                 "two of three rotations",
-                "one or three rotations, or equal moments of inertia, with PyBullet",
+                "one or three free rotations, or equal moments of inertia, with PyBullet",
                 "use native dynamics, or MuJoCo's",
             )
         mass = own.mass
@@ -96,9 +96,9 @@ class BulletMember(CarriedBody):
 
 
 def _pushes(guest_state: GuestState, client: int, body: int) -> list[Call]:
-    """List the calls that apply the body's wrench in PyBullet; a call is skipped in samples in which it has no effect.
+    """List the calls that apply the body's wrench in PyBullet; a call without effect in a sample is skipped.
 
-    Arguments are positional where possible, which saves 0.2 us per call.
+    Arguments are positional where possible, because this saves 0.2 us per call.
     """
     bullet = pybullet()
     force = bullet.applyExternalForce
@@ -119,7 +119,7 @@ def _pushes(guest_state: GuestState, client: int, body: int) -> list[Call]:
 
 
 def _readings(guest_state: GuestState, client: int, body: int) -> list[Call]:
-    """List the calls that read a body's motion from PyBullet."""
+    """List the calls that copy a body's motion from PyBullet to the body's part of the buffer."""
     bullet, world = pybullet(), (body, client)
     place, turn, velocity, spin = (_entries(guest_state, name) for name in ("place", "turn", "velocity", "spin"))
     if guest_state.turns == 0:
@@ -131,16 +131,17 @@ def _readings(guest_state: GuestState, client: int, body: int) -> list[Call]:
 
 
 def _entries(guest_state: GuestState, name: str) -> memoryview:
-    """Return the memory of a field: three floats, or four for a quaternion."""
+    """Return the memory of a field of the record: three floats, or four for the quaternion `turn`."""
     size, start = 4 if name == "turn" else 3, guest_state.offset + start_of(GuestState, name)
     return memoryview(guest_state.buffer)[start : start + size]
 
 
 class BulletCarrier(Carrier):
-    """Bodies in one PyBullet world, which is closed with this object.
+    """Bodies in one PyBullet world, which is closed when this object is deleted.
 
     Args:
-        buffer: Flat buffer, (bodies guest.SIZE,), with a part for each body of `carried`.
+        buffer: Flat buffer with a part of guest.SIZE entries for each body of `carried`.
+        carried: Bodies of the world.
         client: PyBullet's index of the world.
     """
 
@@ -156,7 +157,7 @@ class BulletCarrier(Carrier):
         super().__init__(buffer, carried, [*pushes, Call(pybullet().stepSimulation, (client,)), *readings])
 
     def close(self) -> None:
-        """Close the PyBullet world; the blocks still contain the last states."""
+        """Close the PyBullet world; the bodies' blocks keep the last states."""
         self._disconnect()
 
     def _set_step(self, T: float) -> None:
@@ -167,19 +168,19 @@ class BulletCarrier(Carrier):
         return InputError(
             "angular_velocity", f"{speed:.4g} rad/s",
             f"at most {guest.TURN_LIMIT / self._T:.4g} rad/s, 45 degrees a step",
-            "PyBullet cannot rotate a body further in a step; shorten the period or use native dynamics",
+            "PyBullet cannot rotate a body further in one step; shorten the period or use native dynamics",
         )  # fmt: skip
 
 
 class BulletBody(BlockBody, BulletCarrier):
-    """A rigid body in a separate PyBullet world, without shape or contacts.
+    """A rigid body in a separate PyBullet world, without collision shape or contacts.
 
     Args:
-        state: Block filled by `fill_body`, (SIZE,). The motion is read from it once, and then only written.
+        state: Block filled by `fill_body`, (SIZE,). The motion is read from the block once, and then only written.
 
     Raises:
         MissingPackageError: If PyBullet is not installed.
-        InputError: If two rotations of a body with unequal moments are free.
+        InputError: If two rotations are free and the moments of inertia differ.
     """
 
     def __init__(self, state: FloatArray) -> None:
@@ -191,27 +192,27 @@ class BulletBody(BlockBody, BulletCarrier):
 
 
 def create(state: FloatArray) -> BulletBody:
-    """Create the body for `dynamics = "bullet"`."""
+    """Return the body for `dynamics = "bullet"`."""
     return BulletBody(state)
 
 
 def new_client() -> int:
-    """Open a new, empty world without gravity, and return PyBullet's index of it.
+    """Open an empty PyBullet world without gravity, and return PyBullet's index of the world.
 
     Raises:
         MissingPackageError: If PyBullet is not installed.
-        GraspFXError: If PyBullet allows no further world.
+        GraspFXError: If PyBullet cannot open another world.
     """
     bullet = pybullet()
     client: int = bullet.connect(bullet.DIRECT)
     if client < 0:
-        raise GraspFXError("PyBullet allows no further world; close bodies that are no longer needed")
+        raise GraspFXError("PyBullet cannot open another world: close bodies that are no longer needed")
     bullet.setGravity(0.0, 0.0, 0.0, physicsClientId=client)
     return client
 
 
 def pybullet() -> Any:
-    """Import PyBullet without printing its banner."""
+    """Import PyBullet without the banner that it prints."""
     if "pybullet" in sys.modules:
         return sys.modules["pybullet"]
     with _without_banner(1), _without_banner(2):
@@ -223,7 +224,7 @@ def pybullet() -> Any:
 
 @contextmanager
 def _without_banner(descriptor: int) -> Iterator[None]:
-    """Capture the output to a file descriptor, and pass on everything except the banner, which C code prints."""
+    """Capture the output to a file descriptor within a `with` block, and then write all of it except the banner."""
     try:
         saved = os.dup(descriptor)
     except OSError:  # closed: nothing to capture

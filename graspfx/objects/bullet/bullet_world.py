@@ -1,4 +1,4 @@
-"""Rigid bodies that touch obstacles and one another in one PyBullet world."""
+"""Rigid bodies in one PyBullet world, where they touch obstacles and one another."""
 
 from __future__ import annotations
 
@@ -39,17 +39,18 @@ ELLIPSOID_POINTS = 2000  # number of points of the ellipsoid's hull, which lies 
 
 
 class BulletWorld(BulletCarrier):
-    """Bodies in one PyBullet world, with obstacles.
+    """Bodies and obstacles in one PyBullet world.
 
     Args:
-        members: Blocks filled by `fill_body`, and shapes. A body with a shape is entirely free or entirely fixed.
-        obstacles: Fixed shapes; concave meshes stay concave.
-        meeting: Friction and restitution of all pairs, and whether members collide with one another.
+        members: Bodies, as blocks filled by `fill_body` with shapes. The degrees of freedom of a body with a shape are
+            either all free or all locked.
+        obstacles: Fixed shapes, including concave meshes.
+        meeting: Friction and restitution of all pairs of shapes, and whether the bodies collide with one another.
 
     Raises:
         MissingPackageError: If PyBullet is not installed.
-        InputError: If a body is not in three dimensions, is unbounded, or has a shape and only some degrees of freedom
-            free.
+        InputError: If the world is not in three dimensions, a shape is unbounded, or some but not all degrees of
+            freedom of a body with a shape are free.
     """
 
     def __init__(self, members: Sequence[Member], obstacles: Sequence[Obstacle], meeting: Meeting) -> None:
@@ -86,7 +87,11 @@ class BulletWorld(BulletCarrier):
                     bullet.setCollisionFilterPair(one.body, other.body, -1, -1, 0, physicsClientId=client)
 
     def contact_wrench(self, number: int) -> FloatArray:
-        """Sum the force and moment of a member's contacts in the last step, about its centre, (6,) [N, N m]."""
+        """Return force and moment (about the body's centre) of all contacts of a body in the last step, (6,) [N, N m].
+
+        Args:
+            number: Index of the body among the members.
+        """
         total = np.zeros(6)
         body = self.carried[number].body
         centre = self._members[number].state[at.POSITION : at.POSITION + 3]
@@ -102,11 +107,12 @@ class BulletWorld(BulletCarrier):
         return total
 
     def _place_obstacle(self, obstacle: Obstacle) -> Iterator[int]:
-        """Create the fixed bodies of an obstacle; for a plane, one per side with members, and a separate one for boxes.
+        """Create the fixed PyBullet bodies of an obstacle, and yield their indices.
 
-        The separate body is a large box, which all corners of a resting box touch in the same step. They touch
-        PyBullet's plane one per step, which rotates the box, so that its path deviates by up to 20 degrees. Other
-        shapes rest better on the plane.
+        For a plane, there is one body for each side on which members are. Members that are boxes get another body, a
+        large box. All corners of a member on this box touch it in the same step. On PyBullet's plane they touch one per
+        step, which rotates the member, so that its path deviates by up to 20 degrees. Members of other shapes rest
+        better on PyBullet's plane.
         """
         kind = getattr(obstacle.shape, "kind", None)
         if kind not in (proxy.HALF_SPACE, proxy.PLANE):
@@ -145,12 +151,12 @@ class BulletWorld(BulletCarrier):
         return number
 
     def _collision(self, shape: Any, *, fixed: bool) -> int:
-        """Create a shape and return PyBullet's index of it; -1 for None.
+        """Create a collision shape and return PyBullet's index of it; -1 if `shape` is None.
 
-        Meshes are passed as points, because PyBullet caches files.
+        Meshes are passed as points, because PyBullet caches mesh files.
 
         Raises:
-            InputError: If a plane or half-space is not an obstacle, or PyBullet has no such shape.
+            InputError: If the shape is a plane or half-space, or PyBullet has no such shape.
         """
         if shape is None:
             return -1
@@ -182,7 +188,7 @@ class BulletWorld(BulletCarrier):
 
 
 def ellipsoid_points(count: int) -> FloatArray:
-    """Distribute points evenly on the unit sphere, along a Fibonacci spiral, (count, 3)."""
+    """Return points on the unit sphere at nearly equal distances, along a Fibonacci spiral, (count, 3)."""
     k = np.arange(count) + 0.5
     z = 1.0 - 2.0 * k / count
     angle = math.pi * (3.0 - math.sqrt(5.0)) * k
@@ -202,7 +208,7 @@ def _require_whole(member: Member) -> None:
 
 
 def _quaternion(R: FloatArray) -> tuple[float, ...]:
-    """Convert a rotation matrix to a unit quaternion x, y, z, w, computed from its largest component."""
+    """Convert a rotation matrix to a unit quaternion (x, y, z, w)."""
     x, y, z = np.diag(R)
     trace = np.array([x - y - z, y - x - z, z - x - y, x + y + z])
     k = int(trace.argmax())

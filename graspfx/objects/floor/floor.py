@@ -34,30 +34,32 @@ FLAT_KINDS = (proxy.HALF_SPACE, proxy.PLANE)
 
 @kernel
 def advance(body: BodyState, floor: FloorState, T: float) -> int:
-    """Move the body on its planes by one sample; return 1, without moving it, if forces do not converge."""
+    """Move the body on its planes by T [s] and return 0; if the forces do not converge, do not move it and return 1."""
     return 1 if rest.step_on_planes(body, floor, T) < 0 else 0
 
 
 @kernel
 def expect(body: BodyState, floor: FloorState, T: float) -> None:
-    """Predict the implicit integrator's motion under the planes' last forces, without a wrench of the fingers."""
+    """Predict the motion over T [s] under the planes' forces of the last sample, without a wrench of the fingers."""
     at.predict(body, T)
     if floor.touching != 0:
         rest.predict_on_planes(body, floor, T)
 
 
 class FloorBody(NativeBody):
-    """A rigid body on half-spaces and planes; `objects.floor.rest` defines its contact law.
+    """A rigid body in contact with half-spaces and planes; `objects.floor.rest` defines the contact law.
 
-    The damping is b = 2 sqrt(k m), at least critical for every motion of the body, so that nothing bounces.
+    The damping of a contact is b = 2 sqrt(k m) for a stiffness k and the body's mass m. No motion of the body is then
+    underdamped, so that the body does not bounce.
 
     Args:
         member: Block and shape of the body.
-        obstacles: Half-spaces and planes. Each plane keeps the body on the side where its centre is at the start.
+        obstacles: Half-spaces and planes. A plane keeps the body on the side on which its centre is at the start.
         meeting: Friction and stiffness of the contacts.
 
     Raises:
-        InputError: If an obstacle is of another kind, the shape is unbounded, or a restitution is given.
+        InputError: If an obstacle is neither a half-space nor a plane, if the body's shape is unbounded or not
+            supported, or if the restitution is not zero.
     """
 
     stepping = staticmethod(advance)
@@ -68,7 +70,7 @@ class FloorBody(NativeBody):
     def __init__(self, member: Member, obstacles: Sequence[Obstacle], meeting: Meeting) -> None:
         super().__init__(member.state)
         if meeting.restitution != 0.0:
-            raise InputError("restitution", meeting.restitution, "0: a native body does not bounce", OTHERS)
+            raise InputError("restitution", meeting.restitution, "0, because a native body does not bounce", OTHERS)
         points = features(member.shape, self.dimensions)
         planes = [plane_of(obstacle, self.state[at.POSITION : at.POSITION + 3]) for obstacle in obstacles]
         sizes = {"plane_count": len(planes), "feature_count": len(points)}
@@ -90,7 +92,7 @@ class FloorBody(NativeBody):
 
     @property
     def contact_wrench(self) -> FloatArray:
-        """Force and moment of all planes on the body in the last sample, in world axes, (6,) [N, N m]."""
+        """Force and moment (about the body's centre) of all planes in the last sample, in world axes, (6,) [N, N m]."""
         return self._wrench
 
     @property
@@ -100,15 +102,15 @@ class FloorBody(NativeBody):
 
     @property
     def associated(self) -> int:
-        """Number of samples that used the associated law, because no solution of Coulomb's law was found."""
+        """Number of samples that used the associated friction law, because Coulomb's law had no known solution."""
         return self._floor.associated
 
     def adopt(self, other: FloorBody) -> None:
-        """Use the damping of another body on the same planes, which is chosen for that body's mass."""
+        """Use the contact damping of another body on the same planes, which was computed from that body's mass."""
         self._floor.damping = other._floor.damping
 
     def step(self, T: float) -> None:
-        """Advance by T [s] under the wrench in the block and the planes' forces, all held constant.
+        """Move the body by T [s] under the wrench in the block and the planes' forces, constant over the sample.
 
         Raises:
             GraspFXError: If the contact forces did not converge.
@@ -118,20 +120,27 @@ class FloorBody(NativeBody):
             raise GraspFXError(self.fault_text(code))
 
     def fault_text(self, code: int) -> str:
-        return "the contact forces between the object and its obstacles did not converge"
+        return (
+            f"the contact forces between the object and its obstacles did not converge; shorten the period, or {OTHERS}"
+        )
 
     def free_motion(self, T: float) -> None:
-        """Fill the NEXT and COMPLIANCE entries for a sample of T [s], with the last sample's contact forces held.
+        """Fill the NEXT and COMPLIANCE entries for T [s] of motion under the last sample's contact forces.
 
         Raises:
-            InputError: If the integrator is not "implicit"; these entries would not describe its step.
+            InputError: If the integrator is not "implicit". The entries would not describe a step of another
+                integrator.
         """
         super().free_motion(T)
         expect(self._body, self._floor, T)
 
 
 def plane_of(obstacle: Obstacle, seen_from: FloatArray) -> tuple[FloatArray, float]:
-    """Compute the unit normal towards the body, and the plane's distance from the origin along it.
+    """Return the plane's unit normal (3,) that points towards the body, and its distance from the origin along it [m].
+
+    Args:
+        obstacle: Half-space or plane.
+        seen_from: Position of the body's centre, (3,) [m]; it selects the side of a plane.
 
     Raises:
         InputError: If the obstacle is neither a half-space nor a plane.
@@ -151,14 +160,14 @@ def plane_of(obstacle: Obstacle, seen_from: FloatArray) -> tuple[FloatArray, flo
 
 
 def features(shape: Any, d: int) -> FloatArray:
-    """List the features of a shape that can touch a plane, (features, 5): kind, position and radius as in `Feature`.
+    """List the features of a shape that can touch a plane, one per row, (features, 5).
 
-    These are the corners of a box, the ends of a capsule, a whole sphere or ellipsoid, and the vertices of a mesh's
-    convex hull. The features of a cylinder are its two rims and, on each rim, eight fixed points on which the cylinder
-    stands.
+    A row contains the kind, the position (3,) and the radius, as in `Feature`. The features are the corners of a box,
+    the end spheres of a capsule, a whole sphere or ellipsoid, and the vertices of a mesh's convex hull. A cylinder has
+    its two rims and, on each rim, eight fixed points on which the cylinder can stand.
 
     Raises:
-        InputError: If the shape is unbounded, or its kind is not supported.
+        InputError: If the shape is unbounded, or shapes of its kind are not supported.
     """
     return np.array(list(_features(shape, d)), dtype=float).reshape(-1, size_of(Feature))
 
@@ -198,7 +207,7 @@ def _features(shape: Any, d: int) -> Iterator[tuple[float, ...]]:
 
 
 def reach(points: FloatArray) -> float:
-    """Compute the distance from the centre to the farthest point of all features [m]."""
+    """Compute the largest distance of a point of the features from the body's centre [m]."""
     kinds, places = points[:, 0], np.linalg.norm(points[:, 1:4], axis=1)
     far = np.where(kinds == BALL, places + points[:, 4], places)
     far = np.where(kinds == RIM, np.hypot(points[:, 3], points[:, 4]), far)
@@ -206,9 +215,15 @@ def reach(points: FloatArray) -> float:
 
 
 def clearance(shape: Any, d: int, state: FloatArray, obstacle: Obstacle) -> float:
-    """Compute the signed distance from a half-space or plane to the nearest point of the body, along the normal [m].
+    """Compute the signed distance of a body from a half-space or plane, along the normal [m].
 
-    The distance is negative if the body penetrates the surface.
+    The distance is that of the body's nearest point, and is negative if the body penetrates the surface.
+
+    Args:
+        shape: Shape of the body.
+        d: Number of dimensions.
+        state: Block of the body, (SIZE,).
+        obstacle: Half-space or plane.
     """
     normal, distance = plane_of(obstacle, state[at.POSITION : at.POSITION + 3])
     body, n = BodyState(state), Vector(*normal.tolist())
@@ -223,9 +238,9 @@ def clearance(shape: Any, d: int, state: FloatArray, obstacle: Obstacle) -> floa
 
 
 def hull_points(vertices: FloatArray) -> FloatArray:
-    """Select the vertices on the convex hull, (h, 3); for a flat sheet, on its hull in the plane.
+    """Return the vertices on the convex hull of a mesh, (h, 3); for a flat mesh, those on the hull in its plane.
 
-    Vertex indices are cached on disk, because loading scipy.spatial takes longer than most runs.
+    The indices of these vertices are cached on disk, because importing scipy.spatial takes longer than most runs.
     """
     corners = np.ascontiguousarray(vertices, dtype=np.float64)
     points: FloatArray = vertices[_hull_vertices(corners.shape, corners.tobytes())]
@@ -234,13 +249,13 @@ def hull_points(vertices: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=8)
 def _hull_vertices(shape: tuple[int, ...], entries: bytes) -> NDArray[np.intp]:
-    """Load the indices of the hull's vertices from disk, or compute and store them."""
+    """Load the indices of the vertices on the hull from the disk cache, or compute and store the indices."""
     settings = "hull", installed.version("scipy"), installed.version("numpy"), shape
     return through_cache(settings, entries, lambda: _hull(np.frombuffer(entries).reshape(shape)))
 
 
 def _hull(vertices: FloatArray) -> NDArray[np.intp]:
-    """Find the indices of the hull's vertices, in ascending order."""
+    """Return the indices of the vertices on the convex hull, in ascending order."""
     from scipy.spatial import ConvexHull
 
     _, widths, axes = np.linalg.svd(vertices - vertices.mean(axis=0), full_matrices=False)

@@ -1,4 +1,4 @@
-"""Record of a body on fixed planes, in addition to its block; and the lowest point of each of its features."""
+"""Records of a body on fixed planes: planes, features and contacts; and the lowest point of a feature."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class FloorPlane(Record):
 
 
 class Feature(Record):
-    """Part of a body that can touch a plane (`lowest`)."""
+    """Part of a body's surface that can touch a plane; `lowest` computes its lowest point."""
 
     kind: int  # BALL, RIM, NOTCH or ELLIPSOID
     place: Vector  # position in the body [m]; for an ellipsoid its semi-axes
@@ -31,7 +31,7 @@ class Feature(Record):
 
 
 class PlaneContact(Record):
-    """Contact point of the current sample."""
+    """Contact point of a feature with a plane in the present sample."""
 
     pair: int  # index of the pair of plane and feature: its row of the memory
     plane: int
@@ -83,10 +83,11 @@ STEEP = 0.5  # sine of a rim's tilt above which its fixed points do not count
 
 @kernel
 def lowest(body: BodyState, feature: Feature, n: Vector) -> tuple[float, Vector]:
-    """Return the active fraction of a feature's stiffness, and the lowest point relative to the centre, world axes [m].
+    """Return the weight of a feature's stiffness, 0 to 1, and the feature's lowest point, in world axes [m].
 
-    Ball: c - r n. Rim: c - r m_xy/|m_xy|. Ellipsoid: -A^2 m/|A m|. c and r are the feature's place and radius, A is the
-    diagonal matrix of the semi-axes, and m = R'n is the normal in the body's axes.
+    The point is relative to the body's centre. It is, in the body's axes, c - r m for a ball, c - r m_xy/|m_xy| for a
+    rim, c for a fixed point, and -A^2 m/|A m| for an ellipsoid. Here c and r are the feature's place and radius, A is
+    the diagonal matrix of the semi-axes, and m is the plane's normal, with the part m_xy in the plane of x and y.
 
     Args:
         n: Unit normal of the plane, towards the body.
@@ -114,10 +115,10 @@ def lowest(body: BodyState, feature: Feature, n: Vector) -> tuple[float, Vector]
 
 @kernel
 def thin(contacts: Many[PlaneContact], first: int, count: int, plane: FloorPlane) -> int:
-    """Reduce more than MOST contacts with a plane to the deepest one and the outermost one in each of SIDES directions.
+    """Select at most MOST contacts with a plane, store them first, and return their number.
 
-    The contacts are stored consecutively from `first` on. The remaining contacts move to the front, in their order.
-    Return their number.
+    The selected contacts are the deepest one, and the outermost one in each of SIDES directions. The contacts are those
+    at `first` to `first + count - 1`; the order of the selected ones is unchanged.
     """
     if count <= MOST:
         return count

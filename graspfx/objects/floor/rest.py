@@ -1,17 +1,19 @@
-"""One sample of a body on fixed planes: contact forces, and the motion under them.
+"""One sample of a body on fixed planes: contact forces, and motion under these forces.
 
-A contact is a spring and a damper with Coulomb friction, evaluated at the end of the sample:
+A contact is a spring and a damper with Coulomb friction, evaluated at the end of the sample of T [s]:
 
     lambda_n = -k (g + T u_n) - b u_n,  lambda_t = -k (s + T u_t) - b u_t,  |lambda_t| <= mu lambda_n
 
-Here g is the gap and s the tangential displacement since the contact stuck, both at the start of the sample. The
-velocity of the contact point at the end of the sample, u = u_free + W lambda with W = T G' M^-1 G, includes the effect
-of these forces. Equivalently, lambda = K (e + slip) with K^-1 = a I + W and a = 1/(k T + b). This is the form of the
-friction-cone problem, and its modes are the six orthogonalised columns of M^-1/2 G. There are at most six unknowns for
-any number of contact points. The contact forces are then held over the sample like those of the fingers, and the body's
-integrator moves it under all forces together. The integrator's properties in free motion (order, momentum, exact
-viscosity) therefore hold here too. A body that cannot reach a plane in the sample takes the same step as without
-planes, to the bit.
+The contact force lambda and the velocity u of the contact point have a normal part (n) and a tangential part (t). k is
+the stiffness, b the damping and mu the coefficient of friction. g is the gap and s the tangential displacement since
+the contact last began to stick, both at the start of the sample. The velocity at the end of the sample,
+u = u_free + W lambda, includes the effect of the forces, with W = T G' M^-1 G, the grasp matrix G of the contacts and
+the mass matrix M. Equivalently, lambda = K (e + slip) with K^-1 = a I + W and a = 1/(k T + b), where e is the
+displacement without forces or slip. This is the form of `cones.problem`. Its modes are the six orthogonalised columns
+of M^-1/2 G, so that there are at most six unknowns for any number of contacts. The contact forces are constant over the
+sample like those of the fingers. The body's integrator then moves the body under all forces together, so that the
+integrator's order, momentum and exact viscosity in free motion are kept. If a body cannot reach a plane in the sample,
+its step is bitwise that of a body without planes.
 """
 
 from __future__ import annotations
@@ -34,9 +36,10 @@ RESTARTS = 4  # number of restarts of the search for a solution of Coulomb's law
 
 
 def lookahead(kind: int, T: float) -> float:
-    """Return the time after the sample's end at which the gap is evaluated [s].
+    """Return the time between the end of the sample and the time at which the gap is evaluated [s].
 
-    With this time, a change dv of the velocity v+ changes the gap by T dv, for every integrator.
+    With this time, a change dv of the velocity at the end of a sample of T [s] changes the gap by T dv for every
+    integrator.
     """
     if kind == EXPLICIT:
         return T
@@ -45,7 +48,7 @@ def lookahead(kind: int, T: float) -> float:
 
 @kernel
 def step_on_planes(body: BodyState, floor: FloorState, T: float) -> int:
-    """Move the body by T [s]; return the number of contacts, or -1 if their forces did not converge."""
+    """Move the body by T [s]; return the number of contacts, or -1 if the contact forces did not converge."""
     copy_motion(body.motion, floor.before)
     step(body, T)
     count = meet(body, floor, T)
@@ -67,7 +70,7 @@ def step_on_planes(body: BodyState, floor: FloorState, T: float) -> int:
 
 @kernel
 def part(floor: FloorState) -> None:
-    """Remove all contacts, their forces and their stretches."""
+    """Set all contact forces and all stretches to zero, because the body has left the planes."""
     forget(floor)
     floor.force = floor.moment = ZERO
     for k in range(6):
@@ -77,7 +80,7 @@ def part(floor: FloorState) -> None:
 
 @kernel
 def forget(floor: FloorState) -> None:
-    """Set the stretch of every pair of a plane and a feature to zero."""
+    """Set the stretch of every pair of plane and feature to zero."""
     for k in range(floor.plane_count * floor.feature_count):
         floor.memory[k, 0] = 0.0
         floor.memory[k, 1] = 0.0
@@ -85,7 +88,7 @@ def forget(floor: FloorState) -> None:
 
 @inline
 def point_velocity(motion: Motion, arm: Vector) -> Vector:
-    """Compute v + w x r; the terms of each component are added from left to right."""
+    """Return the velocity v + w x r of a point of a body at r = `arm` from the centre [m/s]; r is in world axes."""
     v, w = motion.velocity, motion.angular_velocity
     return Vector(
         v.x + w.y * arm.z - w.z * arm.y,
@@ -96,7 +99,10 @@ def point_velocity(motion: Motion, arm: Vector) -> Vector:
 
 @kernel
 def meet(body: BodyState, floor: FloorState, T: float) -> int:
-    """List the contacts of a body that has moved freely; return their number, 0 if all points end above all planes."""
+    """List the contacts of a body that has moved without contact forces, and return their number.
+
+    The number is 0 if no feature is below a plane at the end of the sample.
+    """
     motion, contacts = body.motion, floor.contacts
     lead = lookahead(body.integrator, T)
     w = motion.angular_velocity
@@ -136,7 +142,7 @@ def meet(body: BodyState, floor: FloorState, T: float) -> int:
 
 @kernel
 def solve(body: BodyState, floor: FloorState, T: float, n: int) -> bool:
-    """Compute the forces at the points listed by `meet`, and their moment; False if they did not converge."""
+    """Compute the forces of the first n contacts and their sum; return False if the forces did not converge."""
     d = body.dimensions
     k, b = floor.stiffness, floor.damping
     gain = k * T + b
@@ -177,7 +183,7 @@ def solve(body: BodyState, floor: FloorState, T: float, n: int) -> bool:
 
 @kernel
 def take_forces(floor: FloorState, d: int) -> None:
-    """Sum the contact forces and their moments about the body's centre."""
+    """Sum the contact forces, and their moments about the body's centre, and store each contact's slip."""
     floor.force = floor.moment = ZERO
     for i, cone in enumerate(floor.problem.contacts):
         contact = floor.contacts[i]
@@ -193,7 +199,7 @@ def take_forces(floor: FloorState, d: int) -> None:
 
 @kernel
 def remember(body: BodyState, floor: FloorState, T: float, n: int) -> None:
-    """Update the stretch of loaded contacts, s + T (u - slip) with the new velocity; reset the others."""
+    """Set the stretch s of loaded contacts to s + T (u - slip), where u is the new velocity, and all others to zero."""
     for i in range(n):
         contact = floor.contacts[i]
         contact.stretch = ZERO
@@ -214,9 +220,9 @@ def remember(body: BodyState, floor: FloorState, T: float, n: int) -> None:
 
 @kernel
 def predict_on_planes(body: BodyState, floor: FloorState, T: float) -> None:
-    """Predict the implicit integrator's motion under the last sample's contact forces, without a wrench of the fingers.
+    """Predict the implicit integrator's motion over T [s] under the planes' forces of the last sample.
 
-    A body at rest on a floor is thus predicted to stay at rest, and not to fall until its contacts are known.
+    The fingers exert no wrench. With these forces, a body that rests on a floor is predicted to remain there.
     """
     gravity, next_motion = body.gravity, body.next_motion
     body.gravity += floor.force / body.mass
@@ -238,7 +244,7 @@ def predict_on_planes(body: BodyState, floor: FloorState, T: float) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Triangle:
-    """A lower triangular matrix L, row by row."""
+    """A lower triangular matrix, with entries named by row and column."""
 
     xx: float
     yx: float
@@ -257,12 +263,12 @@ class Triangle:
 
 @kernel
 def contact_modes(body: BodyState, floor: FloorState, T: float, n: int, modes: Table) -> tuple[int, float]:
-    """Compute orthogonal vectors whose outer products sum to W; store each as its squared length and a unit vector.
+    """Compute orthogonal vectors whose outer products sum to W, and store the squared length and unit vector of each.
 
-    W = T G' M^-1 G is the velocity of the contacts per contact force held over the sample.
+    W = T G' M^-1 G is the velocity of the contacts due to a contact force that is constant over the sample of T [s].
 
     Returns:
-        Number of modes, and the largest squared length.
+        Number of vectors (modes), and the largest squared length.
     """
     d = body.dimensions
     m = body.mass
@@ -285,7 +291,11 @@ def contact_modes(body: BodyState, floor: FloorState, T: float, n: int, modes: T
 
 @kernel
 def normalise_modes(modes: Table) -> tuple[int, float]:
-    """Write squared lengths before the modes, normalise the modes, and drop zero modes."""
+    """Normalise the modes, store each squared length before its unit vector, and remove modes of length zero.
+
+    Returns:
+        Number of modes, and the largest squared length.
+    """
     longest = 0.0
     for j in range(6):
         modes[j, 0] = 0.0
@@ -306,7 +316,7 @@ def normalise_modes(modes: Table) -> tuple[int, float]:
 
 @kernel
 def turning_root(body: BodyState, T: float) -> Triangle:
-    """Compute L, where L L' is the angular velocity per moment that acts for T [s]; zero for locked rotations."""
+    """Compute L such that L L' is the angular velocity due to a unit moment over T [s]; zero for locked rotations."""
     d, kind, b, free = body.dimensions, body.integrator, body.rotational_viscosity, body.free_rotation
     if d < 3:
         J = body.inertia.z

@@ -15,7 +15,7 @@ __all__ = ["create", "create_world"]
 
 
 def create_world(members: Sequence[Member], obstacles: Sequence[Obstacle], meeting: Meeting) -> MujocoWorld:
-    """Create the world of objects that touch obstacles or one another."""
+    """Return the MuJoCo world of objects that touch obstacles or one another."""
     from graspfx.objects.mujoco.mujoco_world import MujocoWorld
 
     return MujocoWorld(members, obstacles, meeting)

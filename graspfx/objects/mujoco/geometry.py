@@ -1,4 +1,4 @@
-"""Shapes in MuJoCo: its primitives, convex hulls, and convex pieces of concave obstacles."""
+"""Conversion of shapes to MuJoCo's: primitives, convex hulls, and convex pieces of concave obstacles."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ THICK = 1.0  # relative to the largest size: thickness of shapes in a plane or o
 
 @dataclass(frozen=True)
 class Geometry:
-    """A convex shape in its body's frame.
+    """A convex shape of MuJoCo, in the frame of its body.
 
     Attributes:
-        kind: MuJoCo's name of the kind.
+        kind: MuJoCo's name of the kind of shape.
         size: Size in MuJoCo's convention; unused for a mesh.
-        points: Vertices of a mesh, (n, 3); None for other shapes.
+        points: Vertices of a mesh, (n, 3) [m]; None for other kinds.
         position: Position, (3,) [m].
-        quaternion: Orientation w, x, y, z.
+        quaternion: Orientation, as a quaternion (w, x, y, z).
     """
 
     kind: str
@@ -42,22 +42,23 @@ class Geometry:
     quaternion: tuple[float, ...] = UPRIGHT
 
     def at(self, position: FloatArray, rotation: FloatArray) -> Geometry:
-        """Return the shape, which is centred at the origin, placed and rotated in the frame of its body."""
+        """Return a copy of this shape, whose position is the origin, rotated and then moved to `position`."""
         r, i, j, k = self.quaternion
         x, y, z, w = numbers(quaternion(rotation.ravel().tolist()) @ Quaternion(i, j, k, r))
         return replace(self, position=tuple(position.tolist()), quaternion=(w, x, y, z))
 
 
 def geometries(shape: Any, d: int, *, fixed: bool = False) -> Iterator[Geometry]:
-    """List MuJoCo's shapes for a shape of the scene; an empty list for None.
+    """Yield MuJoCo's shapes that represent a shape of the scene; none if the shape is None.
 
     Args:
         shape: Shape of the scene.
-        d: Number of dimensions of the scene; shapes in a plane or on a line are extruded.
-        fixed: True if a concave mesh stays concave; otherwise its convex hull is used.
+        d: Number of dimensions of the scene. Shapes in a plane or on a line are extruded.
+        fixed: Whether the shape is an obstacle. A concave mesh stays concave if it is an obstacle; otherwise it is
+            replaced by its convex hull.
 
     Raises:
-        InputError: If a plane or half-space is not an obstacle, or MuJoCo has no such shape.
+        InputError: If the shape is a plane or half-space, or MuJoCo has no such shape.
     """
     if shape is None:
         return
@@ -88,7 +89,7 @@ def geometries(shape: Any, d: int, *, fixed: bool = False) -> Iterator[Geometry]
 
 
 def _with_volume(points: FloatArray) -> FloatArray:
-    """Duplicate coplanar vertices on both sides of their plane; return other vertices unchanged."""
+    """Return points (n, 3) of a hull with a volume: points in a plane are copied to both sides of the plane."""
     _, widths, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
     if widths[2] > SHEET * widths[0]:
         return points
@@ -108,12 +109,12 @@ BLOCK = 1_000_000  # number of pairs that are processed together
 
 
 def parts(vertices: FloatArray, faces: IntArray, *, shell: bool = False) -> Iterator[FloatArray]:
-    """List convex pieces (n, 3) of a surface: the vertices of each closed convex part, or tetrahedra.
+    """Yield convex pieces of a surface, each as its vertices (n, 3): closed convex parts, or tetrahedra.
 
-    A shell has no inside, even if it is closed, so that it is never filled.
+    A surface that is a shell has no inside, even if it is closed, and is divided into thin tetrahedra.
 
     Raises:
-        InputError: If the surface is a shell, or has parts that are not convex, and has more than 5000 triangles.
+        InputError: If the surface must be divided into tetrahedra, and has more than 5000 triangles.
     """
     if not shell:
         owners = _components(faces)
@@ -125,10 +126,11 @@ def parts(vertices: FloatArray, faces: IntArray, *, shell: bool = False) -> Iter
 
 
 def is_hollow(vertices: FloatArray, faces: IntArray) -> bool:
-    """True if a surface does not bound a convex body: it is open, or a vertex lies in front of a triangle's plane.
+    """Return whether a surface is open, or a vertex lies in front of the plane of a triangle.
 
-    All vertices are tested, not only neighbours, because a fine mesh of a shallow dish is nearly flat at every edge. If
-    there are many triangles, an evenly spaced subset is tested against all vertices, and every edge is tested.
+    If neither is the case, the surface bounds a convex body. All vertices are tested, not only those of neighbouring
+    triangles, because a fine mesh of a shallow dish is nearly flat at every edge. If there are many triangles, all
+    edges are tested, and all vertices are tested against an evenly spaced subset of the triangles.
     """
     first, second = _neighbours(faces)
     if len(first) != 3 * len(faces):
@@ -151,11 +153,11 @@ def is_hollow(vertices: FloatArray, faces: IntArray) -> bool:
 
 
 def pieces(vertices: FloatArray, faces: IntArray, *, shell: bool = False) -> Iterator[FloatArray]:
-    """List a tetrahedron (4, 3) for each triangle: its vertices, and a point below its incentre.
+    """Yield a tetrahedron (4, 3) for each triangle: the triangle's vertices, and a point below its incentre.
 
-    The depth of the point is the inradius, or less if the surface turns back below the triangle. A tetrahedron stays
-    within half the angle at each edge of its triangle, so that it does not protrude there. Its point is at most halfway
-    to the surface below. The pieces of a shell are thin, at most 1/50 of its size.
+    The depth of the point is at most the inradius of the triangle and at most half the distance to the surface below.
+    At each edge the tetrahedron stays within half the angle between the triangle and its neighbour, so that it does not
+    protrude from the body. The depth in a shell is at most 1/50 of the shell's size.
 
     Raises:
         InputError: If there are more than 5000 triangles.
@@ -188,9 +190,10 @@ def pieces(vertices: FloatArray, faces: IntArray, *, shell: bool = False) -> Ite
 
 
 def _ways(corners: FloatArray, starts: FloatArray, normals: FloatArray, reach: FloatArray) -> FloatArray:
-    """Compute the distance from each incentre along the inward normal to the nearest other triangle, (f,) [m].
+    """Compute the distance from each incentre, along the inward normal, to the nearest other triangle, (f,) [m].
 
-    Intersections follow Moeller and Trumbore (1997); infinite if there is none within `reach` (f,).
+    The distance is infinite if there is no other triangle within `reach` (f,). Intersections are computed by the method
+    of Moeller and Trumbore (1997).
     """
     least = 1e-9 * float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     middles = corners.mean(axis=1)
@@ -215,13 +218,13 @@ def _ways(corners: FloatArray, starts: FloatArray, normals: FloatArray, reach: F
 
 
 def _sizes(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Compute the sides of triangles, opposite each vertex (f, 3) [m], and twice their areas (f,) [m^2]."""
+    """Return the lengths of the sides opposite each vertex (f, 3) [m], and twice the areas (f,) [m^2], of triangles."""
     sides = np.linalg.norm(corners[:, [2, 0, 1]] - corners[:, [1, 2, 0]], axis=2)
     return sides, np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
 
 
 def _components(faces: IntArray) -> IntArray:
-    """Number the connected parts of a surface from 0; return the number of each triangle's part, (f,)."""
+    """Return for each triangle the number of the connected part of the surface to which it belongs, (f,), from 0."""
     first, second = _neighbours(faces)
     owners = np.arange(len(faces))
     while True:
@@ -234,14 +237,14 @@ def _components(faces: IntArray) -> IntArray:
 
 
 def _planes(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Compute the triangles' unit normals and centres, (f, 3) each."""
+    """Return the unit normals (f, 3) and the centres (f, 3) [m] of triangles."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     return normals / np.linalg.norm(normals, axis=1)[:, None], (a + b + c) / 3.0
 
 
 def _neighbours(faces: IntArray) -> tuple[IntArray, IntArray]:
-    """List pairs of triangles with a common edge, in both orders."""
+    """Return the indices of the first and of the second triangle of each pair with a common edge, in both orders."""
     edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     owners = np.repeat(np.arange(len(faces)), 3)
     order = np.lexsort((edges[:, 1], edges[:, 0]))

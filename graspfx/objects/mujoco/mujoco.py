@@ -1,4 +1,4 @@
-"""A rigid body in a MuJoCo world: its joints, the exchange of values, and a separate world without contacts."""
+"""A rigid body in a MuJoCo world: its joints, the exchange of wrench and motion, and a world without contacts."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ RANGE = 1e10  # largest number that MuJoCo does not treat as a failure
 
 @kernel
 def hand_to_joints(body: BodyState, guest: GuestState, T: float) -> None:
-    """Compute force and moment for MuJoCo's step in world axes, reduced by viscosity (see `hand_over`).
+    """Write the force and the moment for MuJoCo's step to the buffer, in world axes; `hand_over` includes viscosity.
 
-    If the moments of inertia differ, the moment is that for the rotation described in `drift`.
+    If several rotations are free and the moments of inertia differ, the moment is computed by `drift`.
     """
     hand_over(body, guest, T)
     if guest.turns > 1:
@@ -43,12 +43,13 @@ def hand_to_joints(body: BodyState, guest: GuestState, T: float) -> None:
 
 @kernel
 def drift(body: BodyState, guest: GuestState, T: float) -> None:
-    """Compute the moment for which MuJoCo's step rotates the body as far as it rotates freely after a push.
+    """Compute the moment for which MuJoCo's step rotates the body as a push followed by free rotation would.
 
-    The push changes the angular velocity by T J^-1 M, where M is the moment reduced by viscosity. Then the body rotates
-    for T by Euler's equations without a moment, to fourth order. This is semi-implicit like the translation, but free
-    of the error of the gyroscopic term. MuJoCo rotates by its new spin u+ = u + T J^-1 (N - u x J u), which has to
-    equal the mean angular velocity of that rotation.
+    The push changes the angular velocity by T J^-1 M, where J is the inertia and M is the moment with viscosity from
+    `hand_over`. The body then rotates for T [s] by Euler's equations without a moment, computed to fourth order. This
+    method is semi-implicit like the translation, and has no error of the gyroscopic term. MuJoCo rotates the body by
+    its new angular velocity u+ = u + T J^-1 (N - u x J u), where N is the moment computed here. u+ has to equal the
+    mean angular velocity of the free rotation.
     """
     motion = body.motion
     q, w, moment, b = motion.quaternion, motion.angular_velocity, body.moment, body.rotational_viscosity
@@ -69,10 +70,11 @@ def drift(body: BodyState, guest: GuestState, T: float) -> None:
 
 @kernel
 def take_from_joints(body: BodyState, guest: GuestState, T: float) -> int:
-    """Write the motion after a step of T [s] to the block; return OUT_OF_RANGE if a number is too large for MuJoCo.
+    """Copy the motion after a step of T [s] to the block; return OUT_OF_RANGE if a number is too large, else 0.
 
-    `guest.place` and `guest.velocity` are those of slide joints, `guest.turn` is MuJoCo's quaternion w, x, y, z, and
-    `guest.spin` is in the body's axes. For one free rotation `guest.angle` is the angle, and `spin` is in world axes.
+    `guest.place` and `guest.velocity` are the values of slide joints or of a free joint. If one rotation is free,
+    `guest.angle` is the angle, and `guest.spin` is in world axes. If several rotations are free, `guest.turn` is a
+    quaternion (w, x, y, z) in MuJoCo's order, and `guest.spin` is in body axes.
     """
     if not guest.waiting:
         return 0
@@ -119,16 +121,17 @@ UNUSED = ("SENSOR", "ACTUATION", "EULERDAMP", "GRAVITY", "SPRING", "DAMPER", "AU
 
 
 class MujocoMember(CarriedBody):
-    """A body in a MuJoCo world: a free joint, or a slide joint for each free translation and a joint for its rotations.
+    """A body in a MuJoCo world, with a free joint if all six degrees of freedom are free.
 
-    One free rotation is a hinge joint about a world axis, and three are a ball joint. Two are a ball joint too,
-    which only contacts can rotate about the third axis; a body with contacts may therefore not have two free rotations.
+    Otherwise the body has a slide joint for each free translation, and one joint for its rotations: a hinge joint about
+    a world axis for one free rotation, and a ball joint for two or three. Contacts could rotate a body with two free
+    rotations about the locked axis too; a body with contacts may therefore not have two free rotations.
 
     Args:
-        state: Block filled by `fill_body`, (SIZE,). The motion is read from it once, and then only written.
-        part: Body's part of the buffer, (guest.SIZE,), for wrench and motion; overwritten completely.
+        state: Block filled by `fill_body`, (SIZE,). The motion is read from the block once, and then only written.
+        part: Body's part of the buffer, (guest.SIZE,), for wrench and motion; all entries are overwritten.
         spec: MuJoCo's specification of the world, to which the body is added.
-        number: Body's index in the world.
+        number: Index of the body in the world.
     """
 
     handing = staticmethod(hand_to_joints)
@@ -161,7 +164,7 @@ class MujocoMember(CarriedBody):
             body.add_joint(type=kinds.mjJNT_HINGE, name=self._turn, axis=axes[self.turns[0]])
 
     def begin(self, model: Any, data: Any) -> None:
-        """Write the body's state to the compiled world; list the calls that apply its wrench and read its motion."""
+        """Write the body's state to the compiled world, and list the calls that apply wrenches and read motions."""
         self.pushes: list[Call] = []
         self.readings: list[Call] = []
         if self.fixed:
@@ -197,7 +200,15 @@ class MujocoMember(CarriedBody):
             self._pass(data.qvel[u : u + 1], "spin", 1, self.turns[0])
 
     def _pass(self, theirs: FloatArray, name: str, count: int, first: int = 0, *, into: bool = False) -> None:
-        """Add the call that copies numbers between MuJoCo's memory and the body's part of the buffer."""
+        """Add the call that copies `count` numbers: if `into`, from the buffer to MuJoCo, otherwise back.
+
+        Args:
+            theirs: MuJoCo's memory of the numbers.
+            name: Field of the body's part of the buffer.
+            count: Number of entries.
+            first: Index of the first entry in the field.
+            into: Whether to copy to MuJoCo.
+        """
         start = self.part.offset + start_of(GuestState, name) + first
         ours, other = memoryview(self.part.buffer)[start : start + count], memoryview(theirs)
         if into:
@@ -207,11 +218,11 @@ class MujocoMember(CarriedBody):
 
 
 class MujocoCarrier(Carrier):
-    """Bodies in one MuJoCo world, which contains no other bodies.
+    """Bodies in one MuJoCo world, which contains no other moving bodies.
 
     Args:
-        buffer: Flat buffer, (bodies guest.SIZE,), with a part for each body of `carried`.
-        carried: Bodies that were added to the specification.
+        buffer: Flat buffer with a part of guest.SIZE entries for each body of `carried`.
+        carried: Bodies of the world, which have been added to `spec`.
         spec: MuJoCo's specification of the world.
     """
 
@@ -229,7 +240,7 @@ class MujocoCarrier(Carrier):
         super().__init__(buffer, carried, [*pushes, self._stepping(), *readings])
 
     def close(self) -> None:
-        """Do nothing: the world's memory is freed with the object."""
+        """Do nothing, because MuJoCo's memory is freed when this object is deleted."""
 
     def _stepping(self) -> Call:
         return Call(mujoco().mj_step, (self.model, self.data))
@@ -239,8 +250,8 @@ class MujocoCarrier(Carrier):
 
     def _fault(self, code: int) -> InputError:
         return InputError(
-            "motion", "an object out of range", f"positions and velocities below {RANGE:g} m, m/s and rad/s",
-            "the run is unstable: lower the period or the gains",
+            "motion", "a number out of range", f"positions and velocities below {RANGE:g} m, m/s and rad/s",
+            "the run is unstable: shorten the period, or lower the gains",
         )  # fmt: skip
 
 
@@ -248,7 +259,7 @@ class MujocoBody(BlockBody, MujocoCarrier):
     """A rigid body in a separate MuJoCo world, without shape or contacts.
 
     Args:
-        state: Block filled by `fill_body`, (SIZE,). The motion is read from it once, and then only written.
+        state: Block filled by `fill_body`, (SIZE,). The motion is read from the block once, and then only written.
 
     Raises:
         MissingPackageError: If MuJoCo is not installed.
@@ -262,12 +273,15 @@ class MujocoBody(BlockBody, MujocoCarrier):
 
 
 def create(state: FloatArray) -> MujocoBody:
-    """Create the body for `dynamics = "mujoco"`."""
+    """Return the body for `dynamics = "mujoco"`."""
     return MujocoBody(state)
 
 
 def new_spec(*disabled: str) -> Any:
-    """Create a world's specification without gravity, with the semi-implicit integrator and unused features disabled.
+    """Return the specification of a world without gravity, with the semi-implicit integrator.
+
+    Args:
+        disabled: Names of MuJoCo's features to disable, in addition to those that GraspFX never uses.
 
     Raises:
         MissingPackageError: If MuJoCo is not installed.
@@ -282,7 +296,7 @@ def new_spec(*disabled: str) -> Any:
 
 
 def mujoco() -> Any:
-    """Import MuJoCo, and send its warnings to GraspFX's log instead of a file, unless another handler is set.
+    """Import MuJoCo, and send its warnings to GraspFX's log, unless a handler for the warnings is already set.
 
     Raises:
         MissingPackageError: If MuJoCo is not installed.
@@ -301,13 +315,16 @@ def _log_warning(text: object) -> None:
 
 
 def _places(model: Any, joint: str) -> tuple[int, int]:
-    """Return the indices of a joint's values in MuJoCo's positions and velocities."""
+    """Return the index of a joint's first value in MuJoCo's positions, and in its velocities."""
     number = model.joint(joint).id
     return int(model.jnt_qposadr[number]), int(model.jnt_dofadr[number])
 
 
 def _possible(moments: Sequence[float]) -> tuple[float, ...]:
-    """Lower the largest moment if rounding has made it exceed the sum of the others, which MuJoCo rejects."""
+    """Return the moments, with the largest one lowered if rounding has made it exceed the sum of the two others.
+
+    MuJoCo rejects such moments.
+    """
     largest, total = max(moments), sum(moments)
     if largest <= total - largest or largest > (total - largest) * (1.0 + 1e3 * SLACK):
         return tuple(moments)

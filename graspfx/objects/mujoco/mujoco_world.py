@@ -1,4 +1,4 @@
-"""Rigid bodies that touch obstacles and one another in one MuJoCo world, in space, in a plane or on a line."""
+"""Rigid bodies in one MuJoCo world, in space, in a plane or on a line, where they touch obstacles and one another."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ NO_FRICTION = 1e-5  # MuJoCo's smallest coefficient
 
 
 class MujocoWorld(MujocoCarrier):
-    """Bodies in one MuJoCo world, with obstacles.
+    """Bodies and obstacles in one MuJoCo world.
 
-    MuJoCo's stiffness and damping parameters are chosen so that one step removes a fraction of a contact's penetration
-    and stops its tangential motion, within Coulomb's circular cone.
+    MuJoCo's stiffness and damping are set so that one step removes a fraction of a contact's penetration, and stops the
+    tangential motion of the contact if the force is within Coulomb's circular cone.
 
     Args:
-        members: Blocks filled by `fill_body`, and shapes.
-        obstacles: Fixed shapes; concave meshes stay concave.
-        meeting: Friction and restitution of all pairs, and whether members collide with one another.
+        members: Bodies, as blocks filled by `fill_body` with shapes.
+        obstacles: Fixed shapes, including concave meshes.
+        meeting: Friction and restitution of all pairs of shapes, and whether the bodies collide with one another.
 
     Raises:
         MissingPackageError: If MuJoCo is not installed.
-        InputError: If a body is unbounded, or has a shape and exactly two free rotations.
+        InputError: If a shape is unbounded, or if a body with a shape has exactly two free rotations.
     """
 
     def __init__(self, members: Sequence[Member], obstacles: Sequence[Obstacle], meeting: Meeting) -> None:
@@ -74,7 +74,11 @@ class MujocoWorld(MujocoCarrier):
         super().__init__(buffer, carried, spec)
 
     def contact_wrench(self, number: int) -> FloatArray:
-        """Sum the force and moment of a member's contacts in the last step, about its centre, (6,) [N, N m]."""
+        """Return force and moment (about the body's centre) of all contacts of a body in the last step, (6,) [N, N m].
+
+        Args:
+            number: Index of the body among the members.
+        """
         total = np.zeros(6)
         body = self.model.body(str(number)).id
         centre = self.data.xpos[body]
@@ -102,7 +106,7 @@ class MujocoWorld(MujocoCarrier):
         self.model.pair_solref[:] = -share * d / (T * T), -d / T  # MuJoCo divides the first by d
 
     def _add(self, body: Any, geometry: Geometry, owner: str) -> str:
-        """Add a shape to a body, and return its name."""
+        """Add a shape to a MuJoCo body, and return the name of the shape."""
         spec = self._spec
         name = f"{owner}.{self._count}"
         self._count += 1
@@ -118,7 +122,7 @@ class MujocoWorld(MujocoCarrier):
         return name
 
     def _meet(self, shapes: Sequence[str], others: Sequence[str]) -> None:
-        """Enable contacts between each shape of one list and each shape of the other."""
+        """Enable the contacts of each shape in `shapes` with each shape in `others`."""
         mu = self._friction
         for one in shapes:
             for other in others:
@@ -129,7 +133,7 @@ class MujocoWorld(MujocoCarrier):
                 )  # fmt: skip
 
     def _place(self, number: int, obstacle: Obstacle) -> Iterator[tuple[int, list[str]]]:
-        """Add an obstacle's shapes to the world; yield for each member the shapes that it can touch."""
+        """Add an obstacle's shapes to the world; yield each member's index and the shapes that the member can touch."""
         world, owner = self._spec.worldbody, f"obstacle {number}"
         d = int(self._members[0].state[at.DIMENSIONS])
         kind = getattr(obstacle.shape, "kind", None)
@@ -154,7 +158,7 @@ class MujocoWorld(MujocoCarrier):
 
 
 def _geometries(member: Member, d: int) -> Iterator[Geometry]:
-    """List the shapes of a member in its body's frame, which in 2-D rotates by the angle since the start."""
+    """Yield the shapes of a member in the frame of its MuJoCo body, which in 2-D is not rotated at the start."""
     start = member.state[at.ROTATION : at.ROTATION + 9].reshape(3, 3)
     for geometry in geometries(member.shape, d):
         yield geometry.at(np.zeros(3), start) if d == 2 else geometry
@@ -186,24 +190,26 @@ ACCURACY = 1e-9  # relative to the largest lift: accuracy of the lifts
 
 
 class ContactStep:
-    """Step of a world whose contacts have friction, restitution or both.
+    """Function that steps a world whose contacts have friction, restitution or both.
 
-    MuJoCo's forces f solve y = A f + a0 - a_ref + R f, with y in the dual friction cone and orthogonal to f. The
-    reference accelerations a_ref are corrected in two cases:
+    MuJoCo computes contact forces f such that y = A f + a0 - a_ref + R f lies in the dual friction cone and is
+    orthogonal to f. Here A is the inverse inertia at the contacts, a0 the accelerations without contact forces, a_ref
+    the reference accelerations, and R the regularisation. This class corrects a_ref in two cases:
 
-    - In the dual cone a contact that slides by y_t separates by mu |y_t|: a box at 0.5 m/s hops 2 mm high. This lift is
-      subtracted from the normal reference, and the problem is solved again until the lift is that of its solution. The
-      law is then Coulomb's (De Saxce and Feng 1998). If all contacts stick or separate, MuJoCo's solution already
-      satisfies it.
-    - A contact that closes at the velocity v < 0 separates at -e v or at the speed that removes its penetration,
-      whichever is larger, and not at their sum.
+    - By the dual cone, a contact that slides by y_t separates by the lift mu |y_t|, so that a box at 0.5 m/s hops 2 mm
+      high. The lift is therefore subtracted from the normal reference, and the problem is solved again until the lift
+      equals that of its solution. This solution obeys Coulomb's law (De Saxce and Feng 1998). If all contacts stick or
+      separate, MuJoCo's first solution already obeys Coulomb's law.
+    - A contact that closes at a normal velocity v < 0 separates at -e v or at the speed that removes its penetration,
+      whichever is larger, and not at the sum of both speeds.
 
     Args:
-        library: The MuJoCo package.
-        model, data: Model and data of the world. Its only constraints are contacts, of three rows, or one row without
-            friction. The Jacobian is dense, and the normal reference is (share r/T - v)/T with the penetration r.
-        friction: Coefficient mu of every contact.
-        restitution: Coefficient e of every contact.
+        library: The package `mujoco`.
+        model, data: Model and data of the world. Its only constraints are contacts, with three rows each, or one row
+            without friction. The Jacobian is dense, and the normal reference is (share r/T - v)/T, where r is the
+            penetration, v the normal velocity, T the period, and share the fraction of r that one step removes.
+        friction: Coefficient of friction mu of every contact.
+        restitution: Coefficient of restitution e of every contact.
     """
 
     def __init__(self, library: Any, model: Any, data: Any, friction: float, restitution: float) -> None:
@@ -214,7 +220,7 @@ class ContactStep:
         self._lifts: FloatArray = np.zeros(0)
 
     def __call__(self) -> None:
-        """Step the world."""
+        """Step the world once."""
         library, model, data = self._library, self._model, self._data
         library.mj_step1(model, data)
         library.mj_fwdAcceleration(model, data)
@@ -228,13 +234,13 @@ class ContactStep:
         library.mj_Euler(model, data)
 
     def _bounce(self) -> None:
-        """Raise the normal reference accelerations to those of restitution."""
+        """Raise the normal reference acceleration of each closing contact to that of restitution, if it is lower."""
         data, T = self._data, self._model.opt.timestep
         across, speeds = data.efc_aref[:: self._rows], data.efc_vel[:: self._rows]
         np.maximum(across, -(1.0 + self._restitution) / T * speeds, out=across, where=speeds < 0.0)
 
     def _slide(self) -> None:
-        """Solve until the lifts are those of the solution; start from the last lifts if their number is the same."""
+        """Solve until the lifts agree with the solution; begin with the last step's lifts if their number is equal."""
         solve, model, data, rows = self._library.mj_fwdConstraint, self._model, self._data, self._rows
         aref, R, qacc = data.efc_aref, data.efc_R, data.qacc
         J = data.efc_J.reshape(len(aref), -1)

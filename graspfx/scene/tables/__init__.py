@@ -1,1 +1,1 @@
-"""Tables of a scene file: keys, units and defaults."""
+"""Tables of a scene file, with their keys, units and defaults."""

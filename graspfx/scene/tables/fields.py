@@ -1,4 +1,4 @@
-"""Strict field types of a scene: finite numbers, vectors, gains, and tables that refuse unknown keys."""
+"""Strict types of the fields of a scene: finite numbers, vectors, gains, and tables without unknown keys."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ ROUNDING = 1e-12  # relative tolerance for symmetric and positive semidefinite m
 
 
 class NotValid(AttributeError):
-    """An invalid field of a draft; nothing that depends on this field can be checked."""
+    """Error for access to an invalid field of a draft; checks that depend on the field are skipped."""
 
 
 class Table(BaseModel):
-    """A frozen table. Validation with the context DRAFT keeps only the valid fields."""
+    """A frozen table. With DRAFT as the validation context, invalid fields are removed instead of reported."""
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", allow_inf_nan=False, validate_default=False, defer_build=True
@@ -82,7 +82,7 @@ class Table(BaseModel):
         super().__delattr__(name)
 
     def _fixed(self, name: str, value: Any) -> InputError:
-        do = "scene.replace({'coupling.internal.stiffness': 50.0}) returns a changed copy"
+        do = "use the copy that scene.replace({'coupling.internal.stiffness': 50.0}) returns"
         return InputError(f"{type(self).__name__}.{name}", value, "no assignment or deletion: a scene is frozen", do)
 
     if not TYPE_CHECKING:  # a visible __getattr__ would hide misspelt names from the type checker
@@ -94,12 +94,12 @@ class Table(BaseModel):
 
 
 def listed(value: Any) -> Any:
-    """Convert arrays to nested lists."""
+    """Return an array as nested lists, and any other value unchanged."""
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
 def _all_listed(value: Any) -> Any:
-    """Convert arrays to nested lists, also within lists and tables."""
+    """Return a value with all arrays in it converted to nested lists."""
     if isinstance(value, Mapping):
         return {key: _all_listed(each) for key, each in value.items()}
     return [_all_listed(each) for each in value] if isinstance(value, list | tuple) else listed(value)
@@ -142,7 +142,7 @@ Gains = float | tuple[float, ...] | tuple[tuple[float, ...], ...] | tuple[tuple[
 
 
 def _gain(value: Any) -> Gains:
-    """Check a gain in any of its forms; an invalid gain causes a single fault."""
+    """Return a gain in any of its forms as a number or nested tuples; raise one error if it is invalid."""
     value = listed(value)
     array = _numbers(value)
     square = array is not None and array.ndim in (2, 3) and array.shape[-1] == array.shape[-2]
@@ -168,7 +168,7 @@ def _check_matrices(matrices: np.ndarray[Any, np.dtype[np.float64]]) -> None:
     for matrix in matrices:
         scale = float(np.abs(matrix).max())
         if np.abs(matrix - matrix.T).max() > ROUNDING * scale:
-            raise PydanticCustomError("gain", "expected a symmetric matrix: an asymmetric one creates energy by itself")
+            raise PydanticCustomError("gain", "expected a symmetric matrix, because an asymmetric one creates energy")
         least = float(np.linalg.eigvalsh(matrix)[0])
         if least < -ROUNDING * scale:
             raise PydanticCustomError(
@@ -179,7 +179,7 @@ def _check_matrices(matrices: np.ndarray[Any, np.dtype[np.float64]]) -> None:
 
 
 def _numbers(value: Any) -> np.ndarray[Any, np.dtype[np.float64]] | None:
-    """Read numbers, nested regularly, as an array; None for anything else (strings and booleans are not numbers)."""
+    """Return numbers, possibly in nested lists of equal lengths, as an array; None for any other value."""
     if isinstance(value, list | tuple):
         parts = [_numbers(item) for item in value]
         arrays = [part for part in parts if part is not None]
@@ -192,7 +192,7 @@ def _numbers(value: Any) -> np.ndarray[Any, np.dtype[np.float64]] | None:
 
 
 def as_float(value: float) -> float:
-    """Read a number as a float; infinite if a whole number is too large for a float."""
+    """Return a number as a float; infinity if an integer is too large for a float."""
     try:
         return float(value)
     except OverflowError:
@@ -200,7 +200,7 @@ def as_float(value: float) -> float:
 
 
 def no_negative(values: tuple[float, ...]) -> tuple[float, ...]:
-    """Check that no number of a list is negative."""
+    """Return the numbers of a list after a check that none is negative."""
     if any(value < 0.0 for value in values):
         raise PydanticCustomError("sign", "expected no less than 0; given {given}", {"given": abbreviate(list(values))})
     return values
@@ -229,9 +229,9 @@ Gain = Annotated[
 def by_kind(
     kinds: tuple[str, ...], *, field: str, implied: Mapping[str, str] | None = None
 ) -> tuple[BeforeValidator, Discriminator]:
-    """Choose among tables by the key `kind`; report a fault of the kind, or the faults of the chosen table.
+    """Return validators that choose one of several tables by the key `kind`, and report a missing or unknown kind.
 
-    A table without a kind, but with one of the keys in `implied`, gets the kind that `implied` assigns to the key.
+    A table without the key `kind` that contains one of the keys of `implied` has the kind given there.
     """
 
     def kind_of(value: Any) -> Any:

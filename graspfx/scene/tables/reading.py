@@ -1,4 +1,4 @@
-"""Properties computed from a scene's tables, whether the scene was just validated or comes from the cache."""
+"""Properties of a scene that are computed from its tables, for validated scenes and for scenes from the cache."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ AXES = {"x": 0, "y": 1, "z": 2}
 
 
 def listed(value: Any) -> tuple[Any, ...]:
-    """Return a tuple of tables for a field that takes one table or a list of them; empty for None."""
+    """Return the value of a field that is a table or a tuple of tables as a tuple; empty for None."""
     if value is None:
         return ()
     return value if isinstance(value, tuple) else (value,)
 
 
 class Readable:
-    """Properties computed from the fields of a whole scene."""
+    """Properties that are computed from the fields of a complete scene."""
 
     if TYPE_CHECKING:
         dimensions: int
@@ -30,7 +30,7 @@ class Readable:
 
     @property
     def finger_names(self) -> tuple[str, ...]:
-        """Name of each finger; finger0, finger1, ... by default."""
+        """Name of each finger; finger0, finger1, ... for fingers without a name."""
         return tuple(finger.name or f"finger{i}" for i, finger in enumerate(self.finger))
 
     @property
@@ -41,16 +41,16 @@ class Readable:
 
     @property
     def coefficients(self) -> tuple[float, ...]:
-        """Coefficient of friction of each finger, 0 without friction; all are 0 if fingers stick or are attached."""
+        """Coefficient of friction of each finger; 0 for slip without friction, and if fingers stick or are attached."""
         shared = self.coupling.friction
         if isinstance(shared, str) or self.coupling.contact == "attached":
             return (0.0,) * len(self.finger)
         return tuple(shared if finger.friction is None else finger.friction for finger in self.finger)
 
     def free(self, thing: Object) -> tuple[bool, ...]:
-        """Return the mask of an object's w freedoms that can move."""
+        """Return the mask (w,) of the free degrees of freedom of an object."""
         return thing.free if thing.free is not None else (True,) * WIDTHS[self.dimensions]
 
     def turns(self, thing: Object) -> bool:
-        """True if some rotation of an object is free."""
+        """Return whether at least one rotation of an object is free."""
         return any(self.free(thing)[self.dimensions :])

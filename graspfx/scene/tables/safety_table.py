@@ -16,7 +16,7 @@ EXPECTED = "'device', 'none', or two corners [[lower], [upper]] [m], with lower 
 
 
 def _corners(value: Any) -> Corners:
-    """Return the lower and the upper corner of a box, of equal lengths; refuse anything else."""
+    """Return the lower and upper corners of a box as tuples of equal length; raise an error if they are invalid."""
     value = listed(value)
     sides = list(value) if isinstance(value, list | tuple) else []
     if len(sides) != 2 or any(not isinstance(side, list | tuple) for side in sides):
@@ -46,54 +46,58 @@ Workspace = Annotated[Annotated[Literal["device", "none"], Tag("<name>")] | Anno
 
 
 class FingerSafety(Table):
-    """Limits of one finger, which replace the scene's."""
+    """Limits of one finger, which replace those of the scene."""
 
     force: Positive | None = Field(
         default=None, description="largest force of the finger [N]; the scene's if not given"
     )
     rate: Positive | None = Field(
-        default=None, description="largest growth of its force [N/s]; the scene's if not given"
+        default=None, description="largest rate of growth of the finger's force [N/s]; the scene's if not given"
     )
     speed: Positive | None = Field(
-        default=None, description="largest speed, beyond which is a fault [m/s]; the scene's if not given"
+        default=None,
+        description="largest speed of the finger [m/s], above which there is a fault; the scene's if not given",
     )
     workspace: Workspace | None = Field(
         default=None,
-        description="box out of which forces do not push the finger, [[lower], [upper]] [m], 'device' or 'none'; the "
+        description="box, [[lower], [upper]] [m], 'device' or 'none'; forces do not push the finger out of the box; "
+        "the "
         "scene's if not given",
     )
 
 
 class Safety(Table):
-    """Safety chain between the coupling law and the devices; the object receives the limited forces, too."""
+    """Limits between the coupling law and the devices; the object receives the limited forces too."""
 
     force: Positive | None = Field(
         default=None,
-        description="largest force of a finger [N]; 0.6 of its device's continuous force if not given, 3 N if the "
-        "device does not state it",
+        description="largest force of a finger [N]; if not given, 0.6 of the continuous force of its device, or 3 N if "
+        "the device does not state its continuous force",
     )
     rate: Positive | None = Field(
-        default=None, description="largest growth of a finger's force [N/s]; decrease is not limited; none if not given"
+        default=None, description="largest rate of growth of a finger's force [N/s]; no limit if not given"
     )
     speed: Positive | None = Field(
         default=None,
-        description="largest speed of a finger [m/s], by its velocity or by its positions; beyond it forces decay in "
-        "20 ms and a fault follows; none if not given",
+        description="largest speed of a finger [m/s], from its velocity or from its positions; above this speed, "
+        "forces "
+        "decay in 20 ms and a fault follows; no limit if not given",
     )
     hold: Count = Field(
         default=3,
-        description="number of consecutive samples without a new reading that are tolerated; then forces decay in "
-        "20 ms",
+        description="largest tolerated number of consecutive samples without a new reading; after more samples, forces "
+        "decay in 20 ms",
     )
     watchdog: Positive | None = Field(
         default=None,
-        description="lateness of a real-time loop after which forces decay [s]; five periods if not given",
+        description="largest lateness of a real-time loop [s]; at a larger lateness, forces decay; five periods if not "
+        "given",
     )
     soft_start: NotNegative = Field(
-        default=0.5, description="time in which stiffness and damping grow from zero to their values [s]"
+        default=0.5, description="time in which stiffness and damping grow from zero to their values at the start [s]"
     )
     workspace: Workspace = Field(
         default="device",
-        description="box out of which forces do not push a finger, [[lower], [upper]] [m]; 'device': the box of its "
-        "device; 'none': no box",
+        description="box out of which forces do not push a finger: [[lower], [upper]] [m]; 'device', the workspace of "
+        "the finger's device; or 'none'",
     )

@@ -1,4 +1,4 @@
-"""Table of a whole scene, field by field, in SI units."""
+"""Table of a complete scene, in SI units."""
 
 from __future__ import annotations
 
@@ -22,34 +22,36 @@ COUPLING: Mapping[str, Any] = {"contact": "attached", "external": {"stiffness": 
 
 
 class Host(Table):
-    """Host program whose forces the devices display, in place of an object and its coupling (`gx.Feedback`)."""
+    """Program that simulates the object and computes the forces that the devices display (`gx.Feedback`)."""
 
-    name: Name = Field(description="name under which the host finds the loop: `feedback.connect(name)`")
+    name: Name = Field(description="name with which the program connects to the loop: `feedback.connect(name)`")
     predict: Literal["hold", "linear", "model"] = Field(
         default="hold",
-        description="forces between two samples: constant, extrapolated linearly, or changed by `push_stiffness` and "
-        "`squeeze_stiffness` times the fingers' motion",
+        description="forces between two samples of the program: constant, linearly extrapolated, or changed by "
+        "`push_stiffness` and `squeeze_stiffness` times the motion of the fingers",
     )
     push_stiffness: NotNegative = Field(
         default=0.0,
-        description='stiffness that a finger feels if all fingers move together, for `predict = "model"` [N/m]',
+        description='stiffness against a common motion of all fingers, for `predict = "model"` [N/m]',
     )
     squeeze_stiffness: NotNegative = Field(
-        default=0.0, description='stiffness that a finger feels in a squeeze, for `predict = "model"` [N/m]'
+        default=0.0, description='stiffness against a squeeze of the fingers, for `predict = "model"` [N/m]'
     )
     silence: Positive = Field(
         default=0.1,
-        description="time without a new sample after which forces fade to zero in 20 ms and a fault follows [s]",
+        description="longest time without a new sample [s]; after it, forces decay to zero in 20 ms and a fault "
+        "follows",
     )
     tank: NotNegative = Field(
-        default=0.05, description="initial energy of the push tank and of the squeeze tank [J]; 0 switches both off"
+        default=0.05, description="initial energy of the push tank and of the squeeze tank [J]; 0 disables both tanks"
     )
     tank_room: NotNegative = Field(default=0.5, description="largest energy of a tank [J]; at least `tank`")
     speed: Positive = Field(
-        default=1.0, description="largest speed of a finger for which the tanks are valid; beyond it is a fault [m/s]"
+        default=1.0,
+        description="largest speed of a finger [m/s], up to which the tanks are valid; above it there is a fault",
     )
     largest: Positive = Field(
-        default=1e3, description="largest plausible force of a finger from the host; a larger one is a fault [N]"
+        default=1e3, description="largest force of a finger that the program may send [N]; a larger force is a fault"
     )
 
 
@@ -72,7 +74,7 @@ def values_by_key(value: Any) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """Copy finite numbers, text, true, false, and lists and tables of them; refuse everything else."""
+    """Return a copy of finite numbers, texts and booleans in nested lists and tables; refuse any other value."""
     value = listed(value)
     if isinstance(value, Mapping):
         return {str(key): _plain(each) for key, each in value.items()}
@@ -85,9 +87,9 @@ def _plain(value: Any) -> Any:
 
 
 class Preset(Table):
-    """Values that replace the scene's if the user names the preset; values of `--set` are applied afterwards."""
+    """Values that replace values of the scene if the preset is chosen; `--set` can replace them again."""
 
-    reason: Annotated[str, AfterValidator(_stated)] = Field(description="purpose of the preset, in a sentence")
+    reason: Annotated[str, AfterValidator(_stated)] = Field(description="purpose of the preset, as a sentence")
     set: Annotated[dict[str, Any], BeforeValidator(values_by_key)] = Field(
         description=f"values by dotted key, as in {PRESET_EXAMPLE}"
     )
@@ -97,14 +99,14 @@ RANGE_EXAMPLE = '"finger.*.hand.stiffness" = { low = 50.0, high = 1000.0 }'
 
 
 class OperatorSpan(Table):
-    """Range of one key over the operators; a list [low, high] or [low, high, law] is short for the table."""
+    """Range of a key over a population of operators; [low, high] or [low, high, law] is equivalent to the table."""
 
     low: Number = Field(description="smallest value")
     high: Number = Field(description="largest value")
     law: Literal["log", "uniform", "normal", "lognormal"] = Field(
         default="log",
-        description="distribution over a population, by default uniform if low is not above zero; normal and lognormal "
-        "laws have 95 % of the population in the range, to which they are truncated",
+        description="distribution over the population; the default is uniform if `low` is zero or negative; normal and "
+        "lognormal distributions have 95 % of the population in the range, and are truncated to the range",
     )
 
     @model_validator(mode="before")
@@ -138,7 +140,7 @@ def _no_switch(value: Any) -> Any:
 
 
 def _writable(value: str) -> str:
-    """Refuse text with NUL or lone surrogates, which a recording's file cannot hold."""
+    """Return a text after a check that a recording's file can contain it: no NUL, no lone surrogates."""
     if "\0" in value or any("\ud800" <= letter <= "\udfff" for letter in value):
         text = "expected text without NUL and lone surrogates; given {given}"
         raise PydanticCustomError("title", text, {"given": abbreviate(value)})
@@ -158,16 +160,17 @@ def _columns(value: Any) -> Any:
 
 
 class SceneTable(Readable, Table):
-    """A whole scene. The fields are validated one by one, and then against one another."""
+    """A complete scene. Each field is validated, and then the fields are checked against one another."""
 
-    title: Annotated[str, AfterValidator(_writable)] = Field(default="", description="title of figures and summaries")
+    title: Annotated[str, AfterValidator(_writable)] = Field(default="", description="title in figures and summaries")
     dimensions: Annotated[Literal[1, 2, 3], BeforeValidator(_no_switch)] = Field(
-        description="dimension d: 1 for a line, 2 for the plane, 3 for space"
+        description="number of dimensions d: 1 for a line, 2 for the plane, 3 for space"
     )
     period: Positive = Field(description="period T of a tick [s]")
     engine: Annotated[Literal["auto", "compiled", "interpreted"], BeforeValidator(_engine)] = Field(
         default="auto",
-        description="engine of the ticks: auto compiles if possible, compiled requires it, interpreted never compiles",
+        description="engine of the ticks: auto compiles if possible, compiled requires a compiler, interpreted uses "
+        "none",
     )
     duration: Positive = Field(description="duration of a run [s]")
     gravity: Vector | None = Field(default=None, description="gravity, (d,) [m/s^2]; none if not given")
@@ -179,13 +182,13 @@ class SceneTable(Readable, Table):
     device: tuple[SharedDevice, ...] = Field(default=(), description="device with several fingers")
     hand: tuple[AnySharedHand, ...] = Field(default=(), description="hand that holds several fingers")
     obstacle: tuple[Obstacle, ...] = Field(default=(), description="fixed obstacle that objects meet")
-    world: World = Field(default=World(), description="contact of objects with obstacles and one another")
+    world: World = Field(default=World(), description="contact of objects with obstacles and with one another")
     safety: Safety | None = Field(
-        default=None, description="safety chain between law and devices; none in a simulation without the table"
+        default=None, description="limits between coupling law and devices; without the table, a simulation has none"
     )
     host: Host | None = Field(
         default=None,
-        description="host program that simulates the object; `object` and `coupling` are then omitted",
+        description="program that simulates the object; `object` and `coupling` are then omitted",
     )
     record: Annotated[Record, BeforeValidator(_columns)] = Field(
         default=Record(), description="columns and ticks of a recording"
