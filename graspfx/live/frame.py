@@ -84,7 +84,7 @@ class Frames:
 
     @cached_property
     def touching(self) -> BoolArray:
-        """Whether each finger touches the object (N, n); False if not recorded."""
+        """Whether each finger exerts a force on the object (N, n); False if not recorded."""
         touching = self._column("touching")
         return np.zeros((len(self), len(self.layout.fingers)), dtype=bool) if touching is None else touching > 0.0
 
