@@ -167,7 +167,8 @@ class Arena:
                 another block.
         """
         if array.dtype != np.float64 or not array.flags.c_contiguous or array.ndim != 1:
-            raise InputError("state", f"an array {array.shape} of {array.dtype}", "a contiguous one-dimensional float64 array")
+            given = f"an array {array.shape} of {array.dtype}"
+            raise InputError("state", given, "a contiguous one-dimensional float64 array")
         if not any(each is array for each in self.arrays):
             first = self.memory.place(array)
             for each in self.arrays:

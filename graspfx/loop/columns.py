@@ -310,7 +310,7 @@ class Layout:
 
     @property
     def forces(self) -> tuple[Column, ...]:
-        """Variables that are computed from a row and also stored in a file: internal and external forces and moments."""
+        """Variables computed from a row that a file also stores, namely internal and external forces and moments."""
         return tuple(each for each in self.derived if each.name in FORCES)
 
     def sources_of(self, name: str) -> tuple[str, ...]:

@@ -46,14 +46,14 @@ class Features(Carded):
     dimensions: int  # d
     workspace: tuple[FloatArray, FloatArray] | None = None  # lower and upper corner, (d,) each [m]
     continuous_force: float | None = None  # largest continuous force [N]; 0 for a device that displays no force
-    peak_force: float | None = None  # force possible in every direction [N]; `LimitedDevice.largest_force` may be larger
+    peak_force: float | None = None  # force possible in every direction [N]; a `LimitedDevice` may report a larger one
     stiffness: float | None = None  # largest virtual stiffness that is stable at the device's rate [N/m]
     damping: float | None = None  # largest virtual damping that is stable at the device's rate [N s/m]
     mass: float | None = None  # effective mass at a fingertip [kg]
     friction: float | None = None  # effective viscous damping at a fingertip, `damping` of a scene [N s/m]
     resolution: float | None = None  # resolution of a fingertip position [m]
     delay: int | None = None  # output delay [samples]
-    watchdog: float | None = None  # time after which hardware without a `write` removes its force [s]; None: it does not
+    watchdog: float | None = None  # time without a `write` after which the hardware removes its force [s]; None: never
     rate: float | None = None  # largest rate of reading and writing [Hz]
     latency: float | None = None  # age of a sample when `read` returns it [s]
     lateness: float | None = None  # time from reading to displaying the force, in addition to `delay` samples [s]
@@ -111,7 +111,7 @@ class Device(Protocol):
         """Display zero force immediately."""
 
     def close(self) -> None:
-        """Display zero force and close the hardware; if the hardware is lost or already closed, return without error."""
+        """Display zero force and close the hardware; return without error if it is lost or already closed."""
 
     def __enter__(self) -> Self: ...
 

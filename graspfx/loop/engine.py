@@ -192,7 +192,7 @@ def program() -> Native:
     kept = kept_program()
     if kept is not None:
         return kept
-    text = "compiling kernels, which is done once per version and machine"
+    text = "compiling kernels, once per version and machine"
     if not is_heard() and sys.stderr is not None and sys.stderr.isatty():
         print(f"{text} ...", file=sys.stderr, flush=True)  # compiling at the first use makes the user wait
     with waiting(text), alone(lock_folder(), "kernels") as waited:

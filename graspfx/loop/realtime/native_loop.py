@@ -356,7 +356,7 @@ def port_text(port: DevicePort, calls: Calls, why: int) -> str:
 def stop_text(port: DevicePort, calls: Calls) -> str:
     """Return the message for a device that cannot be stopped."""
     return (
-        f"{port.name} cannot be stopped and may keep its force; switch it off: "
+        f"{port.name} cannot be stopped, and its force may remain; switch the device off: "
         f"{call_text(port, calls, port.readings.state.stop_code)}; {ZERO}"
     )
 
