@@ -81,7 +81,7 @@ class Mailbox:
         return int(self._words[at.TURNS])
 
     def read(self, i: int) -> tuple[int, FloatArray, FloatArray]:
-        """Return the number of samples of device i, and positions [m] and velocities [m/s] (k, d) of the last sample."""
+        """Return the number of samples of device i, and positions [m] and velocities [m/s] (k, d) of the last one."""
         words = self._device(i)
         while True:
             before = int(words[at.SEQUENCE])

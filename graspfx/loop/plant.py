@@ -170,7 +170,7 @@ def fused(plant: Plant) -> FusedPlant | None:
 
 
 def unaltered(component: object, methods: Sequence[str], kernels: Sequence[str]) -> bool:
-    """Return whether no subclass in an object's class hierarchy overrides one of the methods but none of the kernels."""
+    """Return whether no class of the object overrides one of the methods of a base class but none of the kernels."""
 
     def nearest(names: Sequence[str]) -> int:
         order = type(component).__mro__
