@@ -368,7 +368,7 @@ class LiveRun(Resource):
             return
         why = self.fault.message if self.fault is not None else self.cause
         do = "check the device, then end this program and start it again"
-        raise InputError("run", f"a run with hardware that has ended: {why}", "a run without a fault", do)
+        raise InputError("run", f"hardware that has ended: {why}", "a run without a fault", do)
 
     def rest(self) -> None:
         """Let all forces decay to zero, and wait until they are zero."""

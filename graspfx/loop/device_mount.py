@@ -153,7 +153,7 @@ class Fitting:
         deadman: Index of the deadman switch, which must be held to allow forces; None if there is none.
         every: Number of ticks from one exchange with the device to the next.
         measures: Features measured on this device; they replace the features that the driver reports.
-        jitter: First and last percentile of the lateness [s]; None if unknown.
+        jitter: 1st and 99th percentile of the lateness [s]; None if unknown.
         round_trip: Part of the lateness that is caused by reading and writing [s].
     """
 

@@ -296,8 +296,8 @@ def _fit(one: Slider, other: Slider, entries: list[int], written: Writer) -> lis
 def _slider(slider: Slider, written: Writer, start: FloatArray) -> dict[str, Any]:
     """Return the entries of the arena that a slider writes.
 
-    An entry is the slider's value itself, a constant, or a number that is tabulated at stops in the slider's range. At
-    the stops, the page writes the same numbers as `Session.set`.
+    An entry is the slider's value itself, a constant, or a number that is tabulated at stops in the slider's range. A
+    slider with such numbers moves only to the stops. The page writes the same bits as `Session.set`.
     """
     low = slider.least if slider.least > 0.0 else slider.step
     probes = sorted({low, slider.value if slider.value > 0.0 else low, 0.5 * (slider.least + slider.most), slider.most})

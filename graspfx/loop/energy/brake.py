@@ -20,7 +20,7 @@ ROUNDING = 1e-12  # fraction of the largest energy so far below which a debt cou
 def control(grasp: GraspState, ledger: LedgerState, T: float) -> bool:
     """Add damping to this sample's forces, so that generated energy is dissipated if the next step equals the last.
 
-    The damping force is a W Q_j d/T for the step d of the fingers (`leak.add_damping`). The coefficient a is at most
+    The damping force is a W Q d/T for the step d of the fingers (`leak.add_damping`). The coefficient a is at most
     m/(2 T), where m is the smallest mass that a step of any kind of motion moves: a damping force with a = m/(2 T),
     held for a sample, halves the speed, and a force with a = m/T stops the motion. The force of each finger is then
     projected into the cone and within the limits of the finger. The result is whether any force may have changed.

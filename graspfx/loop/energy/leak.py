@@ -2,8 +2,8 @@
 
 The vectors of all fingers are in one frame. For soft fingers, the fourth entry of a vector is torsion, in units of the
 patch length. W is the diagonal matrix of the fingers' weights w_i. The rigid modes (`graspfx.grasp.rigid_modes`) are
-vectors q_k of displacements scaled by sqrt(w), with fractions beta_k. The projector on mode k and the work of forces f
-on steps D are
+vectors q_k of displacements scaled by sqrt(w), with fractions beta_k. The matrix Q_k of mode k, and the work of forces
+f on steps D, are
 
     Q_k = W^-1/2 beta_k q_k q_k' W^1/2,   f'D = sum_k f'Q_k D + f'(I - sum_k Q_k) D
 
@@ -75,8 +75,9 @@ def reach(split: ModeSplit, contacts: Many[Contact], steps: Many[Vector4]) -> No
 def squares(split: ModeSplit, contacts: Many[Contact], steps: Many[Vector4]) -> Vector:
     """Compute D'W Q D of steps D for internal motion, translation and rotation [m^2]; the values are not negative.
 
-    Q is the projector on the kind of motion. A spring with the gain k and the displacement D stores k/2 times these
-    values. Friction with the coefficient b w_i at each finger dissipates at least b/T times these values on the step D.
+    Q is the sum of Q_k over the modes of the kind of motion, and the rest I - sum_k Q_k for internal motion. A spring
+    with the gain k and the displacement D stores k/2 times these values. Friction with the coefficient b w_i at each
+    finger dissipates at least b/T times these values on the step D.
     """
     reach(split, contacts, steps)
     width, modes = split.width, split.modes
@@ -143,8 +144,8 @@ def add_damping(
 ) -> Vector:  # fmt: skip
     """Add a damping force a W Q D/T to the forces for each kind of motion that has generated energy.
 
-    Q is the projector on the kind of motion and D the last step. The coefficient a = min(most, T E/(D'W Q D)) [N s/m]
-    dissipates the generated energy E if the next step equals D and a < `most` (Hannaford and Ryu 2002, with one
+    Q is the matrix of the kind of motion (`squares`) and D the last step. The coefficient a = min(most, T E/(D'W Q D))
+    [N s/m] dissipates the generated energy E if the next step equals D and a < `most` (Hannaford and Ryu 2002, with one
     controller for each kind of motion). Energy that is not dissipated remains in the account for the next sample.
 
     Args:
