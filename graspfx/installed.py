@@ -1,4 +1,4 @@
-"""Versions and entry points of installed distributions, read from their folders (importlib.metadata is slower)."""
+"""Versions and entry points of installed distributions, read from metadata folders faster than importlib.metadata."""
 
 from __future__ import annotations
 

@@ -223,7 +223,7 @@ class Arena:
     # The world --------------------------------------------------------------------------------------------------------
 
     def _lay(self, *, record: bool) -> None:
-        """Lay out the world and fill its records."""
+        """Allocate the world and fill the records of the world."""
         self._copies: list[dict[str, Any]] = []
         self._channels: list[dict[str, Any]] = []
         self._largest: dict[int, int] = {}  # places where devices report a finger's largest force
@@ -262,7 +262,7 @@ class Arena:
         array[first : first + len(columns)] = columns
 
     def _fill(self, kind: type[Record], at: int, values: Mapping[str, Any]) -> None:
-        """Write fields of a record of the world at an entry of its memory."""
+        """Write fields of a record that starts at the entry `at` of the world's memory."""
         fields, memory = layout(kind), self.world.buffer
         for name, value in values.items():
             entry = at + fields[name].start

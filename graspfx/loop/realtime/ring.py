@@ -317,7 +317,7 @@ def _written(error: BaseException) -> bytes:
 
 
 def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    """Replace attributes that cannot be pickled by the names of their types."""
+    """Replace each attribute that cannot be pickled by a text with the name of the attribute's type."""
     plain = {}
     for name, value in values.items():
         try:
