@@ -1,4 +1,4 @@
-"""Versions and entry points of installed distributions, read from their folders (importlib.metadata is slower)."""
+"""Versions and entry points of installed distributions, read from metadata folders faster than importlib.metadata."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ VERSION = re.compile(r"^Version: *(\S+)", re.MULTILINE)
 
 
 class Distribution(NamedTuple):
-    """Metadata folder of an installed distribution, and the time of the folder's last change."""
+    """Metadata folder of an installed distribution, and the time at which the folder was last changed."""
 
     folder: str
     installed: int  # [ns]
 
 
 class EntryPoint(NamedTuple):
-    """Entry point: its name, its module, and the distribution with its version."""
+    """Name and module of an entry point, and the name and version of the distribution that provides it."""
 
     name: str
     module: str
@@ -40,9 +40,10 @@ def _looks_in_path(finder: object) -> bool:
 
 
 def distributions() -> tuple[Distribution, ...] | None:
-    """List all distributions in the order of import; None if their folders do not show all of them.
+    """List the distributions in the folders of `sys.path`, in the order of `sys.path`.
 
-    The folders do not show packages that are imported from archives or by custom finders.
+    The result is None if other distributions may exist, because packages are also imported from archives or by custom
+    finders.
     """
     if any(hasattr(finder, "find_distributions") and not _looks_in_path(finder) for finder in sys.meta_path):
         return None
@@ -63,7 +64,7 @@ def distributions() -> tuple[Distribution, ...] | None:
 
 @lru_cache(64)
 def _in_folder(place: str, changed: int) -> tuple[Distribution, ...]:
-    """List the distributions in a folder; cached until one is added or removed, which changes the folder's time."""
+    """List the distributions in a folder; the result is cached until the folder's modification time changes."""
     with os.scandir(place) as entries:
         own = [(entry.path, entry.stat().st_mtime_ns) for entry in entries if entry.name.endswith(ENDINGS)]
     return tuple(Distribution(*each) for each in sorted(own))
@@ -77,14 +78,14 @@ def entry_points(group: str) -> tuple[EntryPoint, ...]:
 
 @lru_cache(16)
 def _read(all_: tuple[Distribution, ...], group: str) -> tuple[EntryPoint, ...]:
-    """Read entry points; cached while the installed distributions are the same."""
+    """List the entry points of a group; the result is cached for these distributions."""
     groups = _groups(all_)
     return tuple(_announced(group)) if groups is None or group in groups else ()
 
 
 @lru_cache(16)
 def _groups(all_: tuple[Distribution, ...]) -> frozenset[str] | None:
-    """List the groups of all entry points; None if a file cannot be read."""
+    """List the groups of all entry points; return None if a file of entry points cannot be read."""
     groups = set[str]()
     for each in all_:
         try:
@@ -113,7 +114,7 @@ def version(package: str) -> str | None:
 
 @lru_cache(256)
 def _version(package: str, all_: tuple[Distribution, ...]) -> str | None:
-    """Read a version; cached while the installed distributions are the same."""
+    """Read the version of a package; the result is cached for these distributions."""
     start = f"{re.sub(r'[-_.]+', '_', package).lower()}-"
     for each in all_:
         name = Path(each.folder).name.lower()

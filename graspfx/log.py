@@ -1,7 +1,7 @@
-"""Log messages, sent to Python's logger `graspfx`; silent by default.
+"""Log messages, sent to Python's logger `graspfx`, which shows no messages by default.
 
-Nothing is logged until some module imports `logging`. This module does not import it, because the import is slow, and
-before the import no handler could show a message.
+This module does not import `logging`, because the import is slow. Nothing is logged before another module imports
+`logging`; until then, no handler exists that could show a message.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ INFO, DEBUG = 20, 10  # levels of `logging`
 
 
 def info(text: str, *values: object) -> None:
-    """Log a message for users (-v); `values` are formatted into the text by %."""
+    """Log a message for users, which the option -v shows; the message is `text % values`."""
     _log(INFO, text, values)
 
 
 def debug(text: str, *values: object) -> None:
-    """Log a detail (-vv)."""
+    """Log a detail, which the option -vv shows; the message is `text % values`."""
     _log(DEBUG, text, values)
 
 
 def warn(text: str, category: type[Warning] = UserWarning) -> None:
-    """Warn at the user's line that called GraspFX."""
+    """Issue a warning that shows the line of the user's code from which GraspFX was called."""
     frame, level = sys._getframe(1), 2
     while frame.f_back is not None and str(frame.f_globals.get("__name__")).partition(".")[0] in OWN:
         frame, level = frame.f_back, level + 1
@@ -37,7 +37,7 @@ def warn(text: str, category: type[Warning] = UserWarning) -> None:
 
 
 def is_heard(level: int = INFO) -> bool:
-    """Return whether a message of this level is shown; check this before building an expensive message."""
+    """Return whether messages of this level are logged; check this before composing an expensive message."""
     logger = _logger()
     return logger is not None and logger.isEnabledFor(level)
 

@@ -1,4 +1,7 @@
-"""Unilateral contact of n fingers with a given stiffness, with or without friction: generalises eqs. (24)-(26)."""
+"""Forces of n fingers that can only push, for a given stiffness, with or without friction.
+
+The solution generalises eqs. (24)-(26) of Kawai and Yoshikawa.
+"""
 
 from __future__ import annotations
 
@@ -37,14 +40,15 @@ SOLVED = 1e-6  # largest residual of a solution, relative to the forces
 
 @dataclass(frozen=True, repr=False)
 class Touch(Carded):
-    """Forces of the fingers on the object, and the state of each contact.
+    """Forces of n fingers on the object in d dimensions, and the state of each contact.
 
     Attributes:
-        force: Force f on the object, (m,) [N].
+        force: Forces f of the fingers on the object, (n d,) [N].
         status: State of each finger: "free" (no force), "stick" (no slip in any direction) or "slide" (force on the
-            edge of its cone; without friction, along the normal).
-        residual: Largest violation of f = K (e + s) and of the law, computed from the solution [N].
-        law: Law that the solution satisfies; "associated" if Coulomb's law could not be satisfied.
+            edge of the friction cone; without friction, along the normal).
+        residual: Largest violation of f = K (e + s) and of the contact law, computed from the solution [N]; see
+            `unilateral_force` for the symbols.
+        law: Contact law that the solution satisfies; "associated" if no solution of Coulomb's law was found.
     """
 
     force: FloatArray
@@ -71,29 +75,34 @@ def unilateral_force(
     normals: ArrayLike,
     friction: float | Sequence[float] | Literal["stick"] | None = None,
 ) -> Touch:
-    """Solve for fingertip forces that can only push: f = K (e + s), f in a cone C, and the slip s of a contact law.
+    """Compute the forces f of n fingers that can only push, from f = K (e + s), where s is the slip of the contacts.
 
-    Without friction C is {lambda n, lambda >= 0} for each finger, s is in the dual cone C*, and f's = 0. With "stick" a
-    finger does not slip while it pushes; if its normal force would pull, its whole force is zero. A coefficient mu
-    gives the cone |f_t| <= mu f_n with Coulomb's law: s_n >= 0, f_n s_n = 0, and s_t is zero inside the cone and
-    opposes f_t on its edge. A solution exists, but it may not be unique for a large mu. If none is found, the
-    associated law is used instead (s in C*, f's = 0, so slipping fingers also lift off), and `law` reports it; for a
-    symmetric K the solution of this law exists, is unique and is always found.
+    The forces f lie in a cone C, and a contact law relates f and s. The indices n and t denote components along the
+    normal and tangential to the surface.
 
-    For two opposed fingers without friction this is the rule of Kawai and Yoshikawa, eqs. (24)-(26): finger i is in
-    contact inside x_ci of (25), and the stiffness at a single finger is 2 kep kip/(kep + kip). For a symmetric K and s
-    in C* the solution is the projection argmin over f in C of 1/2 (f - K e)' K^-1 (f - K e). K may be singular.
+    Without friction, each force is directed along the inward normal, s is in the dual cone C*, and f's = 0. With
+    "stick", a finger does not slip while it pushes; if its normal force would pull, its whole force is zero. With a
+    coefficient of friction mu, C is the cone |f_t| <= mu f_n, and Coulomb's law applies: s_n >= 0, f_n s_n = 0, and s_t
+    is zero inside the cone and opposes f_t on the edge of the cone. A solution of Coulomb's law exists, but for a large
+    mu it may not be unique. If no solution is found, the associated law replaces Coulomb's law (s in C*, f's = 0, so
+    slipping fingers also lift off), and `Touch.law` reports this. For a symmetric K the solution of the associated law
+    exists, is unique and is always found.
+
+    For two opposed fingers without friction, the forces are those of Kawai and Yoshikawa, eqs. (24)-(26): finger i is
+    in contact inside the limit x_ci of eq. (25), and if only one finger is in contact, its stiffness is
+    2 kep kip/(kep + kip). For a symmetric, regular K and s in C* the solution is the projection argmin over f in C of
+    1/2 (f - K e)' K^-1 (f - K e). K may also be singular.
 
     Args:
-        stiffness: Matrix K, (m, m) [N/m], m = n d, whose symmetric part is positive semidefinite.
-        displacement: Displacement e = p - c, (m,) [m].
-        normals: Normals into the object, (n, d), scaled to unit length.
-        friction: None or 0 (normal forces only), "stick", or mu, one coefficient for all or one per finger. If no
-            solution is found with mu, 1e-6 of the largest eigenvalue of K is added to its diagonal; the forces are
-            accepted if they are a solution for K itself.
+        stiffness: Stiffness matrix K, (m, m) [N/m], m = n d, whose symmetric part is positive semidefinite.
+        displacement: Displacement e = p - c of the fingertips p from the contact points c, (m,) [m].
+        normals: Normals into the object, (n, d), d = 1, 2 or 3; they are scaled to unit length.
+        friction: None or 0 for normal forces only, "stick", or the coefficient mu: one for all fingers or one per
+            finger. If no solution is found with mu, 1e-6 of the largest eigenvalue of K is added to the diagonal of K;
+            the resulting forces are accepted if they are a solution for K itself.
 
     Raises:
-        InputError: If a shape is wrong, values are not finite, a coefficient is negative, no solution is found, or K is
+        InputError: If a shape is wrong, a value is not finite, a coefficient is negative, no solution is found, or K is
             so ill-conditioned that the residual exceeds 1e-6 of max(|f|, |K e|).
     """
     n_ = finite("normals", normals, largest=np.inf)
@@ -146,7 +155,7 @@ def unilateral_force(
 
 
 def pushing(K: FloatArray, e: FloatArray, contacts: Contacts) -> tuple[FloatArray, bool]:
-    """Find pushing forces (n, d) in contact frames, frictionless or sticking, and return whether the search failed."""
+    """Compute pushing forces (n, d) in contact frames, without friction or sticking, and whether the search failed."""
     m = len(e)
     square = np.zeros((m, m))
     vector, diagonal, marks, state = np.zeros(m), K.diagonal().copy(), np.zeros(m), np.zeros(contacts.count)
@@ -172,9 +181,9 @@ def pushing(K: FloatArray, e: FloatArray, contacts: Contacts) -> tuple[FloatArra
 def slipping(
     K: FloatArray, raised: float, e: FloatArray, mu: FloatArray, d: int
 ) -> tuple[FloatArray, tuple[Status, ...], float, Law]:
-    """Solve for forces with friction cones in contact frames; return them, their status, the residual and the law.
+    """Compute forces in friction cones, in contact frames; return forces, contact states, residual [N] and law.
 
-    The residual is inf if no forces are found. K + raised I is tried only if K itself has no solution.
+    The residual is inf if no solution is found. K + raised I is tried only if no solution is found for K.
     """
     n, m = len(mu), len(e)
     symmetric = bool(np.abs(K - K.T).max() <= 1e-13 * np.abs(K).max())
@@ -201,7 +210,10 @@ def slipping(
 
 
 def returned(t: FloatArray, mu: FloatArray, d: int, associated: bool) -> FloatArray:
-    """Compute R(t), which maps t = f - c s to f for f and s of the law: projection on the cones, or radial return."""
+    """Map t = f - c s, (n d,), to the force f, for any c > 0 and any force f and slip s that satisfy the contact law.
+
+    The map is the projection on the cones for the associated law, and the radial return for Coulomb's law.
+    """
     normal, tangents = t.reshape(-1, d)[:, 0], t.reshape(-1, d)[:, 1:]
     length = np.linalg.norm(tangents, axis=1)
     inside = (length <= mu * normal) & (normal >= 0.0)
@@ -212,7 +224,10 @@ def returned(t: FloatArray, mu: FloatArray, d: int, associated: bool) -> FloatAr
 
 
 def residual(K: FloatArray, e: FloatArray, f: FloatArray, stick: bool) -> float:
-    """Compute the residual of f = K (e + s) in contact frames [N] for forces f (n, d), with s of released contacts."""
+    """Compute the residual of f = K (e + s) in contact frames [N] for forces f (n, d).
+
+    The slip s is computed for the directions in which a contact is free to move.
+    """
     n, d = f.shape
     sticking = np.zeros((n, d), dtype=bool)
     sticking[f[:, 0] > 0.0, : d if stick else 1] = True
@@ -224,7 +239,7 @@ def residual(K: FloatArray, e: FloatArray, f: FloatArray, stick: bool) -> float:
     if stick:
         return float(gap)
     pull = np.maximum(-s.reshape(n, d)[:, 0], 0.0) * np.diag(K).reshape(n, d)[:, 0]
-    if pull.max() > gap:  # a singular K has many s: does one of them release?
+    if pull.max() > gap:  # a singular K has many slips s; find one without pulling
         from scipy.optimize import lsq_linear
 
         low = np.where(np.arange(n * d) % d == 0, 0.0, -np.inf)[free]

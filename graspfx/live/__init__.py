@@ -1,1 +1,1 @@
-"""Running scenes under control of a user: viewed in a browser, moved by a touch screen, or streamed to programs."""
+"""Scenes that a user controls while they run: in a browser, by a touch screen, or from other programs."""

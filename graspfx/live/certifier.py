@@ -1,4 +1,4 @@
-"""Stability of a scene with changing values: first from the last linearisation, then from a new one."""
+"""Stability of a scene whose values change: a fast result from the last linearisation, then one from a new one."""
 
 from __future__ import annotations
 
@@ -17,17 +17,18 @@ from graspfx.scene.model import Scene
 
 
 class MarginRow(NamedTuple):
-    """Stability margin of one gain of an object's grasp.
+    """Stability margin of one mode of an object's grasp.
 
     Attributes:
         mode: "internal", "external", "external translation", "external rotation", "standing on ..." or "pushing with
-            ..."; for pushing fingers, the weakest set.
+            ..."; the last names the set of pushing fingers with the smallest margin.
         name: Name of the object.
-        gain: Gain in the scene [N/m], for standing and pushing the largest stiffness; NaN for matrices.
-        limit: Stability limit of the gain [N/m]; infinite if there is none. Other gains are fixed, except for standing
-            and pushing, where all gains change by the same factor.
+        gain: Gain of the mode in the scene [N/m]; for "standing on" and "pushing with", the largest stiffness; NaN if
+            the gains are matrices.
+        limit: Stability limit of the gain [N/m]; infinite if there is none. The limit holds while the other gains are
+            fixed; for "standing on" and "pushing with", it holds if all gains change by the same factor.
         margin: Limit divided by gain.
-        frequency: Frequency at which stability is lost [Hz]; NaN without a limit.
+        frequency: Frequency at which stability is lost [Hz]; NaN if there is no limit.
     """
 
     mode: str
@@ -39,7 +40,7 @@ class MarginRow(NamedTuple):
 
     @property
     def is_mode(self) -> bool:
-        """Whether the row belongs to the whole grasp, which must be stable, and not to single pushing fingers."""
+        """Whether the row describes the whole grasp, which must be stable; False for pushing with some fingers only."""
         return not self.mode.startswith("pushing with ")
 
 
@@ -48,14 +49,15 @@ class Verdict:
     """Stability of a scene.
 
     Attributes:
-        values: Changed values by live key; other keys have the scene's values.
+        values: Changed values by live key; other keys have the values of the scene.
         is_provisional: Whether a full result will follow.
         is_stable: Whether the loops of all objects are stable; None if unknown (see `error`).
-        spectral_radius: Largest spectral radius of the loops; NaN after an error.
-        rows: Limits of all objects.
-        error: Reason why there is no certificate; empty with a certificate.
+        spectral_radius: Largest spectral radius of the loops of all objects; NaN after an error.
+        rows: Stability margins of all objects.
+        error: Reason why the stability could not be computed; empty if it was computed.
         number: Number of the request.
-        stage: 0 from the last linearisation, 1 from a new one without pushing fingers, 2 full.
+        stage: 0 if computed from the last linearisation, 1 if computed from a new linearisation but without new limits
+            of pushing fingers, 2 if complete.
     """
 
     values: Mapping[str, Any] = field(default_factory=dict)
@@ -69,7 +71,7 @@ class Verdict:
 
     @property
     def text(self) -> str:
-        """One-line summary: stable or not, provisional or not, smallest margin of the whole grasp."""
+        """One-line summary: stable or not, provisional or not, and the smallest margin of a whole grasp."""
         if self.is_stable is None:
             return f"not judged: {self.error}" if self.error else "not judged yet"
         text = "stable" if self.is_stable else "NOT STABLE"
@@ -84,7 +86,7 @@ class Verdict:
 
 @dataclass(frozen=True, eq=False)
 class _Base:
-    """Linearised scene: the loop of each object, the parts of each loop independent of its gains, and the limits."""
+    """Linearised scene: the loop of each object, the part of each loop that is independent of gains, and the limits."""
 
     scene: Scene
     loops: tuple[Linearised, ...]
@@ -93,9 +95,9 @@ class _Base:
 
 
 class Certifier:
-    """Computes the stability of a scene with other values of live keys; full results equal those of `gx.certify`.
+    """Stability of a scene whose live keys take other values.
 
-    `provisional` and `stages` may run in two threads at the same time.
+    Complete results equal those of `gx.certify`. `provisional` and `stages` may run in two threads at the same time.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -103,9 +105,10 @@ class Certifier:
         self._base: _Base | None = None
 
     def provisional(self, values: Mapping[str, Any]) -> Verdict | None:
-        """Judge by the last linearisation, with changed gains and object parameters, at that equilibrium and squeeze.
+        """Compute the stability for changed gains and object parameters from the last linearisation.
 
-        Returns None before the first linearisation, and for values that `Change` cannot describe or that are invalid.
+        The equilibrium and the squeeze are those of the last linearisation. The result is None before the first
+        linearisation, if a value is invalid, or if `Change` cannot describe the changes.
         """
         base = self._base
         if base is None:
@@ -123,7 +126,7 @@ class Certifier:
         return Verdict(dict(values), True, _all_stable(radius, rows), radius, rows)
 
     def stages(self, values: Mapping[str, Any]) -> Iterator[Verdict]:
-        """Linearise the scene with these values and judge it, first without the limits of single pushing fingers."""
+        """Linearise the scene with these values; yield its stability without and then with new limits of pushing."""
         try:
             yield from self._stages(values)
         except Exception as error:  # noqa: BLE001 - drivers and scenes may raise anything; the page shows it
@@ -153,7 +156,7 @@ class Certifier:
         yield replace(answer, is_provisional=False, rows=tuple(rows), stage=2)
 
     def _pushing_before(self, scene: Scene, values: Mapping[str, Any]) -> list[MarginRow]:
-        """Return the last limits of pushing fingers, scaled to the present gains, until new limits are computed."""
+        """Return the limits of pushing fingers from the last linearisation, scaled to the present gains."""
         if self._base is None:
             return []
         change = change_of(self._base.scene, scene.object[scene.finger_objects[0]].name, values)
@@ -174,12 +177,16 @@ def _rows(loop: Linearised, limits: Sequence[Limit]) -> list[MarginRow]:
 
 
 def _all_stable(radius: float, rows: Sequence[MarginRow]) -> bool:
-    """Judge by the criterion of `Certificate.stable`."""
+    """Return whether all loops are stable by the criterion of `Certificate.stable`."""
     return is_stable(radius) and all(row.margin >= 1.0 for row in rows if row.mode.startswith("standing on"))
 
 
 def _scaled(row: MarginRow, change: Change) -> MarginRow:
-    """Return a row for changed gains: its gain grows by the factor, or the limit of all gains together falls by it."""
+    """Return a row for changed gains.
+
+    For an internal or external mode, the gain is multiplied by the factor of its change. For other modes, the limit is
+    divided by the larger of the two factors. The margin is divided in both cases.
+    """
     if not row.mode.startswith(("internal", "external")):
         factor = max(change.external, change.internal)
         return row._replace(limit=_over(row.limit, factor), margin=_over(row.margin, factor))

@@ -1,6 +1,6 @@
-"""Drawable frames from rows of a recording or a running servo: poses, fingertips, contacts and forces in 3-D.
+"""Poses, fingertips, contacts and forces in 3-D, for drawing rows of a recording or of a running servo.
 
-Scenes on a line are on the x axis; scenes in the plane are in the x-y plane.
+One-dimensional scenes lie on the x axis; two-dimensional scenes lie in the x-y plane.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ STATES = tuple(CONTACTS)  # states of a contact; a touching contact without fric
 
 
 class Frames:
-    """Drawable content of rows, in 3-D. Each array is computed on first use, for all rows together.
+    """Arrays in 3-D for drawing N rows with n fingers; each array is computed on first use, for all rows together.
 
     Args:
         history: Recording or part of a recording; for long recordings, use `Recording.part` or `Recording.parts`.
-        apart: Lateral distance between fingers on a line [m], `Scenery.apart`.
+        apart: Lateral distance at which fingers of a one-dimensional scene are drawn [m] (`Scenery.apart`).
     """
 
     def __init__(self, history: Recording, apart: float = 0.0) -> None:
@@ -52,8 +52,7 @@ class Frames:
     def poses(self) -> dict[str, tuple[FloatArray, FloatArray]]:
         """Positions (N, 3) [m] and quaternions w, x, y, z (N, 4) of each object with a recorded position.
 
-        Each pose is that of the frame in which the object's shape is described: for a mesh the frame of its file, for
-        any other shape the frame of the object.
+        For a mesh, the pose is that of the frame of the mesh file; for any other shape, that of the object's frame.
         """
         poses = {}
         for name in self.layout.objects:
@@ -64,7 +63,11 @@ class Frames:
 
     @cached_property
     def fingertips(self) -> FloatArray:
-        """True positions of the fingertips, or else positions reported by devices (N, n, 3) [m]; NaN without either."""
+        """Positions of the fingertips (N, n, 3) [m].
+
+        They are the true positions or, if these are not recorded, the positions reported by the devices. They are NaN
+        if neither is recorded.
+        """
         for name in ("true_position", "finger_position"):
             tips = self._column(name)
             if tips is not None:
@@ -73,7 +76,7 @@ class Frames:
 
     @cached_property
     def contacts(self) -> FloatArray:
-        """Contact points of touching fingers (N, n, 3) [m]; NaN for free fingers."""
+        """Contact points of touching fingers (N, n, 3) [m]; NaN for free fingers, or if not recorded."""
         contacts = self._column("contact_position")
         if contacts is None:
             return self._nowhere()
@@ -81,15 +84,15 @@ class Frames:
 
     @cached_property
     def touching(self) -> BoolArray:
-        """Whether each finger exerts a force (N, n); False if not recorded."""
+        """Whether each finger exerts a force on the object (N, n); False if not recorded."""
         touching = self._column("touching")
         return np.zeros((len(self), len(self.layout.fingers)), dtype=bool) if touching is None else touching > 0.0
 
     @property
     def loose(self) -> dict[str, float]:
-        """Objects that no finger touches in any row, with the smallest gap in the last row [m].
+        """Smallest gap to a finger in the last row [m], for each object that no finger touches in any row.
 
-        The gap is NaN if it was not recorded. The result is empty if touching was not recorded.
+        The gap is NaN if it was not recorded. The dictionary is empty if the column `touching` was not recorded.
         """
         if "touching" not in self.layout.columns or not len(self):
             return {}
@@ -102,9 +105,10 @@ class Frames:
 
     @cached_property
     def states(self) -> IntArray:
-        """States of the contacts (N, n), as indices of `STATES`.
+        """States of the contacts (N, n), as indices into `STATES`.
 
-        They are "free"; "limit" if the force is saturated; "slide" or "stick" with friction; otherwise "touch".
+        The state is "free" without contact, "limit" if the force is saturated, "slide" or "stick" if the status of a
+        frictional contact is recorded, and otherwise "touch".
         """
         states = self.touching.astype(np.int8)
         status = self._column("status")
@@ -122,13 +126,13 @@ class Frames:
 
     @cached_property
     def force(self) -> FloatArray | None:
-        """Forces of the fingers on the object, zero for free fingers (N, n, 3) [N]."""
+        """Forces of the fingers on the object (N, n, 3) [N], zero for free fingers; None if not recorded."""
         force = self._column("finger_force")
         return None if force is None else self._exerted(force)
 
     @cached_property
     def parts(self) -> tuple[FloatArray, FloatArray] | None:
-        """Internal and external parts of the forces (N, n, 3) [N]; None if not recorded."""
+        """Internal and external parts of the forces, each (N, n, 3) [N]; None if not recorded."""
         external = self._or_none(lambda: self.history.external_force)
         if external is None or self.force is None:
             return None
@@ -137,7 +141,7 @@ class Frames:
 
     @cached_property
     def modes(self) -> dict[str, Modes]:
-        """Squeeze and push of each object with fingers, as in `graspfx plot`; empty if not recorded."""
+        """Squeeze and push of each object that has fingers, as in `graspfx plot`; empty if a column is missing."""
         contacts = self._column("contact_position")
         tips = self._column("finger_position")
         if self.parts is None or contacts is None or tips is None or not len(self):
@@ -167,7 +171,7 @@ class Frames:
         return lifted(np.where(seen, force, 0.0), 3)
 
     def _spread(self, places: FloatArray) -> FloatArray:
-        """Convert positions to 3-D, and separate fingers on a line laterally."""
+        """Convert positions to 3-D; in a one-dimensional scene, also displace the fingers laterally."""
         places = lifted(places, 3)
         return places + self._across[:, None] * np.array([0.0, 1.0, 0.0]) if self._across.any() else places
 
@@ -178,7 +182,10 @@ class Frames:
 def history_of(
     rows: FloatArray, layout: Layout, header: Header, *, changes: Sequence[KeyChange] = (), tick: int = 0
 ) -> Recording:
-    """Make a history of rows (r, width) that start at `tick`; the rows must not be modified afterwards."""
+    """Make a recording of the rows (r, width), of which the first belongs to `tick`.
+
+    The rows are not copied and must not be modified afterwards.
+    """
     return Recording(rows, layout, header, Outcome(changes=tuple(changes)), start=tick // header.every)
 
 

@@ -1,4 +1,4 @@
-"""Guides of a live run: handles that move a hand or a finger, and goals of bounded speed within reach."""
+"""Guides of a live run: handles that move a hand or a finger, and goals that move with limited speed."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class Guide:
     Attributes:
         name: Name of the hand or finger.
         fingers: Numbers of the fingers that the handle moves.
-        position: Initial position, the mean of the fingers (d,) [m].
-        hand: Number of the handle's hand among the guided hands.
+        position: Mean of the initial positions of these fingers (d,) [m].
+        hand: Number of the hand among the guided hands.
         place: Index of the moved finger in the hand; None for all fingers.
         all_fingers: Numbers of all fingers of the hand.
-        lag: Time constant of the hand's followers [s].
+        lag: Time constant with which the hand follows the guide [s].
     """
 
     name: str
@@ -50,7 +50,7 @@ class Guide:
 
 
 def guided_scene(scene: Scene) -> Scene:
-    """Return the scene with a guide for each hand that has none, except for hands of plug-ins."""
+    """Return the scene with a guide added to each hand without a guide, except for hands from plug-ins."""
     changes: dict[str, Any] = {
         ".".join(map(str, (*each.at, "guide"))): {}
         for each in holdings(scene)
@@ -60,12 +60,15 @@ def guided_scene(scene: Scene) -> Scene:
 
 
 def hand_name(scene: Scene, table: str, fingers: Sequence[int]) -> str:
-    """Return the name of the hand in a table such as `hand.0`; the own hand of a finger has the finger's name."""
+    """Return the name of a hand.
+
+    A hand in a table such as `hand.0` has the name in this table; a hand defined for one finger has the finger's name.
+    """
     return scene.hand[int(table.split(".")[1])].name if table.startswith("hand.") else scene.finger_names[fingers[0]]
 
 
 def guides_of(session: LiveSession, kind: Literal["hands", "fingers"] | None) -> Sequence[Guide]:
-    """List the guides of a run: one per guided hand, one per finger of these hands, or none."""
+    """List the guides of a run: one per guided hand ("hands"), one per finger of these hands ("fingers"), or none."""
     names, start = session.scene.finger_names, session.start
     guides: list[Guide] = []
     for number, (table, fingers) in enumerate(session.guided if kind else []):
@@ -81,13 +84,14 @@ def guides_of(session: LiveSession, kind: Literal["hands", "fingers"] | None) ->
 class FingerReach:
     """Reach of a finger: positions allowed by its device (`RangedDevice`) and by the box of its workspace.
 
-    When a goal that moves at speed v stops, a finger of mass m on a spring k that also moves at v overshoots it by at
-    most v sqrt(m/k). The reach leaves room for this. A lightly damped finger may be faster than its goal.
+    A finger of mass m on a spring of stiffness k follows a goal. If finger and goal both move at the speed v and the
+    goal stops, the finger overshoots by at most v sqrt(m/k); the reach leaves this distance to its boundary. A lightly
+    damped finger may move faster than the goal and thus overshoot further.
 
     Args:
         servo: Servo that moves the finger.
         finger: Number of the finger.
-        speed: Highest speed of its goal [m/s].
+        speed: Highest speed v of the goal [m/s].
     """
 
     def __init__(self, servo: Servo, finger: int, speed: float) -> None:
@@ -117,11 +121,10 @@ class FingerReach:
 
 
 class GoalWalk:
-    """Goal of one finger or hand.
+    """Goal of one finger or hand, which follows a target.
 
-    The goal moves to its target, no faster than `speed`. If the target is far from the finger, the goal therefore
-    approaches it gradually, and forces of the hand's damper and of collisions on the way stay realistic. A target that
-    moves more slowly than `speed` is followed without delay.
+    The goal moves no faster than `speed`, so a distant target does not cause unrealistically large forces of the hand's
+    damper or of collisions on the way. A target that moves more slowly than `speed` is followed without delay.
 
     Args:
         speed: Highest speed [m/s].
@@ -142,12 +145,12 @@ class GoalWalk:
         return self._goal is not None
 
     def aim(self, place: FloatArray, start: FloatArray, now: float) -> FloatArray:
-        """Set the target position (d,) [m]; return the present goal (d,).
+        """Set the target; return the present position of the goal (d,) [m].
 
         Args:
-            place: Target position.
-            start: Position where the goal starts, if it has no target.
-            now: Time [s].
+            place: Position of the target (d,) [m].
+            start: Position at which the goal starts if it has had no target (d,) [m].
+            now: Present time [s].
         """
         if self._goal is None:
             self._goal, self._time = start.copy(), now - LONGEST
@@ -155,7 +158,7 @@ class GoalWalk:
         return self._advanced(now)
 
     def step(self, now: float) -> FloatArray | None:
-        """Return the present goal if it has moved; None if it is at its target or has no target."""
+        """Move the goal towards its target; return its position (d,) [m], or None if it does not move."""
         if self._goal is None or np.array_equal(self._goal, self.target):
             self._time = now
             return None
@@ -173,14 +176,15 @@ class GoalWalk:
 
 
 def withdrawal(session: LiveSession, row: FloatArray, finger: int, clearance: float) -> FloatArray | None:
-    """Compute the displacement (d,) of a finger's target that frees the finger [m]; None for a free finger.
+    """Compute the displacement of a finger's target that separates the finger from the object (d,) [m].
 
-    The displacement is parallel to the object's force on the finger. Its length is 1.5 times the sum of the deflection
-    |f|/k of the hand's spring and the penetration depth |p - c|, plus a clearance.
+    The displacement is parallel to the object's force on the finger. Its length is 1.5 (|f|/k + |p - c|) plus the
+    clearance, with the force f of the finger, the stiffness k of the hand's spring, and the penetration depth |p - c|.
+    The result is None if the finger exerts no force.
 
     Args:
         session: Running session.
-        row: Present row.
+        row: Present row of the recording.
         finger: Number of the finger.
         clearance: Additional distance [m].
     """

@@ -1,4 +1,4 @@
-"""Safety of gain changes with hardware: certify new gains, then set, clamp or refuse them."""
+"""Safe changes of gains with hardware: new gains are certified, and then set, reduced or refused."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from graspfx.live.certifier import MarginRow, Verdict
 from graspfx.live.margins import Margins
 from graspfx.scene.keys import general
 
-SHARE = 0.9  # largest gain with hardware, as a share of its limit
+SHARE = 0.9  # largest gain with hardware, relative to its limit
 INSIDE = 1e-3  # relative distance of a clamped gain below that share, because a new equilibrium has another limit
 SAME = 1e-6  # relative difference up to which gains are equal
 MODES = {key: key.split(".")[1] for key in GAINS if key.endswith("stiffness")}  # external, internal
 
 
 def shortfall(verdict: Verdict, present: Verdict) -> str:
-    """Return the reason why values are not allowed with hardware; empty if they are.
+    """Return the reason why new values are not allowed with hardware; empty if they are allowed.
 
-    Each margin must be at least 1/0.9; a margin that is already below this value must not shrink.
+    Each margin must be at least 1/0.9, or at least its present value if the present value is smaller.
 
     Args:
-        verdict: Full result for the values.
-        present: Full result for the present values.
+        verdict: Complete stability result for the new values.
+        present: Complete stability result for the present values.
     """
     for row, needed in _short(verdict, present):
         text = f"{row.mode} margin {row.margin:.3f}" if math.isfinite(row.margin) else row.mode
@@ -39,12 +39,15 @@ def shortfall(verdict: Verdict, present: Verdict) -> str:
 
 
 def lower(values: Mapping[str, Any], verdict: Verdict, present: Verdict) -> dict[str, Any] | None:
-    """Lower stiffnesses to just below 0.9 of their limits; None if none can be lowered and stay above the present one.
+    """Lower the stiffnesses in refused values to just below 0.9 of their limits.
+
+    If a stiffness above its present value can only be allowed by lowering it to or below the present value, it is not
+    changed. The result is None if no stiffness is changed.
 
     Args:
-        values: Values by live key, which are not allowed.
-        verdict: Full result for these values.
-        present: Full result for the present values.
+        values: Values by live key that are not allowed.
+        verdict: Complete stability result for these values.
+        present: Complete stability result for the present values.
     """
     less = dict(values)
     for key, value in values.items():
@@ -66,7 +69,7 @@ def lower(values: Mapping[str, Any], verdict: Verdict, present: Verdict) -> dict
 
 
 def _short(verdict: Verdict, present: Verdict) -> Iterator[tuple[MarginRow, float]]:
-    """List the rows whose margin is too small, with the required margin."""
+    """Yield each row whose margin is too small, together with the required margin."""
     for row in verdict.rows:
         before = min((each.margin for each in present.rows if _kind(each) == _kind(row)), default=math.inf)
         needed = min(1.0 / SHARE, before * (1.0 - SAME))
@@ -75,12 +78,12 @@ def _short(verdict: Verdict, present: Verdict) -> Iterator[tuple[MarginRow, floa
 
 
 def _kind(row: MarginRow) -> tuple[str, str]:
-    """Return the key for comparing rows; all pushing fingers have the same key."""
+    """Return the key by which rows are compared: object and mode; all sets of pushing fingers have the same mode."""
     return row.name, row.mode if row.is_mode else "pushing"
 
 
 def _grows(row: MarginRow, mode: str) -> bool:
-    """Tell whether a row's gain grows with a mode's gain."""
+    """Return whether the gain of a row increases with the gain of a mode."""
     return row.mode == mode or not row.mode.startswith(("external", "internal"))
 
 
@@ -90,11 +93,11 @@ ROUNDS = 4  # attempts to find values that are certified
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of an order to hardware.
+    """Result of a request to set values with hardware.
 
     Attributes:
-        values: Values that were set; empty if the order was refused.
-        text: Explanation if other values were set or the order was refused; empty if the request was set.
+        values: Values that were set; empty if the request was refused.
+        text: Explanation if the request was refused or lower values were set; otherwise empty.
     """
 
     values: Mapping[str, Any]
@@ -102,17 +105,17 @@ class Outcome:
 
 
 class HardwareClamp:
-    """Filter between sliders and a run with hardware: only certified values pass.
+    """Filter between sliders and a run with hardware that passes only certified values.
 
-    With the new values, each gain must stay below a share (`SHARE`) of its limit, or at least keep its present margin.
-    A stiffness that is too large is reduced until it satisfies this condition; other values are refused. Orders that
-    arrive while a certificate is computed are merged into one order, with the newest value of each key; the futures of
-    all merged orders complete together.
+    With the new values, each gain must be at most 0.9 of its limit, or its margin must not be smaller than at present.
+    A stiffness that is too large is reduced until it satisfies this condition; other values are refused. Requests that
+    arrive while a certificate is computed are merged into one request, with the newest value of each key, and their
+    futures complete together.
 
     Args:
-        apply: Function of the run that sets values by live key; its future completes when the loop uses them, or with
-            an exception.
-        margins: Certificates of the run's scene, used by this object only.
+        apply: Function that sets values by live key in the run. It returns a future that completes when the loop uses
+            the values, or with an exception.
+        margins: Certificates of the run's scene. No other object may send requests to it.
     """
 
     def __init__(self, apply: Callable[[Mapping[str, Any]], Future[Any]], margins: Margins) -> None:
@@ -127,7 +130,7 @@ class HardwareClamp:
         self._thread.start()
 
     def set(self, values: Mapping[str, Any]) -> Future[Outcome]:
-        """Request values by live key; does not block."""
+        """Request new values by live key, without waiting for the result."""
         future: Future[Outcome] = Future()
         with self._changed:
             if self._closed:
@@ -139,7 +142,7 @@ class HardwareClamp:
         return future
 
     def close(self) -> None:
-        """End the thread; waiting orders are refused."""
+        """Refuse all pending requests and end the thread."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -189,7 +192,7 @@ class HardwareClamp:
         return self._refusal(request, f"{first}; no smaller value was certified either")
 
     def _certificate(self, values: Mapping[str, Any]) -> Verdict | None:
-        """Request the full result for values, and wait for it."""
+        """Request the complete result for these values and wait for it; return None after a timeout."""
         number = self._margins.ask(values)
         verdict = self._margins.await_verdict(number, PATIENCE)
         return verdict if verdict is not None and verdict.number == number else None

@@ -1,4 +1,4 @@
-"""Live run of a scene: present rows, changes of values, goals of hands, pauses and recordings."""
+"""Real-time run of a scene that other threads watch and control: values, goals of hands, pauses and recordings."""
 
 from __future__ import annotations
 
@@ -42,20 +42,21 @@ SELDOM = 0.05  # interval between later checks [s]
 
 
 class LiveRun(Resource):
-    """Real-time run of a scene in its own process, which any thread may watch and control.
+    """Real-time run of a scene in a separate process; any thread may watch and control the run.
 
-    No method waits for the servo unless stated. The end of the `with` block closes the run.
+    A method waits for the servo only where its description says so. The end of a `with` block closes the run.
 
     Args:
         scene: Scene to run.
-        live: Keys that `set` may change; None for none.
-        out: Folder of recording.h5; None to record nothing.
-        guide: "hands" for a guide per hand of simulated fingers, "fingers" for a guide per simulated finger, or None.
+        live: Keys that `set` may change; None if it may change no keys.
+        out: Folder in which recording.h5 is written; None for no recording.
+        guide: "hands" for one guide per hand of simulated fingers, "fingers" for one guide per simulated finger, or
+            None for no guides.
         paused: Whether the run starts paused.
 
     Attributes:
         guides: Guides of the hands or fingers.
-        run_number: Number of the present run, from 0; `reset`, `record` and `stop_recording` start the next one.
+        run_number: Number of the present run, starting at 0; `reset`, `record` and `stop_recording` start the next run.
 
     Raises:
         InputError, SceneError, DeviceError, RecordingError: As in `graspfx.open`.
@@ -95,22 +96,22 @@ class LiveRun(Resource):
 
     @property
     def scene(self) -> Scene:
-        """The scene with the present values, without the goals of guides."""
+        """Scene with the present values; it does not contain the goals of guides."""
         return self._session.scene
 
     @property
     def layout(self) -> Layout:
-        """Columns of a row."""
+        """Columns of the rows."""
         return self._session.servo.layout
 
     @property
     def servo(self) -> Servo:
-        """Copy of the servo with the features and workspaces of the devices; its state is not that of the run."""
+        """Copy of the servo, from which the devices and their workspaces can be read; the copy does not run."""
         return self._session.servo
 
     @property
     def header(self) -> Header:
-        """Header of a recording of this run."""
+        """Header that a recording of this run has."""
         return self._session.header
 
     @property
@@ -125,22 +126,22 @@ class LiveRun(Resource):
 
     @property
     def ticks(self) -> int:
-        """Number of ticks whose rows have been written; `rows` returns at most the last 16320 of them."""
+        """Number of ticks whose rows have been written; `rows` returns at most the last 16320 rows."""
         return int(self._session.ring.words[Word.HEAD])
 
     @property
     def tick(self) -> int:
-        """Tick of the newest row; -1 before the first."""
+        """Tick of the newest row; -1 before the first row."""
         return self.ticks - 1
 
     @property
     def time(self) -> float:
-        """Time of the newest row, tick x period [s]; zero before the first."""
+        """Time of the newest row, tick x period [s]; zero before the first row."""
         return max(self.tick, 0) * self.period
 
     @property
     def state(self) -> State:
-        """State of the run; it is "ended" as soon as all forces have been set to zero at the end."""
+        """State of the run; at the end of the run, the state is "ended" as soon as all forces are zero."""
         session = self._session
         if self._has_ended or int(session.ring.words[Word.PHASE]) >= Phase.RESTED:
             return "ended"
@@ -148,17 +149,17 @@ class LiveRun(Resource):
 
     @property
     def fault(self) -> RunFault | None:
-        """The first fault, after which all forces are zero; None without a fault."""
+        """First fault of the run, after which all forces are zero; None if there is no fault."""
         return self._session.fault
 
     @property
     def splits(self) -> list[KeyChange]:
-        """Changes of the rule that splits forces into internal and external parts, in the form of a recording."""
+        """Changes of the rule that splits forces into internal and external parts, as a recording stores them."""
         return [KeyChange(since, SPLIT, split) for since, split in self._session.splits]
 
     @property
     def cause(self) -> str:
-        """Reason why the run ended; empty while the run continues, or if it was closed."""
+        """Reason why the run ended; empty if the run has not ended or was closed."""
         if self.state != "ended":
             return ""
         return str(self._session.outcome["cause"]) or ("" if self.error is None else message(self.error))
@@ -169,9 +170,9 @@ class LiveRun(Resource):
         return self._session.error
 
     def row(self) -> FloatArray | None:
-        """Copy the newest row; None before the first."""
+        """Return a copy of the newest row, or None before the first row."""
         ring = self._session.ring
-        while True:  # the row may be overwritten during the copy, 16384 ticks later
+        while True:  # if the copy takes 16384 ticks, the row may be overwritten during the copy
             head = int(ring.words[Word.HEAD])
             if not head:
                 return None
@@ -180,7 +181,10 @@ class LiveRun(Resource):
                 return row
 
     def rows(self, since: int) -> tuple[int, FloatArray]:
-        """Copy the available rows from tick `since`; return the tick of the first row, and the rows (r, width)."""
+        """Return the tick of the first available row from tick `since` on, and copies of all available rows (r, width).
+
+        If there are no such rows, r is zero.
+        """
         ring = self._session.ring
         head = int(ring.words[Word.HEAD])
         first = min(max(int(since), head - SLOTS + MARGIN, 0), head)
@@ -190,7 +194,7 @@ class LiveRun(Resource):
         return first + late, rows[late:]
 
     def await_row(self, after: int, seconds: float) -> bool:
-        """Wait for a row after tick `after`; return whether there is one."""
+        """Wait at most `seconds` for a row later than tick `after`; return whether there is such a row."""
         words, end = self._session.ring.words, time.monotonic() + seconds
         pause = min(max(0.25 * self.period, SHORTEST), LONGEST)
         while int(words[Word.HEAD]) - 1 <= after:
@@ -204,21 +208,21 @@ class LiveRun(Resource):
     # Steering -----------------------------------------------------------------------------------------------------
 
     def set(self, values: Mapping[str, Any]) -> Future[None]:
-        """Change values of live keys; pending values of the same key are replaced by the newest.
+        """Change values of live keys; a new value of a key replaces a value of that key that has not yet been set.
 
         Returns:
-            Future that completes when the servo uses the values; it raises the exceptions of `Session.set`.
+            Future that completes when the servo uses the values; its `result` raises the exceptions of `Session.set`.
         """
         return self._conductor.set(values)
 
     def guide(self, number: int, offset: Any, squeeze: float | None = None, finger: int | None = None) -> None:
-        """Set the goals of a guide. The servo applies the newest goals before its next tick.
+        """Set the goals of a guide; the servo applies the newest goals before the next tick.
 
         Args:
             number: Number of the guide.
             offset: Operator offset of the guide's fingers (d,) [m]; None keeps the present offset.
-            squeeze: Squeeze added to the squeeze of the hand [m]; None keeps the present value.
-            finger: Index of the finger, among those of a hand, to which the offset applies; None for all of them.
+            squeeze: Additional squeeze, added to the squeeze of the hand [m]; None keeps the present value.
+            finger: Index, within the hand, of the finger to which the offset applies; None for all fingers of the hand.
 
         Raises:
             InputError: If the guide does not exist, or a goal is not finite, has the wrong shape or is too far away.
@@ -228,7 +232,7 @@ class LiveRun(Resource):
         self._session.goals.send(guide.hand, offset, squeeze, guide.place if guide.place is not None else finger)
 
     def goal(self, number: int) -> tuple[FloatArray, float]:
-        """Return the last goals of a guide: mean offset of its fingers (d,) [m], and additional squeeze [m].
+        """Return the last goals of a guide: mean offset of the guide's fingers (d,) [m], and additional squeeze [m].
 
         Raises:
             InputError: If the guide does not exist.
@@ -237,7 +241,7 @@ class LiveRun(Resource):
         return offsets.mean(axis=0), squeeze
 
     def goals(self, number: int) -> tuple[FloatArray, float]:
-        """Return the last goals of a guide: offset of each of its fingers (k, d) [m], and additional squeeze [m].
+        """Return the last goals of a guide: offsets of the guide's k fingers (k, d) [m], and additional squeeze [m].
 
         Raises:
             InputError: If the guide does not exist.
@@ -247,7 +251,7 @@ class LiveRun(Resource):
         return (offsets if guide.place is None else offsets[[guide.place]]), squeeze
 
     def let_go(self, number: int) -> None:
-        """Withdraw a guide's fingers along their forces until they are free; afterwards fingers stay until moved again.
+        """Withdraw a guide's fingers along the forces on them until they are free, and keep them there.
 
         Raises:
             InputError: If the guide does not exist.
@@ -281,7 +285,7 @@ class LiveRun(Resource):
         self._conductor.do(lambda: self._session.pause())
 
     def resume(self) -> None:
-        """Continue after a pause, without catching up on the paused time.
+        """Continue after a pause; the ticks of the pause are not made up.
 
         Raises:
             InputError: If the scene has hardware.
@@ -299,19 +303,25 @@ class LiveRun(Resource):
         self._conductor.do(lambda: self._session.advance(ticks))
 
     def reset(self) -> None:
-        """Start a new run with the present values and the guides at their initial positions; wait until it runs.
+        """Start a new run with the present values and the guides at their initial positions; wait until it has started.
 
         Raises:
-            RecordingError, DeviceError: If the run cannot start; another reset may succeed.
+            RecordingError, DeviceError: If the new run cannot start; another reset may succeed.
             InputError: If hardware has failed.
         """
         self._conductor.do(lambda: self._renew(None)).result()
 
     def record(self, folder: str | PathLike[str]) -> Path:
-        """Start a new run, recorded in `folder` from its first tick; wait until it runs, and return the file's path.
+        """Start a new run that is recorded from its first tick; wait until it has started.
+
+        Args:
+            folder: Folder of the recording.
+
+        Returns:
+            Path of the recording's file.
 
         Raises:
-            RecordingError: If the folder already has a recording, or cannot be written.
+            RecordingError: If the folder already contains a recording, or cannot be written.
             InputError: If hardware has failed.
         """
         self._conductor.do(lambda: self._renew(folder)).result()
@@ -319,19 +329,19 @@ class LiveRun(Resource):
         return self._out
 
     def stop_recording(self) -> Path:
-        """End the recording and start a new run without one; return the path of the recording's file.
+        """End the recording and start a new run that is not recorded; return the path of the recording's file.
 
         Raises:
             InputError: If the run is not recorded, or hardware has failed.
         """
         out = self._out
         if out is None:
-            raise InputError("run", "one without a recording", "a run that is recorded", "record(folder) begins one")
+            raise InputError("run", "a run that is not recorded", "a recorded run", "call record(folder) first")
         self._conductor.do(lambda: self._renew(None)).result()
         return out
 
     def _renew(self, out: str | PathLike[str] | None) -> None:
-        """Start a new run; an exception that ended a recorded run is raised afterwards."""
+        """Start a new run; if an exception ended the previous run and that run was recorded, raise it afterwards."""
         self._require_sound_hardware()
         if out is not None:
             require_vacancy_of(recording_path(out, "folder") / NAME)
@@ -350,23 +360,22 @@ class LiveRun(Resource):
             raise failure
 
     def _require_sound_hardware(self) -> None:
-        """Require that hardware has not failed: a button on a page must not arm it again.
+        """Raise InputError if hardware has failed, because a button on a page must not start failed hardware again.
 
-        Raises:
-            InputError: If the hardware has failed; the recording stays open until this object is closed.
+        The recording then remains open until this object is closed.
         """
         if not self.has_hardware or (self.fault is None and not self._session.outcome.get("cause")):
             return
         why = self.fault.message if self.fault is not None else self.cause
-        do = "check the device, end the program, and start it again"
+        do = "check the device, then end this program and start it again"
         raise InputError("run", f"hardware that has ended: {why}", "a run without a fault", do)
 
     def rest(self) -> None:
-        """Let all forces decay to zero; return when all are zero."""
+        """Let all forces decay to zero, and wait until they are zero."""
         self._conductor.do(lambda: self._session.rest()).result()
 
     def close(self) -> None:
-        """End the run: zero the forces, complete the recording, end the process. Closing again does nothing."""
+        """Set the forces to zero, complete the recording and end the process; a second call has no effect."""
         self._conductor.end(self._close)
 
     def _close(self) -> None:
@@ -383,15 +392,16 @@ class LiveRun(Resource):
 
 
 class Release:
-    """Release by a guide; a thread supervises it until the guide is moved again.
+    """Release of objects by a guide's fingers, supervised by a thread until the guide is moved again.
 
-    The first step is immediate. If a finger still touches after six time constants, because the object has followed it,
-    another step follows. Time is counted in ticks, so that pauses have no effect.
+    The fingers are withdrawn by one step immediately. If a finger still touches an object after six time constants of
+    the guide, because the object has followed the finger, it is withdrawn by a further step. Times are counted in
+    ticks, so that pauses have no effect.
 
     Args:
-        run: Run whose rows are watched.
+        run: Run whose rows show which fingers touch.
         session: Session of the run.
-        guide: Guide that releases the object.
+        guide: Guide whose fingers release objects.
     """
 
     def __init__(self, run: LiveRun, session: LiveSession, guide: Guide) -> None:
@@ -399,17 +409,17 @@ class Release:
         self._lock, self._is_over, self._clearance = Lock(), False, CLEARANCE
 
     def begin(self) -> None:
-        """Withdraw the fingers, and start supervision; a finger may still be on its way to the object."""
+        """Withdraw the fingers and start the thread, which also withdraws fingers that reach an object later."""
         has_touched = self._withdraw()
         Thread(target=self._watch, args=(has_touched,), name="graspfx-release", daemon=True).start()
 
     def end(self) -> None:
-        """Stop withdrawing."""
+        """End the release: no finger is withdrawn any more."""
         with self._lock:
             self._is_over = True
 
     def _withdraw(self) -> bool:
-        """Move touching fingers away from their objects; return whether there are any."""
+        """Move touching fingers away from their objects; return whether any finger touches."""
         row, goals, guide = self._run.row(), self._session.goals, self._guide
         with self._lock:
             if row is None or self._is_over:
@@ -426,7 +436,7 @@ class Release:
             return has_touched
 
     def _watch(self, has_touched: bool) -> None:
-        """Supervise fingers that have touched; those that arrive at their goals without touching stay there."""
+        """Withdraw touching fingers until the release ends, or until all fingers arrive without having touched."""
         run, number = self._run, self._run.run_number
         wait, often = round(LAGS * self._guide.lag / run.period), round(OFTEN / run.period)
         step = run.ticks
@@ -443,7 +453,7 @@ class Release:
 
 
 class _Request(NamedTuple):
-    """Command: an action, which sets values if there are any."""
+    """Request to call an action; `values` are the values that the action sets, None if it sets no values."""
 
     future: Future[None]
     action: Callable[[], object]
@@ -451,13 +461,13 @@ class _Request(NamedTuple):
 
 
 class Conductor:
-    """Thread that sets values and runs actions in the order of arrival.
+    """Thread that executes requests to set values or to call an action, in the order of their arrival.
 
-    Consecutive pending values are set together, with the newest value of each key. If this fails, the values are set
-    one by one.
+    Pending requests to set values that follow each other are executed together, with the newest value of each key. If
+    setting all values together fails, the requests are executed one by one.
 
     Args:
-        apply: Function that sets values.
+        apply: Function that sets values by key.
         look: Function called periodically.
     """
 
@@ -470,16 +480,16 @@ class Conductor:
         self._thread.start()
 
     def set(self, values: Mapping[str, Any]) -> Future[None]:
-        """Queue values to set, by key."""
+        """Request that values be set, by key."""
         own = dict(values)
         return self._ask(_Request(Future(), lambda: self._apply(own), own))
 
     def do(self, action: Callable[[], object]) -> Future[None]:
-        """Queue an action."""
+        """Request that an action be called."""
         return self._ask(_Request(Future(), action))
 
     def end(self, action: Callable[[], object]) -> None:
-        """Run a last action, then end the thread; pending requests fail."""
+        """Reject pending requests, call a last action, and end the thread."""
         with self._change:
             if self._is_over:
                 return
@@ -517,7 +527,7 @@ class Conductor:
                 self._look()
 
     def _next(self) -> list[_Request]:
-        """Take the next action, or all values before the next action."""
+        """Remove and return the next request for an action, or all requests for values before it."""
         batch: list[_Request] = []
         while self._requests and not (batch and None in (batch[0].values, self._requests[0].values)):
             request = self._requests.pop(0)
@@ -526,17 +536,17 @@ class Conductor:
         return batch
 
     def _execute(self, batch: list[_Request]) -> None:
-        """Set several values together; if this fails, or for a single request, execute one by one."""
+        """Execute several requests for values together; if this fails, or for one request, execute each separately."""
         are_set = False
         if len(batch) > 1:
-            with suppress(BaseException):  # it belongs to the future of one of them
+            with suppress(BaseException):  # raised again below for the request that caused it
                 self._apply({key: value for each in batch for key, value in (each.values or {}).items()})
                 are_set = True
         for each in batch:
             try:
                 if not are_set:
                     each.action()
-            except BaseException as error:  # noqa: BLE001 - it belongs to the future
+            except BaseException as error:  # noqa: BLE001 - the future raises it
                 each.future.set_exception(error)
             else:
                 each.future.set_result(None)

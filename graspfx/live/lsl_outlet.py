@@ -1,4 +1,4 @@
-"""Lab Streaming Layer outlets: event markers, and rows of a run at a reduced rate from a separate thread."""
+"""Lab Streaming Layer (LSL) outlets for event markers and for rows of a run."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LIBRARY = "install liblsl (https://github.com/sccn/liblsl/releases), or set PYLS
 
 
 def load_lsl() -> Any:
-    """Load pylsl and its library.
+    """Load pylsl and the library liblsl.
 
     Raises:
         MissingPackageError: If pylsl is not installed, or its library cannot be loaded.
@@ -42,7 +42,7 @@ def load_lsl() -> Any:
 
 
 class MarkerStream:
-    """LSL stream of texts at irregular times.
+    """LSL stream of text markers at irregular times.
 
     Args:
         name: Name of the stream.
@@ -59,30 +59,30 @@ class MarkerStream:
         self._offset = lsl.local_clock() - time.monotonic()
 
     def send(self, text: str, clock: float) -> None:
-        """Send a text with its time on the clock of `time.monotonic` [s]."""
+        """Send a text; `clock` is its time on the clock of `time.monotonic` [s]."""
         self._outlet.push_sample([text], clock + self._offset)
 
 
 class RowStream(RunLook):
-    """LSL stream of rows: the newest row of an attached run, at a fixed rate of at most one row per tick.
+    """LSL stream that sends the newest row of the attached run at a fixed rate.
 
-    Each sample carries the time of its tick. A separate thread reads the ring buffer, so the servo is not affected.
-    Other programs see the stream once the first run is attached. A run with other columns, fingers or sampling period
-    starts a new stream.
+    Each sample has the time of its tick. A separate thread reads the rows from the ring buffer, so the servo is not
+    affected. The stream is visible to other programs when the first run is attached. If a later run has other columns,
+    fingers or another sampling period, a new stream replaces it.
 
     Args:
         name: Name of the stream.
-        rate: Rate of samples [Hz], at most one per tick.
-        columns: Columns whose components are the channels; the positions of all objects follow them.
+        rate: Rate of samples [Hz]; it is reduced to one sample per tick if it is higher.
+        columns: Columns of the recording whose components are the channels, followed by the positions of all objects.
 
     Attributes:
         rate: Actual rate of samples [Hz].
         channels: Names of the channels, as in `recording.to_csv`.
-        source: Source id, by which other programs find the stream.
+        source: Source id by which other programs find the stream.
         samples: Number of samples sent.
 
     Raises:
-        InputError: If the rate is not positive, or, on attaching, if the run lacks a column.
+        InputError: If the rate is not positive. `attach` raises it if the run does not record one of the columns.
         MissingPackageError: If pylsl or its library is missing.
     """
 
@@ -137,7 +137,7 @@ class RowStream(RunLook):
         self._wall = layout.columns["wall"].where if "wall" in layout.columns else None
 
     def _look(self, run: LiveRun) -> None:
-        """Send the newest row if it is new; after a reset, ticks start again."""
+        """Send the newest row, unless it has been sent already; after a reset, the ticks start again at zero."""
         if run.run_number != self._number:
             self._number, self._tick, self._zero = run.run_number, -1, float("inf")
         tick, rows = run.rows(run.tick)

@@ -1,4 +1,4 @@
-"""Certificates for changing values, computed in a separate process and requested at any rate."""
+"""Stability of a running scene whose values change, computed in a separate process."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ NO_PROCESS = "the process that computes certificates has ended"
 
 
 class Margins(Resource):
-    """Stability results for a scene with other values, computed in a child process that does not delay the servo.
+    """Stability results for a scene with other values, computed in a child process so that the servo is not delayed.
 
-    `ask` does not block. If requests come faster than results, only the newest request is answered. It first gets a
-    provisional result, if the last linearisation is valid for its values, then a full result. A full result is dropped
-    if a newer request exists. The unchanged scene is the first request.
+    If requests arrive faster than they can be answered, only the newest request is answered: first with a provisional
+    result, if the last linearisation is valid for its values, and then with a complete result. A complete result is
+    discarded if a newer request exists. The first request is the unchanged scene.
 
     Args:
         scene: Running scene.
-        tell: Function called with each result from a thread of this object; it must not raise.
+        tell: Function called with each result; it runs in a thread of this object and must not raise an exception.
     """
 
     def __init__(self, scene: Scene, tell: Callable[[Verdict], object] | None = None) -> None:
@@ -52,7 +52,10 @@ class Margins(Resource):
         self._thread.start()
 
     def ask(self, values: Mapping[str, Any]) -> int:
-        """Request a result for values by live key; other keys have the scene's values. Return the request's number."""
+        """Request the stability for values by live key, without waiting for the result; return the request's number.
+
+        Keys that are not in `values` have the values of the scene.
+        """
         with self._changed:
             self._values = dict(values)
             self._number += 1
@@ -63,14 +66,14 @@ class Margins(Resource):
             return self._number
 
     def latest(self) -> Verdict | None:
-        """Return the newest result; None before the first."""
+        """Return the newest result, or None before the first result."""
         return self._latest
 
     def await_verdict(self, number: int, seconds: float) -> Verdict | None:
-        """Wait for the full result of a request, or of a later request; None after a timeout or `close`.
+        """Wait for the complete result of a request or of a later request; return None after a timeout or `close`.
 
         Args:
-            number: Number from `ask`; 1 for the unchanged scene.
+            number: Number of the request, returned by `ask`; 1 for the unchanged scene.
             seconds: Timeout [s].
         """
         with self._changed:
@@ -93,7 +96,7 @@ class Margins(Resource):
         return verdict.number >= number and not verdict.is_provisional
 
     def _serve(self) -> None:
-        """Start the process, send requests to it, and end it; the system ends the process with this thread."""
+        """Start the process, send requests to it, and end it; the system also ends it if this thread ends."""
         try:
             errand = Errand(self._scene, ticks=0, width=0).text()
             process, line = child_process.spawn(__name__)
@@ -130,7 +133,7 @@ class Margins(Resource):
             line.send_bytes(text)
 
     def _listen(self, line: Connection) -> None:
-        """Receive results."""
+        """Receive results until the process ends."""
         try:
             while True:
                 self._take(line.recv())
@@ -149,7 +152,7 @@ class Margins(Resource):
             self._tell(verdict)
 
     def _fail(self, why: str) -> None:
-        """Report that no more certificates will be computed."""
+        """Report a result with this error, because no more results will be computed."""
         with self._changed:
             self._failure = self._failure or why
             self._latest = verdict = self._failed()
@@ -186,7 +189,7 @@ def main(line_: int) -> None:
 
 
 class _Answers:
-    """Answers requests from a connection; a newer request replaces older requests."""
+    """Answers requests that arrive on a connection; a newer request replaces older unanswered requests."""
 
     def __init__(self, certifier: Certifier, line: Connection) -> None:
         self._certifier, self._line = certifier, line
@@ -195,7 +198,7 @@ class _Answers:
         self._sending = threading.Lock()
 
     def serve(self) -> None:
-        """Read requests and answer each from the last linearisation."""
+        """Read requests, and answer each with a provisional result from the last linearisation."""
         threading.Thread(target=self._certify, daemon=True).start()
         while True:
             number, values = self._line.recv()
@@ -209,7 +212,7 @@ class _Answers:
                 self._changed.notify_all()
 
     def _certify(self) -> None:
-        """Compute full results."""
+        """Compute complete results for the newest request."""
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._number > self._done)

@@ -1,4 +1,4 @@
-"""Base class of observers that poll the attached run from a thread."""
+"""Base class of observers that poll a run from a thread."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class RunLook(Resource):
-    """Observer with a thread that polls the attached run; errors of a run that is ending are ignored.
+    """Observer with a thread that polls the attached run and ignores errors of GraspFX, as a run raises at its end.
 
     Args:
         name: Name of the thread.
@@ -30,13 +30,13 @@ class RunLook(Resource):
         self._thread.start()
 
     def attach(self, run: LiveRun) -> None:
-        """Start observing a run."""
+        """Observe a run, instead of the run that was attached before."""
         with self._lock:
             self._begin(run)
             self._run = run
 
     def detach(self) -> None:
-        """Stop observing."""
+        """Observe no run."""
         with self._lock:
             self._run = None
 
@@ -47,7 +47,7 @@ class RunLook(Resource):
 
     @abstractmethod
     def _begin(self, run: LiveRun) -> None:
-        """Prepare for a run; the thread does not poll during the call."""
+        """Prepare for polling a run; the thread does not poll during this call."""
 
     @abstractmethod
     def _look(self, run: LiveRun) -> None:

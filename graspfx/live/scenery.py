@@ -1,4 +1,4 @@
-"""Static content of a 3-D view: triangles of all shapes, and fingertips."""
+"""Static content of a 3-D view of a scene: triangles of objects and obstacles, and size and colour of fingertips."""
 
 from __future__ import annotations
 
@@ -39,16 +39,16 @@ SLAB = 0.16  # thickness of planar objects, as a share of the extent
 
 @dataclass(frozen=True)
 class Solid:
-    """Object or obstacle as triangles.
+    """Triangles of an object or an obstacle.
 
     Attributes:
-        name: Name in the scene.
-        vertices: Vertices (v, 3) [m]: of an object in the frame whose pose is in `Frames.poses`, of an obstacle in the
-            world frame.
-        faces: Triangles (f, 3), counter-clockwise seen from outside.
+        name: Name of the object or obstacle in the scene.
+        vertices: Vertices (v, 3) [m], for an object in the frame whose pose is in `Frames.poses`, for an obstacle in
+            the world frame.
+        faces: Indices of the vertices of each triangle (f, 3), counter-clockwise as seen from outside.
         colour: Colour as "#rrggbb".
-        object: Name of the object with which the triangles move; None for an obstacle.
-        endless: Whether the triangles are a part of an infinite plane or half-space, visible from both sides.
+        object: Name of the object; None for an obstacle.
+        endless: Whether the triangles are a part of an infinite plane or half-space; they are visible from both sides.
     """
 
     name: str
@@ -67,13 +67,13 @@ class Scenery:
         solids: Objects and obstacles.
         fingers: Names of the fingers.
         colours: Colours of the fingers, as in figures.
-        radii: Drawn radii of the fingertips (n,) [m].
-        is_ball: Whether each fingertip is a ball of this radius rather than a point (n,).
+        radii: Radii with which the fingertips are drawn (n,) [m].
+        is_ball: Whether each fingertip is a ball in the scene; other fingertips are points (n,).
         extent: Initial size of the scene without infinite surfaces [m].
         middle: Initial centre of the scene (3,) [m].
-        up: Up vector (3,): z in space, y in the plane or on a line.
-        apart: Lateral distance between fingers on a line [m], for `Frames`.
-        notes: Shapes that could not be drawn, with reasons.
+        up: Unit vector that is drawn upwards (3,): z in a three-dimensional scene, otherwise y.
+        apart: Lateral distance at which fingers of a one-dimensional scene are drawn [m].
+        notes: Message for each shape that could not be drawn.
     """
 
     solids: tuple[Solid, ...]
@@ -89,11 +89,11 @@ class Scenery:
 
 
 def scenery(header: Header, layout: Layout, folder: Path | None = None) -> Scenery:
-    """Make the scenery of a run or a recording: objects, obstacles and fingertips.
+    """Make the scenery of a run or of a recording.
 
     Args:
-        header, layout: Header and layout of the recording.
-        folder: Folder of relative mesh paths; None for the scene's folder.
+        header, layout: Header and layout of the run or recording.
+        folder: Folder to which mesh paths are relative; None for the scene's folder.
     """
     folder, table = folder or Path(header.scene_folder), header.scene_table
     d, n, notes = max(layout.dimensions, 2), len(layout.fingers), list[str]()
@@ -120,7 +120,7 @@ def _objects(table: Table, names: Sequence[str], d: int) -> Iterator[Outline]:
 
 
 def _starts(table: Table, d: int) -> FloatArray:
-    """List the initial positions of fingers given by the scene (k, d) [m]."""
+    """Return the initial positions of the k fingers whose `start` is set in the scene (k, d) [m]."""
     tables = table.get("finger", ())
     starts = [each.get("start") for each in tables if isinstance(each, Mapping)]
     places = [lifted(np.asarray(start, dtype=float), d) for start in starts if start is not None]
@@ -136,7 +136,7 @@ def _solid(each: Outline, built: Surface, colour: str, d: int, extent: float, mi
 
 
 def slab(outline: Surface, thickness: float) -> Surface:
-    """Extrude a convex planar outline to a slab, centred on the plane."""
+    """Extrude a convex outline in the x-y plane to a slab that is centred on this plane."""
     v = outline.vertices
     a, b = v, np.roll(v, -1, axis=0)
     if float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()) < 0.0:

@@ -1,4 +1,4 @@
-"""Sliders of a scene: values that can change during a run, with ranges."""
+"""Sliders of a scene: values that can change during a run, and their ranges."""
 
 from __future__ import annotations
 
@@ -39,15 +39,18 @@ STEPS = 200  # approximate number of steps of a range
 class Slider:
     """Value of a scene that can change during a run.
 
+    The value is either a number in the scene, or a factor by which the stiffness matrix K_o of the object is multiplied
+    for translation or for rotation.
+
     Attributes:
-        key: Live key of the scene; for a factor, followed by "translation" or "rotation".
-        label: Description with the paper's symbol.
-        unit: Unit of the value; empty for a coefficient.
-        least, most: Range, which includes the present value.
+        key: Live key of the number; for a factor, the live key of K_o followed by ".translation" or ".rotation".
+        label: Description with the symbol used in the paper.
+        unit: Unit of the value; empty for a factor or a coefficient of friction.
+        least, most: Smallest and largest value; the range includes the present value.
         step: Step between values.
         value: Present value.
-        stiffness: Stiffness of the object at factor 1, (w, w), if the value is a factor of this stiffness; else None.
-        freedoms: Indices of the object's degrees of freedom whose stiffness the factor multiplies.
+        stiffness: For a factor, K_o at factor 1 (w, w); otherwise None.
+        freedoms: For a factor, indices of the object's degrees of freedom to which the factor applies.
     """
 
     key: str
@@ -62,7 +65,7 @@ class Slider:
 
     @property
     def live(self) -> str:
-        """Live key of the scene that the slider moves."""
+        """Live key of the scene that the slider changes."""
         return self.key if self.stiffness is None else OBJECT_STIFFNESS
 
     def to_dict(self) -> dict[str, Any]:
@@ -76,8 +79,8 @@ class Slider:
 def sliders(scene: Scene) -> list[Slider]:
     """List the sliders of a scene: gains, friction, and the viscosity and mass of objects, if they can change.
 
-    Ranges are linear and end at 4 times the value or more (2 times for friction); `widened` extends them beyond
-    stability limits. A stiffness of the object has one factor for translation and one for rotation.
+    Ranges are linear and end at 4 times the present value or more (2 times for friction); `widened` extends a range
+    beyond the stability limit. A stiffness matrix of the object has one factor for translation and one for rotation.
     """
     with build(scene, engine="interpreted") as servo:
         found = list(_factors(servo, scene))
@@ -90,7 +93,7 @@ def sliders(scene: Scene) -> list[Slider]:
 
 
 def _factors(servo: Servo, scene: Scene) -> Iterator[Slider]:
-    """List the factors on the object's stiffness, of translation and of rotation, if it can change."""
+    """Yield the factors of the object's stiffness for translation and for rotation, if this stiffness can change."""
     part = scene.coupling.external
     if not isinstance(part, ObjectImpedance) or not _can_change(servo, scene, OBJECT_STIFFNESS, 1.0):
         return
@@ -103,20 +106,20 @@ def _factors(servo: Servo, scene: Scene) -> Iterator[Slider]:
 
 
 def live_keys(sliders: Sequence[Slider]) -> list[str]:
-    """List the live keys that sliders move, each once."""
+    """List the live keys that sliders change, without duplicates."""
     return list(dict.fromkeys(each.live for each in sliders))
 
 
 def values_of(slider: Slider, others: Sequence[Slider], values: Mapping[str, float]) -> dict[str, Any]:
-    """Return the value of the live key that a slider moves: a number, or K_o with the factors of all its sliders.
+    """Return the value of the live key that a slider changes: a number, or the stiffness K_o of the object.
 
-    Factors a of translation and b of rotation make [[a K_tt, sqrt(a b) K_tr], [sqrt(a b) K_rt, b K_rr]], which remains
-    positive semidefinite.
+    With the factors a for translation (index t) and b for rotation (index r), K_o becomes
+    [[a K_tt, sqrt(a b) K_tr], [sqrt(a b) K_rt, b K_rr]], which remains positive semidefinite.
 
     Args:
-        slider: Moved slider.
+        slider: Slider whose value has changed.
         others: All sliders.
-        values: Value of each slider, by its key.
+        values: Value of each slider, by the key of the slider.
     """
     if slider.stiffness is None:
         return {slider.live: values[slider.key]}
@@ -128,7 +131,7 @@ def values_of(slider: Slider, others: Sequence[Slider], values: Mapping[str, flo
 
 
 def value_in(slider: Slider, values: Mapping[str, Any]) -> float | None:
-    """Return a slider's value for these values of live keys; None if the values do not determine it."""
+    """Return the value of a slider from the values of live keys; None if the slider's live key is not among them."""
     if slider.live not in values:
         return None
     if slider.stiffness is None:
@@ -138,9 +141,9 @@ def value_in(slider: Slider, values: Mapping[str, Any]) -> float | None:
 
 
 def widened(slider: Slider, verdict: Verdict) -> Slider:
-    """Extend the range of a stiffness that ends below the stability limit to 1.5 times the limit, rounded up.
+    """Extend the range of a stiffness to 1.5 times its stability limit, rounded up, if the range ends below the limit.
 
-    The limit of a factor on the object's stiffness is its value in the verdict times the margin of its mode.
+    For a factor of the object's stiffness, the limit is the factor in the verdict times the margin of its mode.
     """
     limit = max(filter(math.isfinite, _limits(slider, verdict)), default=0.0)
     if limit < slider.most:
@@ -150,7 +153,7 @@ def widened(slider: Slider, verdict: Verdict) -> Slider:
 
 
 def _limits(slider: Slider, verdict: Verdict) -> list[float]:
-    """List the stability limits of a slider's value for all objects."""
+    """List the stability limits of a slider's value, one for each row of the mode that the value belongs to."""
     plain = general(slider.key)
     if slider.stiffness is not None:
         own = f"external {plain.rpartition('.')[2]}"
@@ -163,7 +166,7 @@ def _limits(slider: Slider, verdict: Verdict) -> list[float]:
 
 
 def _range(scene: Scene, key: str, value: float) -> tuple[float, float]:
-    """Choose the range of a value."""
+    """Return the smallest and the largest value of a slider, from the present value."""
     plain = general(key)
     if plain.endswith(".friction"):
         return min(0.05, value), _nice_above(max(ROUGHEST, 2.0 * value))
@@ -179,7 +182,7 @@ def _range(scene: Scene, key: str, value: float) -> tuple[float, float]:
 
 
 def _candidates(scene: Scene) -> Mapping[str, tuple[str, str]]:
-    """Return the label and unit of each key."""
+    """Return label and unit of each key that may have a slider."""
     texts = {key: (f"{words}, {letter}", unit) for key, (words, letter, unit) in GAIN_TEXTS.items()}
     if isinstance(scene.coupling.external, ObjectImpedance):  # its gains have other keys, and are not numbers
         texts = {key: text for key, text in texts.items() if not key.startswith("coupling.external.")}
@@ -204,7 +207,7 @@ def _can_change(servo: Servo, scene: Scene, key: str, value: float) -> bool:
     if plain in ("coupling.friction", "finger.*.friction") and value <= 0.0:
         return False  # a contact with friction has additional state
     if plain in INERTIA and any(isinstance(mover.body, Steerable) for mover in servo.movers):
-        return False  # what an object on planes derives from its mass is not sent to a servo in another process
+        return False  # numbers that an object on planes derives from its mass do not reach a servo in another process
     try:
         Steering(servo, scene, [key])
     except GraspFXError:
@@ -228,7 +231,7 @@ def _nice_above(value: float) -> float:
 
 
 def _nice_below(value: float) -> float:
-    """Round down to 1, 2 or 5 times a power of ten; 0 stays."""
+    """Round down to 1, 2 or 5 times a power of ten; return 0 for values of 0 or less."""
     if value <= 0.0:
         return 0.0
     power = 10.0 ** math.floor(math.log10(value) + 1e-9)

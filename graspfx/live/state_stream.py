@@ -1,4 +1,7 @@
-"""Stream of a run over a WebSocket: states as JSON, in SI units and right-handed 3-D coordinates; goals of guides."""
+"""WebSocket that sends the states of a run to clients, and receives goals of guides from them.
+
+Messages are JSON, in SI units and right-handed 3-D coordinates.
+"""
 
 from __future__ import annotations
 
@@ -42,12 +45,12 @@ def hello_message(
     scene: Scene, scenery: Scenery, guides: Sequence[Guide], *, rate: float, farthest: float, closest: float,
     run: int,
 ) -> str:  # fmt: skip
-    """Return the hello message: names, frames and units, and the guides that clients may move.
+    """Return the first message to a client: names, units, shapes, and the guides that the client may move.
 
     Args:
         scene: Running scene.
         scenery: Scenery of the scene.
-        guides: Guides that clients may move; empty for none.
+        guides: Guides that clients may move; empty if they may move none.
         rate: Highest rate of states [Hz].
         farthest: Largest component of an offset [m].
         closest: Largest absolute squeeze [m].
@@ -97,7 +100,7 @@ def state_message(frames: Frames, tick: int, number: int, run: int, state: str, 
         number: Number of the state in the stream, from 1.
         run: Number of the run in the stream, from 1.
         state: "running", "paused" or "ended".
-        fault: Fault of the run; empty for none.
+        fault: Message of the fault; empty if the run has no fault.
     """
     force, (internal, external) = frames.force, frames.parts or (None, None)
     return _json({
@@ -128,47 +131,47 @@ def _json(table: dict[str, Any]) -> str:
 
 
 def _finite(numbers: FloatArray) -> list[float] | None:
-    """Convert numbers to a list; None if one of them is not finite."""
+    """Convert an array to a list; return None if a number is not finite."""
     return numbers.tolist() if np.isfinite(numbers).all() else None
 
 
 def _part(forces: FloatArray | None, finger: int) -> list[float] | None:
-    """Return the force of a finger in the last frame; None if forces were not recorded."""
+    """Return the force of a finger in the last frame; None if the forces are unknown or not finite."""
     return None if forces is None else _finite(forces[-1, finger])
 
 
 def _shape(table: dict[str, Any], kind: str, number: int) -> Any:
-    """Return a shape as in the scene; None for a point."""
+    """Return the table `shape` of an object or obstacle in the scene; None for a point."""
     entries = table.get(kind)
     entry = entries if isinstance(entries, dict) else entries[number] if entries else {}
     return entry.get("shape")
 
 
 class StateStream:
-    """Stream on a socket with its own threads; a context manager. Runs are attached one after the other.
+    """Stream of runs, which are attached one after the other; a context manager.
 
-    Offset, squeeze and speed of goals are limited (`REACH`, `CLOSEST`, `SPEED`). Goals pass through the follower of the
-    guide, and a recording contains them with their ticks. If a client leaves, or is silent for half a second, the goals
-    of its guides no longer change.
+    Offset, squeeze and speed of goals are limited (`REACH`, `CLOSEST`, `SPEED`). Goals are smoothed by the follower of
+    the guide, and a recording contains the goals with their ticks. If a client leaves or sends nothing for half a
+    second, the goals of the guides that this client has moved no longer change.
 
     Args:
         line: Listening socket.
         gate: Access control.
         rate: Rate of states [Hz].
-        goals: Whether clients may move the guides of a run; never with hardware.
+        goals: Whether clients may move the guides of a run; a run with hardware then cannot be attached.
 
     Attributes:
         server: Server of the socket.
         states: Number of states sent.
 
     Raises:
-        InputError: If the rate is not from 1 to 120 Hz.
+        InputError: If the rate is not between 1 and 120 Hz.
         MissingPackageError: If websockets is not installed.
     """
 
     def __init__(self, line: socket, gate: StreamGate, *, rate: float = RATE, goals: bool = False) -> None:
         if not 1.0 <= rate <= FASTEST:
-            raise InputError("rate", rate, f"1 to {FASTEST:g} states a second")
+            raise InputError("rate", rate, f"a rate of 1 to {FASTEST:g} Hz")
         self.rate, self._goals = rate, goals
         self.server = StreamServer(line, gate, self.lead, self.release)
         self._run: LiveRun | None = None
@@ -192,11 +195,11 @@ class StateStream:
         """Start streaming a run.
 
         Raises:
-            InputError: If clients may move guides, and the run has hardware.
+            InputError: If clients may move guides and the run has hardware.
         """
         if self._goals and run.has_hardware:
-            do = "stream it without goals: clients must not move a finger that a person holds"
-            raise InputError("goals", "a run with hardware", "simulated fingers only", do)
+            do = "stream this run without goals, because clients must not move a device that a person holds"
+            raise InputError("goals", "a run with hardware", "a run with simulated fingers only", do)
         with self._lock, self._writing:
             self._runs += 1
             guides = list(run.guides) if self._goals else []
@@ -210,7 +213,7 @@ class StateStream:
             self.server.describe(hello, Bounds(len(guides), far, near))
 
     def detach(self) -> None:
-        """Stop streaming: send the last state, and accept no more goals."""
+        """Send the last state of the run, and then accept no more goals."""
         with self._lock:
             run, self._run = self._run, None
         with self._writing, suppress(GraspFXError):
@@ -233,7 +236,7 @@ class StateStream:
             self._send(order.guide, walk.aim(target, start, time.monotonic()))
 
     def release(self, guide: int) -> None:
-        """Release a guide; its goal no longer changes."""
+        """Release a guide, so that the goal of this guide no longer changes."""
         with self._lock:
             if guide < len(self._walks):
                 self._walks[guide].end()
@@ -269,7 +272,7 @@ class StateStream:
                 self._send(guide, goal)
 
     def _message(self, run: LiveRun, state: str) -> str | None:
-        """Return the newest row as a message; None without a new row."""
+        """Return the newest row as a message; None if there is no new row in a running run."""
         tick, rows = run.rows(run.tick)
         if not len(rows) or self._scenery is None:
             return None
@@ -287,15 +290,15 @@ def stream_of(
     stack: ExitStack, *, rate: float = RATE, goals: bool = False, port: int | None = None, lan: bool = False,
     token: str | None = None, origins: Collection[str] = (),
 ) -> tuple[StateStream, str]:  # fmt: skip
-    """Open a stream; return it and its address with the token. The stack closes the stream.
+    """Open a stream; return the stream, and its address including the token.
 
     Args:
         stack: Exit stack that closes the stream.
         rate: Rate of states [Hz].
         goals: Whether clients may move guides.
-        port: Port; None for the first free one from 8770, 0 for any.
+        port: Port number; None for the first free port from 8770 on, 0 for any free port.
         lan: Whether other machines in the network have access.
-        token: Token of clients; None for a new one.
+        token: Token that clients must send; None for a new token.
         origins: Origins of web pages that may open the stream.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Live run controlled by a touch screen: orders become goals of fingers, rows become pictures, orders are logged."""
+"""Live run controlled by a touch screen: goals of fingers, pictures of the run, and a log of touches."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ PAUSE = 2.0  # time during which a fault is shown before the scene restarts [s]
 
 
 def box_of(scenery: Scenery) -> Box:
-    """Choose the touchable area: around the scene's middle, with room to move objects."""
+    """Return the area that can be touched: a box around the scene's centre with space to move objects."""
     x, y = float(scenery.middle[0]), float(scenery.middle[1])
     half, high = WIDE * scenery.extent, HIGH * scenery.extent
     return Box(x - half, y - high, x + half, y + high)
@@ -64,10 +64,10 @@ def description(scenery: Scenery, title: str, fingers: Sequence[int], touchable:
     Args:
         scenery: Scenery of the scene.
         title: Title of the page.
-        fingers: Numbers of the fingers in the order of the page.
-        touchable: Number of fingers that can be touched; they come first.
-        box: Touchable area, in the scene's coordinates [m].
-        fault: Fault of the run; empty for none.
+        fingers: Numbers of the fingers in the order of the page; fingers that can be touched come first.
+        touchable: Number of fingers that can be touched.
+        box: Area that can be touched, in the scene's coordinates [m].
+        fault: Reason why the run ended; empty while it runs.
     """
     objects = [each for each in scenery.solids if each.object is not None]
     most = "one finger" if touchable == 1 else f"up to {touchable} fingers"
@@ -91,10 +91,11 @@ def description(scenery: Scenery, title: str, fingers: Sequence[int], touchable:
 
 
 def picture(frames: Frames, tick: int, scenery: Scenery, fingers: Sequence[int]) -> bytes:
-    """Encode the last frame: tick, time, squeeze, push, poses (x, y, angle), and seven numbers per finger.
+    """Encode the last frame as float64, in SI units.
 
-    The seven numbers are position, internal force, external force (two coordinates each) and state, in SI units as
-    float64. Missing forces of fingers are 0; other missing numbers are NaN.
+    The numbers are the tick, the time, the largest squeeze and the largest push of an object; x, y and angle of each
+    object; and two coordinates each of position, internal force and external force, and the state, of each finger.
+    Forces of fingers that are unknown are 0; other unknown numbers are NaN.
     """
     n = len(fingers)
     modes = frames.modes.values()
@@ -117,18 +118,18 @@ def _pose(place: FloatArray, turn: FloatArray) -> list[float]:
 
 
 def _largest(forces: Iterable[float]) -> float:
-    """Return the largest finite force [N]; NaN if none is known."""
+    """Return the largest finite force [N]; NaN if no force is finite."""
     return max(filter(math.isfinite, forces), default=math.nan)
 
 
 def _shape(solid: Solid) -> dict[str, Any]:
-    """Return the outline of a slab: its front vertices, which come first."""
+    """Return name, colour and outline of a slab; the outline consists of the front vertices, which come first."""
     outline = solid.vertices[: len(solid.vertices) // 2, :2]
     return {"name": solid.name, "colour": solid.colour, "loops": [outline.round(9).tolist()]}
 
 
 class Entry(NamedTuple):
-    """Order of a client, with the newest tick at its arrival and its outcome."""
+    """Order of a client, the newest tick when the order arrived, and the fate of the order."""
 
     client: int
     order: Order
@@ -137,7 +138,7 @@ class Entry(NamedTuple):
 
 
 class TouchLog:
-    """Log of orders in memory; `save` writes it beside a recording.
+    """Log of orders, kept in memory until `save` writes a file.
 
     Args:
         is_on: Whether orders are logged.
@@ -153,10 +154,10 @@ class TouchLog:
             self.entries.append(Entry(client, order, tick, fate))
 
     def fates(self) -> list[str]:
-        """List the outcome of each order.
+        """List the fate of each order.
 
-        An outcome is "applied", "superseded" if another order for the finger arrived before the next tick, or the
-        reason for dropping the order.
+        The fate is "applied", "superseded" if another order for the same finger arrived before the next tick, or the
+        reason why the order was rejected.
         """
         fates, newest = [each.fate for each in self.entries], dict[int, int]()
         for k, each in enumerate(self.entries):
@@ -169,7 +170,7 @@ class TouchLog:
         return ["applied" if fate == "taken" else fate for fate in fates]
 
     def save(self, folder: Path) -> Path:
-        """Write the log as CSV; return the file's path."""
+        """Write the log as a CSV file in a folder; return the file's path."""
         lines = [HEADER]
         for (client, order, tick, _), fate in zip(self.entries, self.fates(), strict=True):
             x, y = order.place
@@ -180,20 +181,20 @@ class TouchLog:
 
 
 def touched_scene(scene: Scene) -> Scene:
-    """Return the scene with hands that have no motion, rotation or squeeze: fingers stay at their initial positions.
+    """Return the scene without motions, rotations and squeezes of hands, so that fingers stay where they start.
 
     Raises:
         InputError: If the scene is three-dimensional, or has no hand that can be moved.
     """
     if scene.dimensions > 2:
         raise InputError(
-            "scene", scene.title or scene.source.name, "a scene on a line or in the plane",
-            "a touch screen has no depth; `graspfx view` moves hands in space",
+            "scene", scene.title or scene.source.name, "a scene with one or two dimensions",
+            "move hands in three dimensions with `graspfx view`",
         )  # fmt: skip
     if not any(_is_led(each) for each in holdings(scene)):
         raise InputError(
             "scene", scene.title or scene.source.name, "a scene with a simulated finger held by a spring hand",
-            "give a finger a table `hand = { stiffness = 60.0, damping = 1.0 }`",
+            "add `hand = { stiffness = 60.0, damping = 1.0 }` to the table of a finger",
         )  # fmt: skip
     table = scene.to_dict()
     for each in holdings(scene):
@@ -219,11 +220,11 @@ class TouchRun:
     """Live run whose fingers follow a touch screen; a context manager.
 
     Args:
-        scene: Scene on a line or in the plane, with simulated fingers held by hands.
+        scene: One- or two-dimensional scene with simulated fingers that are held by hands.
         line: Listening socket.
         gate: Access control of the page.
         speed: Highest speed of a goal [m/s].
-        out: Folder of the recording and the log of orders; None for neither.
+        out: Folder in which the recording and the log of orders are written; None to write neither.
 
     Attributes:
         run: Live run.
@@ -277,7 +278,7 @@ class TouchRun:
         self.close()
 
     def close(self) -> None:
-        """Close the page and the run, and write the log of orders; closing again does nothing."""
+        """Close the page and the run, and write the log of orders; a second call has no effect."""
         if self._is_closed:
             return
         self._is_closed = True
@@ -295,7 +296,7 @@ class TouchRun:
 
     @property
     def fault(self) -> str:
-        """Reason why the run has ended; empty while it runs."""
+        """Reason why the run has ended; empty while the run continues."""
         return self._fault
 
     # Orders: in the server's thread -------------------------------------------------------------------------------
@@ -325,7 +326,7 @@ class TouchRun:
     # Pictures: in a thread of its own -----------------------------------------------------------------------------
 
     def _follow(self) -> None:
-        """Step the goals and send pictures until the end."""
+        """Move the goals and send pictures until the page is closed."""
         tick, pictured = -1, 0.0
         while not self._is_over.is_set():
             if self.run.state == "ended" or self.run.fault is not None:
@@ -358,7 +359,7 @@ class TouchRun:
                     self._send(finger, goal)
 
     def _begin_anew(self) -> bool:
-        """Show why the run ended, and restart it; a run with a recording or hardware is not restarted."""
+        """Show why the run ended; restart it, unless it is recorded or has hardware; return whether it runs again."""
         self._fault = str(self.run.fault or self.run.error or "the run has ended")
         self.server.describe(self._described())
         with self._lock:

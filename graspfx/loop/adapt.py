@@ -1,4 +1,4 @@
-"""Adapter of a vendor's C functions to a loop without Python, as generated machine code."""
+"""Adapter that lets a real-time loop in machine code call the C functions of a vendor's library."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ KINDS = "ptr", "i64", "double", "i64"  # types of the arguments of `estimate_aft
 
 
 class Adapter:
-    """Machine code that calls a device's C functions, and the memory that it uses.
+    """Machine code that calls the C functions of a device, and the memory that the machine code uses.
 
     Attributes:
-        context: Memory whose address the functions receive.
+        context: Memory whose address is passed to the machine code.
     """
 
     def __init__(self, parts: Trampolines, context: np.ndarray[Any, Any], *owners: object) -> None:
@@ -40,11 +40,15 @@ class Adapter:
         self.context, self._owners = context, owners
 
     def value(self, code: int) -> float:
-        """Return the tested number that caused a negative code: a function's return value or an entry of a buffer."""
+        """Return the number that caused a fault: the return value of a function, or an entry of a buffer.
+
+        Args:
+            code: Fault code, which is negative.
+        """
         return float(self.context.view(np.float64)[self._values[-code - 1]])
 
     def fault_text(self, code: int) -> str:
-        """Describe the fault with a negative code."""
+        """Return the message for a fault code, which is negative."""
         function, says = self._faults[-code - 1]
         value = self.value(code)
         number = f"{value:g}" if abs(value) < 0x100 or value != int(value) else f"0x{int(value):X}"
@@ -75,7 +79,7 @@ def adapt(
     velocity: VelocityEstimator | None = None,
     **settings: float,
 ) -> Calls:
-    """Adapt C functions of a vendor's library to a loop without Python.
+    """Adapt C functions of a vendor's library so that a real-time loop in machine code can call them.
 
         calls = adapt(
             library,
@@ -86,37 +90,40 @@ def adapt(
             id=0,
         )
 
-    Each text is one call in the syntax of a C declaration, or several calls separated by `;`. An argument is
+    Each of `read`, `write`, `stop` and `ask` is one call in the syntax of a C declaration, or several calls separated
+    by `;`. A call reads or fills a block of numbers: for `ask` and `read`, positions followed by velocities; for
+    `write` and `stop`, forces. An argument of a call is
 
     - `in 0`, the value of entry 0 of the block, or `in 0:3`, the address of entries 0, 1 and 2;
     - `out 0` or `out 0:3`, the address of entries that the function fills;
     - a type and a number, such as `double 0` or `u32 0x2050`, or a type and the name of a setting, such as `i8 id`;
-    - a type with a size, and a name, such as `i32[17] status`: a buffer in the context.
+    - a type with a size, and a name, such as `i32[17] status`: a buffer.
 
-    A factor after entries, such as `* 0.001`, multiplies them after an `out` call or before an `in` call. Types are
-    void, char, short, int, long, uint, ulong, i8 to i64, u8 to u64, float and double. `u32[3]` before a function's name
-    declares that the function returns a struct of three numbers; the first number is tested. The block of `ask` and
-    `read` contains positions, then velocities; the block of `write` and `stop` contains forces.
+    A factor after an `in` or `out` argument, such as `* 0.001`, multiplies `in` entries before the call and `out`
+    entries after the call. Types are void, char, short, int, long, uint, ulong, i8 to i64, u8 to u64, float and double.
+    `u32[3]` before the name of a function declares that the function returns a struct of three numbers, of which only
+    the first is tested.
 
-    Each call is tested separately. After a fault, later calls of the same text are not made, so that they cannot hide
-    the fault. Only `stop` makes all of its calls even after a fault.
+    The return value of each call is tested. After a fault, the remaining calls in the same text are not made, so that
+    they cannot hide the fault; only the calls in `stop` are all made.
 
     Args:
-        library: `ctypes.CDLL`, or an object with ctypes functions of these names.
-        read, write, stop, ask: Texts of the calls; without `ask`, no request is sent before a reading.
-        fault: Condition for a fault: comparisons of a return value or a buffer's entry, joined by `or`, such as "< 0 or
-            status[5] == 0".
-        held: Condition, in the same form, for a `read` without a new sample.
-        errors: Call that pops the newest error from the library's stack and returns 0 if there is none. After each
-            other call, it is called repeatedly until the stack is empty. Any error is a fault.
+        library: `ctypes.CDLL`, or another object whose attributes are ctypes functions.
+        read, write, stop, ask: Calls that read the device, write forces, stop the device, and request a reading. If
+            `ask` is empty, no request is sent before a reading.
+        fault: Condition for a fault: comparisons of the return value or of an entry of a buffer, joined by `or`, such
+            as "< 0 or status[5] == 0".
+        held: Condition under which `read` has returned no new sample, in the same syntax as `fault`.
+        errors: Call that removes the newest error from the error stack of the library, and returns 0 if the stack is
+            empty. It is made after each other call, repeatedly until the stack is empty. Any error is a fault.
         shape: Shape (k, d) of the device.
-        velocity: Estimator of velocities if `read` returns only positions; None if it returns both.
-        settings: Values of the settings named in the texts.
+        velocity: Estimator of velocities if `read` fills only positions; None if `read` also fills velocities.
+        settings: Value of each setting that is named in the calls.
 
     Raises:
         MissingPackageError: If LLVM is not installed.
-        InputError: If a text does not follow this syntax, an entry is out of range, the library lacks a function, or
-            the settings are not those named in the texts.
+        InputError: If a text does not follow this syntax, an entry is out of range, the library does not have a
+            function, or the names of the settings differ from the names in the calls.
     """
     k, d = shape
     texts = {"ask": ask, "read": read, "write": write, "stop": stop}
@@ -150,18 +157,18 @@ def adapt(
 
 
 def _estimation(velocity: VelocityEstimator, count: int) -> Estimation:
-    """Load the velocity kernel, which the adapted functions call."""
+    """Load the kernel that estimates the velocities of `count` components."""
     from graspfx.compile.symbol import symbol_of
     from graspfx.loop.velocity import estimate_after
 
     state, stride, _ = velocity.memory
     if len(state) != count * stride:
-        raise InputError("velocity", len(state) // stride, f"an estimator of {count} components, as in `shape`")
+        raise InputError("velocity", len(state) // stride, f"an estimator of {count} components, k d of `shape`")
     return Estimation(symbol_of(estimate_after, KINDS), count, stride)
 
 
 def _entries(calls: dict[str, tuple[CCall, ...]], buffer: str) -> int:
-    """Count the entries of a buffer."""
+    """Return the number of entries of a buffer."""
     arguments = [each for role in calls.values() for call in role for each in call.arguments]
     return next(each.count for each in arguments if each.kind == "buffer" and each.name == buffer)
 
@@ -169,7 +176,7 @@ def _entries(calls: dict[str, tuple[CCall, ...]], buffer: str) -> int:
 def _fill_settings(parts: Trampolines, words: np.ndarray[Any, Any], settings: dict[str, float]) -> None:
     room = parts.plan.settings
     if set(room) != set(settings):
-        raise InputError("settings", sorted(settings), f"the settings in the calls: {sorted(room)}")
+        raise InputError("settings", sorted(settings), f"the settings named in the calls: {sorted(room)}")
     for name, (type_, word) in room.items():
         value = settings[name]
         if type_ not in FLOATS:
@@ -180,7 +187,7 @@ def _fill_settings(parts: Trampolines, words: np.ndarray[Any, Any], settings: di
 
 
 def _symbol(library: object, name: str) -> int:
-    """Find the address of a library's function."""
+    """Return the address of a function in a library."""
     try:
         function = getattr(library, name)
         place = ctypes.cast(function, ctypes.c_void_p).value
@@ -194,7 +201,7 @@ def _symbol(library: object, name: str) -> int:
 
 
 def c_engine(text: str) -> Any:
-    """Load the machine code of a text; compile it if it is not cached."""
+    """Load the machine code of LLVM IR, and compile the IR first if its machine code is not cached."""
     key = hashlib.sha256("\0".join([*platform(), "calls", text]).encode()).hexdigest()
     machine = disk.load(key)
     if machine is None:

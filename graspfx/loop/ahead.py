@@ -1,7 +1,7 @@
-"""Compile the programs of a wheel: `python -m graspfx.loop.ahead FOLDER` (see `graspfx.compile.library`).
+"""Compile the programs that a wheel contains: `python -m graspfx.loop.ahead FOLDER` (see `graspfx.compile.library`).
 
-The command needs numpy, LLVM and a C compiler, and prints the tag of the platforms on which the programs run. If
-`ziglang` is installed, it also compiles the module of `steps` for browsers (`graspfx.compile.webassembly`).
+The command needs numpy, LLVM and a C compiler. It prints the tag of the platforms on which the programs run. If
+`ziglang` is installed, the command also compiles a WebAssembly module for browsers (`graspfx.compile.webassembly`).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ BY_THEMSELVES = (direct.couple, direct.couple_rows, direct.mode_rows, set_deadli
 
 
 def programs() -> dict[str, tuple[str, LlvmProgram]]:
-    """Generate all programs as LLVM IR; map the key of each program to its name and the program."""
+    """Generate all programs as LLVM IR; return name and program, by the key of the program."""
     found = {
         step_program.program_key(): ("steps", llvm_program(step_program.source())),
         footprint(beat.beat): ("beat", llvm_program(beat.source())),
@@ -37,7 +37,7 @@ def programs() -> dict[str, tuple[str, LlvmProgram]]:
 
 
 def modules(steps: LlvmProgram) -> dict[str, tuple[str, bytes]]:
-    """Compile the module of `steps` for browsers; without `ziglang` the result is empty."""
+    """Compile the program that runs ticks to a WebAssembly module; return nothing if `ziglang` is not installed."""
     if find_spec("ziglang") is None:
         return {}
     return {webassembly.module_key(step_program.program_key()): ("steps", webassembly.build(steps))}

@@ -1,4 +1,4 @@
-"""Arena of a scene: the blocks of all parts, and the `World`, which lists the place of each quantity in them."""
+"""Arena of a scene: the memory blocks of all parts, and the `World`, which lists where each quantity is stored."""
 
 from __future__ import annotations
 
@@ -49,11 +49,11 @@ MANY = {
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Targets of a hand in plain Python, for the ticks of one call.
+    """Targets of a hand in plain Python, for the ticks of one call of the engine.
 
     Attributes:
-        memory: Targets (CHUNK, width), flat: r and r' at the end of each sample, then r and r' in its middle if
-            requested.
+        memory: Targets (CHUNK, width), flattened. A row contains the target position r and the target velocity r' at
+            the end of a sample; if `middle`, it then contains r and r' in the middle of the sample.
         wiring: Wiring of the plant that the hand moves.
         middle: Whether the plant needs the targets in the middle of a sample.
     """
@@ -63,7 +63,7 @@ class Table:
     middle: bool
 
     def fill(self, k: int, count: int, period: float) -> None:
-        """Compute the hand's targets in ticks k, ..., k + count - 1, at most CHUNK, and store them."""
+        """Compute and store the hand's targets in the ticks k, ..., k + count - 1, where count is at most CHUNK."""
         each = self.memory.reshape(CHUNK, -1, *self.wiring.plant.position.shape)
         for i in range(count):
             each[i, 0], each[i, 1] = self.wiring.hand.target((k + i + 1) * period)
@@ -73,12 +73,12 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class ForeignKernel:
-    """A third-party kernel (one not in `kernels.KERNELS`), and the entries of the world that contain its number.
+    """Kernel that is not in `kernels.KERNELS`.
 
     Attributes:
         kernel: Kernel function.
-        parameters: Names of the kernel's arguments after the first place: `t` and `T` are floats, and `beside` is the
-            place of a block.
+        parameters: Names of the kernel's arguments after the place of its first block: `t` and `T` are floats, and
+            `beside` is the place of a second block.
         blocks: Blocks that the kernel uses.
         entries: Entries of the world's memory that contain the kernel's number.
     """
@@ -90,21 +90,22 @@ class ForeignKernel:
 
 
 class Arena:
-    """Parts of a scene, laid out for `steps`.
+    """Memory layout of the parts of a scene, for the program that runs ticks.
 
-    The arena passes the period to plants and guests, and the hands to their plants.
+    A place is the position of a number relative to the start of `memory`. The arena also gives the period to plants and
+    guests, and hands to their plants.
 
     Args:
         parts: Parts of the scene.
-        memory: Memory that contains the blocks. A block may also lie outside, because machine code addresses each block
-            directly.
+        memory: Memory in which blocks are allocated. Blocks of parts may also be elsewhere, because machine code
+            addresses each block directly.
         record: Whether rows are recorded.
 
     Attributes:
         world: World of the scene.
         offset: Place of the world.
         servo: Memory of the tick, `ServoState`.
-        loop: Memory of a real-time loop, `LoopState`; None for a run without it.
+        loop: Memory of the real-time loop, `LoopState`; None if the run does not follow the wall clock.
         arrays: All blocks, in the order of their registration.
         ports: Ports of devices in plain Python.
         tables: Tables of hands in plain Python.
@@ -147,13 +148,13 @@ class Arena:
 
     @property
     def buffer(self) -> Any:
-        """All memory as one buffer, for kernels that run interpreted."""
+        """All blocks as one buffer, for interpreted kernels."""
         if self.is_whole:
             return memoryview(self.memory.floats[: self.memory.used])
         return Scattered(self.memory, self.arrays)
 
     def place(self, array: FloatArray | None) -> int:
-        """Return the place of an array or of a view of a block; NONE for None."""
+        """Return the place of the first number of an array or a view; NONE for None."""
         return NONE if array is None else self.memory.place(array)
 
     # Blocks -----------------------------------------------------------------------------------------------------------
@@ -162,10 +163,12 @@ class Arena:
         """Register a block.
 
         Raises:
-            InputError: If the array is not a flat float64 array, or shares memory with another block.
+            InputError: If the array is not a contiguous one-dimensional float64 array, or if it shares memory with
+                another block.
         """
         if array.dtype != np.float64 or not array.flags.c_contiguous or array.ndim != 1:
-            raise InputError("state", f"an array {array.shape} of {array.dtype}", "a flat contiguous float64 array")
+            given = f"an array {array.shape} of {array.dtype}"
+            raise InputError("state", given, "a contiguous one-dimensional float64 array")
         if not any(each is array for each in self.arrays):
             first = self.memory.place(array)
             for each in self.arrays:
@@ -174,7 +177,7 @@ class Arena:
                     return array
                 if first < other + each.size and other < first + array.size:
                     raise InputError(
-                        "state", array.shape, "a separate block, which does not share memory with another part's block"
+                        "state", array.shape, "a block that does not share memory with the block of another part"
                     )
             self.arrays.append(array)
         return array
@@ -196,28 +199,31 @@ class Arena:
                 yield guest.buffer
 
     def _is_native(self, m: PlantWiring) -> bool:
-        """Return whether a plant and its devices consist of kernels only."""
+        """Return whether a plant and all its devices are kernels."""
         wired = {id(station.device) for station in self.parts.stations}
         devices = [cast("Device", device) for device in m.devices]
         return plants.fused(m.plant) is not None and all(fused(d) is not None and id(d) in wired for d in devices)
 
     def _motion_of(self, m: PlantWiring) -> tuple[FloatArray, int]:
-        """Return a plant's block, or the positions of its fingertips, flat; and the entry of the first position."""
+        """Return the array that contains the fingertips' positions, and the entry at which they start.
+
+        The array is the plant's block or, for a plant in plain Python, its flattened positions.
+        """
         if isinstance(m.plant, FusedPlant):
             return self._block(m.plant.state), m.plant.ports.position
         flat: FloatArray = m.plant.position.reshape(-1)
         if not np.shares_memory(flat, m.plant.position):
             raise InputError(
                 "plant", type(m.plant).__qualname__,
-                "a `position` that is the same contiguous array for the plant's lifetime",
-                "keep one array, and write the positions into it",
+                "an attribute `position` that is always the same contiguous array",
+                "create the array once, and write the positions into it",
             )  # fmt: skip
         return self._block(flat), 0
 
     # The world --------------------------------------------------------------------------------------------------------
 
     def _lay(self, *, record: bool) -> None:
-        """Lay out the world and fill its records."""
+        """Allocate the world and fill the records of the world."""
         self._copies: list[dict[str, Any]] = []
         self._channels: list[dict[str, Any]] = []
         self._largest: dict[int, int] = {}  # places where devices report a finger's largest force
@@ -256,7 +262,7 @@ class Arena:
         array[first : first + len(columns)] = columns
 
     def _fill(self, kind: type[Record], at: int, values: Mapping[str, Any]) -> None:
-        """Write fields of a record of the world at an entry of its memory."""
+        """Write fields of a record that starts at the entry `at` of the world's memory."""
         fields, memory = layout(kind), self.world.buffer
         for name, value in values.items():
             entry = at + fields[name].start
@@ -269,7 +275,7 @@ class Arena:
                 memory[entry] = value
 
     def _kernel(self, kernel: Kernel, parameters: tuple[str, ...], *blocks: FloatArray) -> int | ForeignKernel:
-        """Return a kernel's number, or a `ForeignKernel`, whose number is set later."""
+        """Return the number of a kernel; for a third-party kernel, a `ForeignKernel` whose number is set later."""
         number = number_of(kernel)
         return ForeignKernel(kernel, parameters, blocks, []) if number is None else number
 
@@ -281,7 +287,7 @@ class Arena:
 
     @property
     def is_whole(self) -> bool:
-        """Whether all blocks are in the memory, so that a copy of the memory is a copy of the scene."""
+        """Whether all blocks are in `memory`, so that a copy of `memory` is a copy of the scene."""
         end = self.memory.used
         return all(0 < self.memory.place(each) <= end - each.size for each in self.arrays)
 
@@ -315,7 +321,7 @@ class Arena:
         return [fingers[f] for f in range(self.n)]
 
     def _tip(self, f: int, position: int) -> int:
-        """Return the place of a fingertip's true position, or of its reading if the true position is unknown."""
+        """Return the place of a fingertip's true position or, if this is unknown, of its measured position."""
         if self.parts.layout.simulated:
             for m, (memory, start) in zip(self.parts.plants, self._motions, strict=True):
                 if f in m.fingers:
@@ -363,11 +369,11 @@ class Arena:
     def _add_channels(
         self, station: DeviceWiring, position: int, velocity: int, command: int, limit: int
     ) -> dict[str, int]:
-        """Add the channels that the scene uses; return the index of the first one, and their number.
+        """Add the channels of a device that move fingers; return the index of the first and the number of channels.
 
         Args:
             station: Device and the fingers that it moves.
-            position, velocity, command, limit: Places of the first channel's quantities.
+            position, velocity, command, limit: Places of the quantities of the device's first channel.
         """
         first = len(self._channels)
         for c, f in enumerate(station.fingers.tolist()):
@@ -472,7 +478,10 @@ class Arena:
             }
 
     def _hand(self, m: PlantWiring, width: int, targets: int) -> dict[str, Any]:
-        """Lay out a hand for its plant's targets in a sample; a constant hand needs no further work."""
+        """Return the entries of a plant's record that describe its hand; `targets` is the number of targets a sample.
+
+        The targets of a constant hand are written here, once.
+        """
         if not isinstance(m.hand, FusedHand):
             table = Table(self._block(self.memory.take(CHUNK * 2 * width * targets)), m, targets == 2)
             self.tables.append(table)
@@ -497,7 +506,7 @@ class Arena:
     # The recording ----------------------------------------------------------------------------------------------------
 
     def _columns(self) -> list[int]:
-        """List the places of the values of a row, in order."""
+        """List the places of the values of a row, in the order of the row."""
         columns = self.parts.layout.columns
         numbers, places = np.arange(self.parts.layout.width), dict[int, int]()
 
@@ -537,7 +546,7 @@ class Arena:
         return [places[k] for k in range(len(numbers))]
 
     def _loop_columns(self) -> Iterator[tuple[str, int, int]]:
-        """List the columns that a real-time loop fills: name, first place and size of each."""
+        """Yield name, first place and size of each column that the real-time loop fills."""
         if self.loop is None:
             return
         state, place, columns = LoopState(self.loop), self.place(self.loop), self.parts.layout.columns

@@ -1,4 +1,4 @@
-"""Columns of recorded rows: the table of all columns, a scene's selection, and the protocol of recorders."""
+"""Columns of recorded rows: table of all columns, columns of a scene, and protocol of recorders."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ REST = "rest"  # key of a change: from that tick on forces decay; its value is "
 
 
 class RunFault(NamedTuple):
-    """A fault at a tick; from that tick on every force is zero."""
+    """Fault of a run: message and tick; from this tick on, all forces are zero."""
 
     tick: int
     message: str
@@ -40,26 +40,29 @@ class RunFault(NamedTuple):
 
 
 class RowTaker(Protocol):
-    """Protocol of a recorder of rows: `Recorder` in the servo's process, `RingRecorder` if another process records."""
+    """Protocol of a recorder of rows.
+
+    `Recorder` records in the process of the servo; `RingRecorder` passes the rows to another process, which records.
+    """
 
     @property
     def row(self) -> FloatArray:
-        """The last row that a tick wrote."""
+        """Row that was written last."""
         ...
 
     def space(self) -> tuple[FloatArray, int, int]:
-        """Return rows (r, width), the next tick's index in these rows, and the number of ticks for which there is room.
+        """Return rows (r, width), the index of the next tick, and the number of ticks for which there is space.
 
-        The tick at index r writes row r. If one of every m ticks is recorded, the tick writes row r / m if m divides r,
-        and otherwise no row.
+        The tick with the index i writes row i. If only one of m ticks is recorded, the tick writes row i / m if m
+        divides i, and otherwise no row.
         """
         ...
 
     def take(self, count: int) -> None:
-        """Accept the rows that `count` further ticks have written."""
+        """Accept the rows that the next `count` ticks have written."""
 
     def drain(self) -> None:
-        """Pass on full buffers; this method is called between ticks."""
+        """Write full buffers; this method is called between ticks."""
 
     def fault(self, k: int, message: str) -> None:
         """Record a fault of tick k."""
@@ -72,19 +75,19 @@ class RowTaker(Protocol):
 
 
 class Declared(NamedTuple):
-    """A quantity that a row may contain.
+    """Quantity that a row may contain.
 
     Attributes:
-        name: Name of the column; an object's columns are prefixed with `objects/NAME/`.
-        dimensions: Names of its dimensions, space-separated; none for a single number.
-        unit: Unit of its numbers.
+        name: Name of the column; in a recording, the names of an object's columns begin with `objects/NAME/`.
+        dimensions: Names of the dimensions, separated by spaces; empty for a single number.
+        unit: Unit of the numbers.
         meaning: Description of the quantity.
-        filled: Origin of the values: "sample" (the coupling's sample of a grasp), "servo" (the tick around the sample),
-            "observer" (the ledger of energies), "safety" (the safety chain), "loop" (the exchange with devices in
-            real time) or "reader" (computed from a row by the reader of a recording).
-        when: Property of `Layout` that tells whether the column exists. An empty name means that the column always
-            exists; "always" means that it also exists in recordings of every format.
-        kind: Type of its numbers in a file; rows contain only float64.
+        filled: Part that computes the values: "sample" (coupling of a grasp), "servo" (tick), "observer" (ledger of
+            energies), "safety" (safety chain), "loop" (exchange with devices in real time) or "reader" (reader of a
+            recording, from the other columns).
+        when: Property of `Layout` that says whether the column exists. If it is empty, the column always exists; if it
+            is "always", the column also exists in recordings of every earlier format.
+        kind: Type of the numbers in a file; rows contain only float64.
     """
 
     name: str
@@ -97,78 +100,83 @@ class Declared(NamedTuple):
 
 
 # fmt: off
-DISPLAYED = "force on the operator, after every limit, before output delay"
-SCALE = "factors on the law's force: soft start, trust in readings, internal force, a finger's whole force"
+DISPLAYED = "force on the operator, after all limits and before the output delay"
+SCALE = "factors of the law's force: soft start, trust in readings, internal force, smallest factor of a finger"
 C, OBSERVED = Declared, ("observer", "observed")
 OF_FINGERS = (
     C("finger_position", "finger axis", "m", "position that the device reports", "sample", "always"),
     C("finger_velocity", "finger axis", "m/s", "velocity that the device reports or estimates", "sample", "always"),
-    C("contact_position", "finger axis", "m", "c of e = p - c: on the surface, or one radius outside it for a ball",
+    C("contact_position", "finger axis", "m",
+      "contact point c in e = p - c, on the surface or, for a ball-shaped fingertip, one radius outside the surface",
       "sample", "always"),
     C("finger_force", "finger axis", "N", "force of the finger on the object", "sample", "always"),
     C("finger_moment", "finger turn", "N m", "moment of the finger on the object", "sample", "moments"),
-    C("contact_normal", "finger turn", "1", "normal into the object, if one of its fingers is soft or has friction",
+    C("contact_normal", "finger turn", "1", "normal into the object, if a finger on the object is soft or has friction",
       "sample", "normals"),
-    C("torsion_displacement", "finger", "m", "theta of a soft finger's torsion, times its patch length",
+    C("torsion_displacement", "finger", "m", "torsion angle of a soft finger times the length of its contact patch",
       "sample", "twists"),
-    C("torsion_axis", "finger turn", "1", "axis along which a soft finger's torsion acts on the object",
+    C("torsion_axis", "finger turn", "1", "axis along which the torsional moment of a soft finger acts on the object",
       "sample", "torsion_axes"),
     C("displayed_force", "finger axis", "N", DISPLAYED, "servo", "limits"),
-    C("law_force", "finger axis", "N", "force of the finger on the object by eq. (4), before limits", "sample",
+    C("law_force", "finger axis", "N", "force of the finger on the object from eq. (4), before limits", "sample",
       "limits"),
     C("touching", "finger", "1", "whether the finger exerts a force", "sample", "always", "bool"),
     C("saturated", "finger", "1", "whether the finger's force is at its limit", "sample", "limits", "bool"),
     C("status", "finger", "1", "0 free, 1 stick, 2 slide", "sample", "slips", "int8"),
-    C("gap", "finger", "m", "distance to the surface, negative inside", "sample", "gaps"),
+    C("gap", "finger", "m", "distance of the finger to the surface, negative inside the object", "sample", "gaps"),
     C("true_position", "finger axis", "m", "true position of the simulated fingertip", "servo", "simulated"),
-    C("device_energy", "finger", "J", "work that the displayed force has done on the fingertip so far", "servo",
+    C("device_energy", "finger", "J", "work of the displayed force on the fingertip since the start", "servo",
       "always"),
     C("wall", "", "s", "wall-clock time since the first tick", "loop", "timed"),
-    C("late", "", "s", "delay past the tick's deadline", "loop", "timed"),
-    C("io", "call", "s", "time to ask and read all devices, and time to write them", "loop", "timed"),
-    C("skipped", "", "1", "periods skipped before the tick", "loop", "timed", "int64"),
+    C("late", "", "s", "delay of the tick after its deadline", "loop", "timed"),
+    C("io", "call", "s", "duration of reading from all devices, and of writing to all devices", "loop", "timed"),
+    C("skipped", "", "1", "number of periods skipped before the tick", "loop", "timed", "int64"),
     C("fresh", "finger", "1", "whether the reading contained a new sample", "loop", "timed", "bool"),
     C("switches", "device", "1", "switch states as bits; the first switch of a device is bit 0", "loop",
       "has_switches", "int64"),
     C("raw/", "", "1", "raw numbers from the device", "loop", "timed"),  # one column for each device in `raw`
-    C("largest_force", "finger", "N", "largest force that the device reports for its position", "loop", "varying"),
+    C("largest_force", "finger", "N", "largest force that the device can exert at its position", "loop", "varying"),
 )
 OF_OBJECTS = (
     C("position", "axis", "m", "position of the object's centre", "sample", "always"),
-    C("centre", "axis", "m", "predicted centre of the object, which the sample used", "sample", "predicted"),
+    C("centre", "axis", "m", "predicted centre of the object, used by the sample", "sample", "predicted"),
     C("velocity", "axis", "m/s", "velocity of the object's centre", "sample", "always"),
-    C("orientation", "", "rad", "angle", "sample", "in_plane"),
-    C("angular_velocity", "", "rad/s", "angular velocity about the normal of the plane", "sample", "in_plane"),
+    C("orientation", "", "rad", "angle about the z axis", "sample", "in_plane"),
+    C("angular_velocity", "", "rad/s", "angular velocity about the z axis", "sample", "in_plane"),
     C("orientation", "quaternion", "1", "quaternion x, y, z, w", "sample", "in_space"),
     C("angular_velocity", "turn", "rad/s", "angular velocity in world axes", "sample", "in_space"),
     C("law", "", "1", "friction law that the elastic force satisfies: 0 Coulomb's, 1 the associated law", "sample",
       "slips", "int8"),
-    C("residual", "", "N", "residual of that law", "sample", "slips"),
+    C("residual", "", "N", "residual of the friction law in the column `law`", "sample", "slips"),
     C("wrench", "component", "N, N m", "wrench of the fingers on the object, about its centre, in world axes",
       "sample", "always"),
     C("scale", "share", "1", SCALE, "safety", "guarded"),
     C("tank", "", "J", "energy available for increases of stiffness", "safety", "guarded"),
-    # energies are totals since the start, except `stored` and `kinetic`, which are momentary
-    C("energy/work", "mode", "J", "work of the held forces on the fingers' motion relative to the object", *OBSERVED),
+    # energies are totals since the start, except `stored` and `kinetic`, which are present values
+    C("energy/work", "mode", "J", "work of the fingers' forces, held over each sample, on their motion relative to "
+      "the object", *OBSERVED),
     C("energy/stored", "mode", "J", "energy stored in the springs of eq. (4)", *OBSERVED),
     C("energy/damped", "mode", "J", "energy dissipated by the damping of eq. (4)", *OBSERVED),
-    C("energy/slipped", "mode", "J", "energy dissipated by sliding, by release and by limits", *OBSERVED),
-    C("energy/reshaped", "mode", "J",
-      "energy dissipated by changes of the split or of weights, or by a skew-symmetric stiffness", *OBSERVED),
-    C("energy/leaked", "mode", "J", "energy generated by holding the springs' forces over samples", *OBSERVED),
-    C("energy/balance", "mode", "J", "energy dissipated, including friction; energy was generated if it is below zero",
+    C("energy/slipped", "mode", "J", "energy dissipated by sliding, by release of contacts and by force limits",
       *OBSERVED),
-    C("energy/braked", "mode", "J", "energy dissipated by the added damping", "observer", "is_controlled"),
-    C("energy/damping", "mode", "N s/m", "damping added in this sample", "observer", "is_controlled"),
-    C("energy/fingers", "", "J", "work of the fingers on coupling and object, from the measured positions", *OBSERVED),
+    C("energy/reshaped", "mode", "J", "energy dissipated by changes of the rule that splits forces or of the fingers' "
+      "weights, or by a skew-symmetric part of the stiffness", *OBSERVED),
+    C("energy/leaked", "mode", "J", "energy generated because the springs' forces are held over samples", *OBSERVED),
+    C("energy/balance", "mode", "J", "energy dissipated, including friction; a negative value is generated energy",
+      *OBSERVED),
+    C("energy/braked", "mode", "J", "energy dissipated by the damping that the passivity controller adds", "observer",
+      "is_controlled"),
+    C("energy/damping", "mode", "N s/m", "damping that the passivity controller adds in the sample", "observer",
+      "is_controlled"),
+    C("energy/fingers", "", "J", "work of the fingers on coupling and object, from measured positions", *OBSERVED),
     C("energy/wrench", "", "J", "work of the fingers' wrench on the object", *OBSERVED),
     C("energy/kinetic", "", "J", "kinetic energy of the object", *OBSERVED),
     C("energy/gravity", "", "J", "work of gravity", *OBSERVED),
-    C("energy/contact", "", "J", "work of obstacles and other objects; the remainder, for a body that is not native",
-      *OBSERVED),
+    C("energy/contact", "", "J", "work of obstacles and other objects on the object; for a body that is not native, "
+      "the remainder of the object's energy balance", *OBSERVED),
     C("energy/viscous", "", "J", "energy dissipated by the object's viscosity", *OBSERVED),
     C("energy/defect", "", "J", "energy generated by the object's integrator", *OBSERVED),
-    C("energy/gap", "", "J", "difference between the fingers' work and all other terms", *OBSERVED),
+    C("energy/gap", "", "J", "work of the fingers minus all other terms of the energy balance", *OBSERVED),
 )
 DERIVED = (  # computed from a row; a file also stores the internal and external forces and moments
     C("displayed_force", "finger axis", "N", DISPLAYED, "reader", "unlimited"),
@@ -179,11 +187,12 @@ DERIVED = (  # computed from a row; a file also stores the internal and external
       "reader", "moments"),
     C("external_moment", "finger turn", "N m", "part of the finger's moment on the object that moves the object",
       "reader", "moments"),
-    C("internal_displacement", "finger axis", "m", "displacement by which the fingers squeeze, e - P'e", "reader"),
-    C("external_displacement", "finger axis", "m", "rigid-body part of the displacement e, P'e", "reader"),
-    C("grip_margin", "", "N", "smallest mu f_n - |f_t| of touching fingers with friction; NaN if there are none",
-      "reader",
-      "has_margin"),
+    C("internal_displacement", "finger axis", "m",
+      "part of the displacement e that squeezes the object, e - P'e, where P f is the external force", "reader"),
+    C("external_displacement", "finger axis", "m",
+      "rigid-body part of the displacement e, P'e, where P f is the external force", "reader"),
+    C("grip_margin", "", "N", "smallest mu f_n - |f_t| of all touching fingers with friction; NaN if there are no "
+      "such fingers", "reader", "has_margin"),
 )
 FORCES = ("internal_force", "external_force", "internal_moment", "external_moment")
 # fmt: on
@@ -191,7 +200,7 @@ FORCES = ("internal_force", "external_force", "internal_moment", "external_momen
 
 @dataclass(frozen=True)
 class Column:
-    """A recorded quantity: position in a row, shape per tick, dimension names, unit and meaning."""
+    """Recorded quantity: its position in a row, shape per tick, names of dimensions, unit, meaning, type and origin."""
 
     name: str
     where: slice
@@ -204,42 +213,41 @@ class Column:
 
     @property
     def stored(self) -> np.dtype[Any]:
-        """Type of its numbers in a file; a Boolean takes one byte."""
+        """Type of the numbers in a file; a Boolean value is stored in one byte."""
         return np.dtype("int8" if self.kind == "bool" else self.kind)
 
     def typed(self, values: FloatArray) -> NDArray[Any]:
-        """Convert numbers of a row to the column's type."""
+        """Convert numbers from a row to the type of the column."""
         return np.not_equal(values, 0.0) if self.kind == "bool" else values.astype(self.kind, copy=False)
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Columns of a recording, all float64, with one row per recorded tick.
+    """Columns of a recording with one row of float64 numbers per recorded tick.
 
     Attributes:
-        dimensions: Number of dimensions d.
+        dimensions: Number of dimensions d of the scene.
         fingers: Names of the fingers.
         objects: Names of the objects.
-        finger_objects: Index of the object that each finger touches.
-        gaps: Whether fingers have a gap to the surface (not with attached contacts).
+        finger_objects: For each finger, index of the object to which the finger belongs.
+        gaps: Whether fingers have a gap to the surface; False if the contacts are attached.
         moments: Whether fingers exert moments.
-        slips: Whether some finger has a coefficient of friction.
-        simulated: Whether true fingertip positions are known.
+        slips: Whether a finger has a coefficient of friction.
+        simulated: Whether the true positions of fingertips are known.
         observed: Whether the energy of each grasp is recorded.
-        controlled: Whether damping is added to dissipate generated energy.
-        limits: Whether a device or the scene's safety settings limit the force.
-        guarded: Whether forces pass a safety chain.
-        normals: Whether contact normals are known, for fingers that are soft or have friction.
-        torsion_axes: Whether torsion acts along an axis other than the normal.
+        controlled: Whether a passivity controller adds damping to dissipate generated energy.
+        limits: Whether a device or the safety settings of the scene limit the force.
+        guarded: Whether the scene has a safety chain.
+        normals: Whether contact normals are known, because a finger is soft or has friction.
+        torsion_axes: Whether a torsional moment acts along an axis other than the normal.
         timed: Whether the run follows the wall clock.
-        varying: Whether devices of a run in real time report position-dependent largest forces, which are then
-            recorded.
-        switched: Whether some device of a run in real time has switches.
-        devices: Names of the devices of a run in real time.
-        raw: Raw numbers of some devices: a name, a count and "int64" or "float64" for each.
-        predicted: Indices of the objects whose split depends on the centre predicted by the implicit integrator.
-        absent: Names of columns that a recording of an earlier format does not have.
-        omitted: Names of columns that the scene's `record` omits.
+        varying: Whether devices in a real-time run report largest forces that depend on position.
+        switched: Whether a device in a real-time run has switches.
+        devices: Names of the devices in a real-time run.
+        raw: Name, count and type ("int64" or "float64") of the raw numbers of each device that reports raw numbers.
+        predicted: Indices of the objects whose forces are split about the centre that the implicit integrator predicts.
+        absent: Names of columns that do not exist because the recording has an earlier format.
+        omitted: Names of columns that are not recorded because `record.columns` of the scene does not select them.
     """
 
     dimensions: int
@@ -266,12 +274,12 @@ class Layout:
     omitted: tuple[str, ...] = ()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Pickle only the constructor's arguments; the receiving process recomputes the columns."""
+        """Return only the arguments of the constructor for pickling; cached properties are recomputed."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
     @cached_property
     def columns(self) -> MappingProxyType[str, Column]:
-        """Columns by name: `finger_force`, ..., and per object `objects/NAME/position`, ..."""
+        """Columns by name, such as `finger_force` or, for an object, `objects/NAME/position`."""
         columns: dict[str, Column] = {}
         start = 0
         for column in self._all_columns():
@@ -288,22 +296,25 @@ class Layout:
 
     @property
     def bytes_on_disk(self) -> int:
-        """Bytes per row at the end of a run, in the partial file and in the file with internal and external forces."""
+        """Bytes per row at the end of a run: those of the partial file plus those of the complete file.
+
+        The complete file also contains internal and external forces.
+        """
         return 8 * (2 * self.width + sum(prod(column.shape) for column in self.forces) + 1)
 
     @cached_property
     def derived(self) -> tuple[Column, ...]:
-        """Variables computed from a row: displayed force (if not a column), `forces`, displacements and grip margin."""
+        """Variables that a reader can compute from a row, because the columns that they need are recorded."""
         columns = (self._column(each) for each in DERIVED if self._has(each))
         return tuple(each for each in columns if set(self.omitted).isdisjoint(self.sources_of(each.name)))
 
     @property
     def forces(self) -> tuple[Column, ...]:
-        """Variables computed from a row that a file also stores: internal and external forces and moments."""
+        """Variables computed from a row that a file also stores, namely internal and external forces and moments."""
         return tuple(each for each in self.derived if each.name in FORCES)
 
     def sources_of(self, name: str) -> tuple[str, ...]:
-        """List the scene's columns from which a variable is computed."""
+        """List the columns from which a variable is computed, whether recorded or not."""
         if name == "displayed_force":
             return ("finger_force",)
         if name == "grip_margin":
@@ -315,13 +326,13 @@ class Layout:
         return tuple(each.name for each in self._all_columns() if each.name in names)
 
     def is_essential(self, name: str) -> bool:
-        """Return whether every recording must have a column."""
+        """Return whether a column exists in recordings of every format."""
         table, own = (OF_OBJECTS, name.split("/", 2)[-1]) if name.startswith("objects/") else (OF_FINGERS, name)
         return any(each.when == "always" for each in table if each.name == own)
 
     @property
     def scales(self) -> Mapping[str, tuple[str, ...]]:
-        """Names of the entries along each dimension of a layout, except time."""
+        """Names of the entries along each dimension that a column has, except time."""
         used = {name for column in self.columns.values() for name in column.dimensions}
         return {name: entries for name, entries in self._entries.items() if name in used}
 
@@ -370,7 +381,7 @@ class Layout:
         return not each.when or bool(getattr(self, each.when))
 
     def _all_columns(self) -> Iterator[Column]:
-        """List the scene's columns, recorded or not, in the order of a row; their positions are not set yet."""
+        """Yield all columns of the scene, recorded or not, in the order of a row; their positions are not yet set."""
         for each in OF_FINGERS:
             if each.name == "raw/":
                 for name, _, kind in self.raw if self.timed else ():
@@ -390,12 +401,12 @@ class Layout:
 
 @dataclass(frozen=True)
 class Selection:
-    """Selection of the recorded columns and ticks from complete rows.
+    """Selection of the columns and ticks that are recorded.
 
     Args:
-        whole: Layout of all columns.
+        whole: Layout of complete rows, which contain all columns.
         layout: Layout of the recorded columns.
-        every: Number of ticks from one row to the next.
+        every: Number of ticks from one recorded row to the next.
     """
 
     whole: Layout
@@ -414,20 +425,20 @@ class Selection:
         return self.every == 1 and self.layout == self.whole
 
     def cut(self, rows: FloatArray, tick: int = 0) -> FloatArray:
-        """Return the recorded part of complete rows (r, width), whose first tick is `tick`."""
+        """Select the recorded ticks and columns from complete rows (r, width); the first row belongs to `tick`."""
         if self.is_whole:
             return rows
         return np.asarray(rows[-tick % self.every :: self.every][:, self.numbers])
 
 
 def chosen_layout(whole: Layout, names: Sequence[str]) -> Layout:
-    """Lay out only the columns with these names, or all columns if no names are given.
+    """Return a layout that contains only the columns with these names; without names, it contains all columns.
 
-    A name denotes a column, a group of columns (`objects/bar`, `objects/bar/energy`), or a computed variable
-    (`internal_force`). For a computed variable, the columns from which it is computed are recorded.
+    A name denotes a column, a group of columns such as `objects/bar` or `objects/bar/energy`, or a computed variable
+    such as `internal_force`. For a computed variable, the layout contains the columns from which it is computed.
 
     Raises:
-        UnknownNameError: If a name is unknown; the message lists close matches.
+        UnknownNameError: If a name is unknown; the message suggests a similar name.
     """
     if not names:
         return whole
@@ -442,7 +453,7 @@ def chosen_layout(whole: Layout, names: Sequence[str]) -> Layout:
 
 
 def columns_of(whole: Layout, name: str) -> list[str]:
-    """List the columns that a name denotes; the list is empty for an unknown name."""
+    """List the columns that a name denotes; the list is empty if the name is unknown."""
     group = name.rstrip("/") + "/"
     inside = [column for column in whole.columns if column == name or column.startswith(group)]
     if not inside and name in [column.name for column in whole.derived]:

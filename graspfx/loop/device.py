@@ -1,4 +1,4 @@
-"""Device protocol: features, reading and writing; kernels of simulations, and C functions for loops without Python."""
+"""Protocols of devices, and of optional abilities of devices such as kernels or C functions."""
 
 from __future__ import annotations
 
@@ -40,24 +40,24 @@ METHODS = ("open", "read", "write", "stop", "close")  # methods of every device
 
 @dataclass(frozen=True, repr=False)
 class Features(Carded):
-    """Features of a device, known before the device is opened. An unknown feature is None, never zero."""
+    """Features of a device, known before the device is opened. A feature that is not known is None, not zero."""
 
     fingers: int  # k, the number of channels
     dimensions: int  # d
     workspace: tuple[FloatArray, FloatArray] | None = None  # lower and upper corner, (d,) each [m]
-    continuous_force: float | None = None  # [N]; 0 for a device that displays no force
-    peak_force: float | None = None  # largest force in every direction [N]; a `LimitedDevice` may report more
+    continuous_force: float | None = None  # largest continuous force [N]; 0 for a device that displays no force
+    peak_force: float | None = None  # force possible in every direction [N]; a `LimitedDevice` may report a larger one
     stiffness: float | None = None  # largest virtual stiffness that is stable at the device's rate [N/m]
     damping: float | None = None  # largest virtual damping that is stable at the device's rate [N s/m]
     mass: float | None = None  # effective mass at a fingertip [kg]
     friction: float | None = None  # effective viscous damping at a fingertip, `damping` of a scene [N s/m]
     resolution: float | None = None  # resolution of a fingertip position [m]
     delay: int | None = None  # output delay [samples]
-    watchdog: float | None = None  # time after the last `write` until the hardware removes its force [s]; None: never
+    watchdog: float | None = None  # time without a `write` after which the hardware removes its force [s]; None: never
     rate: float | None = None  # largest rate of reading and writing [Hz]
     latency: float | None = None  # age of a sample when `read` returns it [s]
-    lateness: float | None = None  # time from a tick's reading to its force, in addition to `delay` samples [s]
-    switches: int = 0  # number of switches, whose state a `SwitchedDevice` reports
+    lateness: float | None = None  # time from reading to displaying the force, in addition to `delay` samples [s]
+    switches: int = 0  # number of switches of a `SwitchedDevice`
 
     def _card(self) -> Card:
         figures = {name: getattr(self, name) for name in UNITS}
@@ -72,45 +72,46 @@ class Features(Carded):
 
 
 class Device(Protocol):
-    """A piece of hardware, or its simulation, that moves `features.fingers` fingertips.
+    """Hardware or simulation that moves k = `features.fingers` fingertips in d = `features.dimensions` dimensions.
 
-    A driver is a module with `connect(**settings) -> Device`. `connect` does not touch the hardware; `open` does.
-    Checking a scene connects all of its devices to learn their features and to find wrong settings. A wrong setting
-    raises an InputError that names it. `read` and `write` wait and allocate as little as possible. The arrays that
-    `read` returns belong to the device, and the next `read` overwrites them.
+    A driver is a module with a function `connect(**settings)` that returns a Device. `connect` must not communicate
+    with the hardware; only `open` does. When a scene is checked, its devices are connected to read their features and
+    to find wrong settings; for a wrong setting, `connect` must raise an InputError that names the setting. `read` and
+    `write` must wait and allocate memory as little as possible. The arrays that `read` returns belong to the device,
+    and the next `read` may overwrite them.
 
-    A device that answers requests may also offer `ask` (`AskedDevice`). A driver must offer `quench`
-    (`QuenchableDriver`) if its hardware retains its force after the last `write`.
+    A device that answers requests may also have the method `ask` (`AskedDevice`). If hardware retains its force after
+    the last `write`, its driver must have the function `quench` (`QuenchableDriver`).
     """
 
     @property
     def features(self) -> Features:
-        """Features reported by the device."""
+        """Features of the device."""
 
     def open(self, period: float) -> None:
         """Open the device for one `read` and one `write` every `period` seconds."""
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Read positions (k, d) [m], velocities (k, d) [m/s] and the time [s] at which they were taken.
+        """Return positions (k, d) [m], velocities (k, d) [m/s] and the time at which they were measured [s].
 
-        An unchanged time means that there is no new sample: the last one is returned again, which is not an error. Lost
-        hardware raises DeviceError. A failed reading never returns a position of zero.
+        If there is no new sample, the last sample is returned again with an unchanged time; this is not an error. If a
+        reading fails or the hardware is lost, `read` must raise DeviceError, and must not return zeros as positions.
         """
         ...
 
     def write(self, forces: FloatArray) -> None:
         """Display forces (k, d) [N] to the operator until the next `write`.
 
-        The device applies its own limit here, after all others. Forces up to `features.peak_force`, or up to the last
-        `largest_force` of a `LimitedDevice`, are displayed unchanged. A reduction made here is not recorded. A
-        non-finite force is displayed as zero and raises DeviceError.
+        Forces up to `features.peak_force`, or up to the last `largest_force` of a `LimitedDevice`, must be displayed
+        unchanged. Larger forces may be limited by the device; this reduction is not recorded. For a non-finite force,
+        the device must display zero force and raise DeviceError.
         """
 
     def stop(self) -> None:
         """Display zero force immediately."""
 
     def close(self) -> None:
-        """Display zero force and close the hardware. `close` also returns if the hardware is lost or already closed."""
+        """Display zero force and close the hardware; return without error if it is lost or already closed."""
 
     def __enter__(self) -> Self: ...
 
@@ -118,124 +119,139 @@ class Device(Protocol):
 
 
 def lacking(device: object) -> list[str]:
-    """List the `Device` methods that an object lacks; the two that `with` calls must be defined on the class."""
+    """List the methods of `Device` that an object does not have.
+
+    `__enter__` and `__exit__` must be defined by the object's class, because `with` looks them up there.
+    """
     missing = [name for name in METHODS if not callable(getattr(device, name, None))]
     return missing + [name for name in ("__enter__", "__exit__") if not hasattr(type(device), name)]
 
 
 @runtime_checkable
 class AskedDevice(Protocol):
-    """A device that answers requests. All devices are asked before the first is read, so round trips overlap."""
+    """Device that answers requests.
+
+    All devices receive their requests before the first device is read, so that the round trips overlap in time.
+    """
 
     def ask(self) -> None:
-        """Send a request, whose answer the next `read` receives. If `ask` was not called, `read` sends the request.
+        """Send a request, so that the next `read` only receives the answer.
 
-        Raise DeviceError if the hardware is lost.
+        If `ask` was not called, `read` must send the request. `ask` must raise DeviceError if the hardware is lost.
         """
 
 
 @runtime_checkable
 class QuenchableDriver(Protocol):
-    """A driver that can remove the force from hardware whose program has died.
+    """Driver that can remove the force of hardware after the program that used the hardware has ended unexpectedly.
 
-    Every driver of hardware without a watchdog (`features.watchdog` is None) must offer `quench`.
+    Every driver of hardware without a watchdog (`features.watchdog` is None) must have the function `quench`.
     """
 
     def quench(self, **settings: object) -> None:
-        """Connect to the hardware again, set its force to zero and disconnect.
+        """Connect to the hardware, set its force to zero and disconnect.
 
-        `quench` is called from another process, after the process that opened the device has ended.
+        `quench` is called by another process after the process that opened the device has ended.
 
         Args:
-            settings: Settings of `connect`.
+            settings: Settings with which `connect` was called.
 
         Raises:
-            DeviceError: If the hardware cannot be reached or does not accept zero force, so that its force may persist.
+            DeviceError: If the hardware cannot be reached or does not accept zero force, so that its force may remain.
         """
 
 
 @runtime_checkable
 class LimitedDevice(Protocol):
-    """A device whose largest force depends on its position."""
+    """Device whose largest force depends on its position."""
 
     @property
     def largest_force(self) -> FloatArray:
-        """Largest force of each fingertip in every direction at the last reading, (k,), above zero [N].
+        """Largest force that each fingertip can exert in every direction at the last reading, (k,) [N]; above zero.
 
-        For a `FusedDevice` the array is a view of the device's block, which the kernel `reading` updates.
+        For a `FusedDevice`, the array must be a view of the device's block, where the kernel `reading` updates it.
         """
         ...
 
 
 @runtime_checkable
 class RangedDevice(Protocol):
-    """A device whose fingers reach only a part of the box `features.workspace`."""
+    """Device whose fingers can reach only a part of the box `features.workspace`."""
 
     def nearest(self, finger: int, place: FloatArray, room: float) -> FloatArray:
-        """Return the position (d,) nearest to `place` that lies at least `room` [m] inside the finger's reach."""
+        """Return the position (d,) [m] nearest to `place` that is at least `room` inside the boundary of the reach.
+
+        Args:
+            finger: Channel of the finger.
+            place: Position (d,) [m].
+            room: Distance from the boundary of the finger's reach [m].
+        """
         ...
 
 
 @runtime_checkable
 class SwitchedDevice(Protocol):
-    """A device with switches: buttons, pedals, or a deadman switch, which is closed while it is held."""
+    """Device with switches, such as buttons, pedals, or a deadman switch, which is closed while it is held."""
 
     @property
     def switches(self) -> int:
-        """Switch states at the last reading as bits: bit i is 1 if switch i of `features.switches` is closed."""
+        """States of the switches at the last reading: bit i is 1 if switch i is closed, i < `features.switches`."""
         ...
 
 
 @runtime_checkable
 class RawDevice(Protocol):
-    """A device that offers its raw readings, such as encoder counts, to the recording."""
+    """Device whose raw readings, such as encoder counts, are recorded."""
 
     @property
     def raw(self) -> NDArray[np.int64] | NDArray[np.float64]:
-        """Raw numbers of the last reading, (m,) with m >= 1; the same array for the device's lifetime.
+        """Raw numbers of the last reading, (m,) with m >= 1; the property must always return the same array.
 
-        Whole numbers are recorded exactly up to 2^53.
+        Integers up to 2^53 are recorded exactly.
         """
         ...
 
 
 @runtime_checkable
 class SimulatedDevice(Protocol):
-    """A simulated device, whose effort moves a plant."""
+    """Simulated device, whose actuators move a plant."""
 
     @property
     def effort(self) -> FloatArray:
-        """Effort of its actuators until the next sample, after delay and limit, (k, d), in the plant's units."""
+        """Effort of the actuators until the next sample, (k, d), in the plant's units, after delay and limits."""
         ...
 
     @staticmethod
     def plant(devices: Sequence[Device]) -> Plant:
-        """Make the plant that moves all channels of these devices, in their order."""
+        """Make the plant that moves the channels of these devices, in the order of the devices."""
         ...
 
 
 @runtime_checkable
 class OperatedDevice(Protocol):
-    """A simulated device that supports operator models beyond a spring and a damper."""
+    """Simulated device that also supports operator models other than a spring and a damper."""
 
     @staticmethod
     def operated_plant(devices: Sequence[Device], operator: Operator, period: float) -> Plant:
-        """Make a plant for hands with this `operator`, or with operators of at most the same reaction delay.
+        """Make a plant that supports hands with this operator, or with operators whose reaction delay is not longer.
 
-        The delay line of the plant has room for this delay, in samples of `period` [s].
+        Args:
+            devices: Devices whose channels the plant moves, in this order.
+            operator: Operator with the longest reaction delay, which determines the length of the plant's delay line.
+            period: Sampling period T [s].
         """
         ...
 
 
 def is_hardware(device: object) -> bool:
-    """Return whether a device is real hardware, which needs real time and which a person may hold."""
+    """Return whether a device is hardware, that is, not simulated; a person may hold it, and it needs real time."""
     return not isinstance(device, SimulatedDevice)
 
 
 class DevicePorts(NamedTuple):
-    """First entries of the inputs and outputs in a device's block."""
+    """Entries of a device's block at which inputs and outputs start."""
 
-    sensed: int  # values that its sensors measure, copied from its plant's block before `reading`
+    sensed: int  # values that the sensors measure, copied from the plant's block before `reading`
     position: int  # (k, d) [m] after `reading`
     velocity: int  # (k, d) [m/s] after `reading`
     command: int  # (k, d) [N], the forces to display, before `writing`
@@ -244,41 +260,42 @@ class DevicePorts(NamedTuple):
 
 @runtime_checkable
 class FusedDevice(SimulatedDevice, Protocol):
-    """A simulated device that exposes its block and its kernels: a run reads and writes it without Python calls.
+    """Simulated device that is read and written by kernels, without Python calls.
 
-    The device must be open, and its plant created and placed. Each sample then copies the entries `sensed` of the
-    plant's block to the device's block at `ports.sensed`, calls `reading(S, 0)` once, writes forces at `ports.command`,
-    calls `writing(S, 0)`, and reads efforts at `ports.effort`. `read`, `write` and `stop` do nothing else.
+    The memory of the device is a block S. The device must be open, and its plant must be created and placed. In each
+    sample, the entries `sensed` of the plant's block are copied to S at `ports.sensed`, `reading(S, 0)` is called,
+    forces are written to S at `ports.command`, `writing(S, 0)` is called, and efforts are read from S at
+    `ports.effort`. `read`, `write` and `stop` must have no other effects.
     """
 
     @property
     def state(self) -> FloatArray:
-        """Block S, flat; the same array for the device's lifetime."""
+        """Block S, one-dimensional; the property must always return the same array."""
         ...
 
     @property
     def structure(self) -> Index:
-        """Indices of the block's integer and boolean entries that select the computation, fixed after `open`."""
+        """Indices of the integer and Boolean entries of S that select the computation and are constant after `open`."""
         ...
 
     @property
     def ports(self) -> DevicePorts:
-        """Entries that the caller writes and reads, counted from the block's beginning."""
+        """Entries of S at which the caller writes inputs and reads outputs."""
         ...
 
     @property
     def sensed(self) -> Index:
-        """Entries of the plant's block that the device's sensors measure, in order; empty before a plant is made."""
+        """Indices of the entries of the plant's block that the sensors measure; empty before a plant is made."""
         ...
 
     @property
     def reading(self) -> Kernel:
-        """Kernel reading(S, o) for the block that starts at S[o]; it returns 0, or the code of a failed reading."""
+        """Kernel reading(S, o), where the block starts at S[o]; it returns 0, or a fault code if the reading fails."""
         ...
 
     @property
     def writing(self) -> Kernel:
-        """Kernel writing(S, o). The kernel returns 0, or the code of the fault that has stopped the device."""
+        """Kernel writing(S, o); it returns 0, or the fault code of the fault for which it has stopped the device."""
         ...
 
     @property
@@ -287,12 +304,12 @@ class FusedDevice(SimulatedDevice, Protocol):
         ...
 
     def fault_text(self, code: int) -> str:
-        """Return the message for a code other than 0, with the values in the block."""
+        """Return the message for a fault code, with values from the block."""
         ...
 
 
 def limit_port(device: FusedDevice) -> int | None:
-    """Find the entry of a device's block that contains its largest forces; None if they are constant.
+    """Return the entry of a device's block at which `largest_force` starts; None if the device is not limited.
 
     Raises:
         InputError: If `largest_force` is not a view of the block.
@@ -307,10 +324,10 @@ def limit_port(device: FusedDevice) -> int | None:
 
 
 def fused(device: Device) -> FusedDevice | None:
-    """Return the device if its kernels replace all of its methods.
+    """Return the device if kernels can replace its methods, otherwise None.
 
-    Return None if the device has no kernels, or if its class overrides `read`, `write` or `stop` of a class with
-    kernels.
+    The result is None if the device has no kernels, or if its class overrides `read`, `write` or `stop` of a base class
+    with kernels.
     """
     if isinstance(device, FusedDevice) and unaltered(
         device, ("read", "write", "stop"), ("reading", "writing", "stopping")
@@ -320,19 +337,21 @@ def fused(device: Device) -> FusedDevice | None:
 
 
 class Calls(NamedTuple):
-    """Addresses of C functions `int64 f(void *context, double *block)`, which return 0 (new), 1 (held) or < 0 (fault).
+    """Addresses of C functions `int64 f(void *context, double *block)` of a device.
 
-    The block of `ask` and `read` contains positions (k, d) [m], then velocities (k, d) [m/s]; a `read` that returns 0
-    has filled both. A return value above 1 is a fault, too. The block of `write` and `stop` contains forces (k, d) [N];
-    `write` receives only finite forces within `features.peak_force`. `stop` sets the force to zero, regardless of the
-    block's contents. A function that waits delays the loop.
+    A function returns 0 if it succeeds. `read` returns 1 if there is no new sample. Any other value, negative or above
+    1, is a fault. The block of `ask` and `read` contains positions (k, d) [m], then velocities (k, d) [m/s]; a `read`
+    that returns 0 has filled both. The block of `write` and `stop` contains forces (k, d) [N]; `write` receives only
+    finite forces within `features.peak_force`. `stop` sets the force to zero and ignores the block. A function that
+    waits delays the loop.
 
-    In a vendor's thread, `ask` begins a frame of the vendor's library, and `write` or `stop` ends it. A device that was
-    not asked in a turn, or whose forces were already written, is therefore asked again before it is stopped.
+    In a vendor's thread, `ask` begins a frame of the vendor's library, and `write` or `stop` ends the frame. If a
+    device has not been asked in a tick, or its forces have already been written, it is therefore asked again before it
+    is stopped.
 
     Attributes:
-        ask: Function that sends the request for the next `read`; 0 for a device without requests.
-        read, write, stop: Functions equivalent to the methods of these names.
+        ask: Function that requests a sample for the next `read`; 0 if the device needs no requests.
+        read, write, stop: Functions that replace the methods with the same names.
         context: First argument of each function.
         keep: Objects that must stay alive as long as the functions may be called.
     """
@@ -347,46 +366,52 @@ class Calls(NamedTuple):
 
 @runtime_checkable
 class CallsDevice(Protocol):
-    """A device that offers C functions while it is open, for a loop without Python.
+    """Device with C functions, which a real-time loop in machine code calls.
 
-    The device also has all methods of a `Device`. These methods open the device, read it before the run, stop it
-    afterwards, and replace the C functions when the loop without Python ends.
+    The methods of `Device` are used to open the device, before and after such a loop, and in other loops.
     """
 
     @property
     def calls(self) -> Calls | None:
-        """C functions while the device is open; None before that."""
+        """C functions of the device while it is open; None before it is opened."""
         ...
 
 
 @runtime_checkable
 class DrivingDevice(Protocol):
-    """A device driven by its vendor's thread, which calls a function once per period.
+    """Device whose vendor's library has a thread that calls a function once per period.
 
-    The device's C functions may be called only in that thread. Devices that share a thread are driven through one of
-    these devices.
+    The C functions of the device may only be called in this thread. If several devices share a thread, only one of them
+    is told to call the function.
     """
 
     @property
     def thread(self) -> object:
-        """Owner of the thread, known before `open`; equal for devices that share the thread."""
+        """Object that identifies the thread, also before `open`; devices that share a thread have equal objects."""
         ...
 
     def drive(self, function: int, context: int) -> None:
-        """Let the thread call `unsigned function(void *context)`, which returns 1 if it ran a tick, otherwise 0."""
+        """Let the thread call a C function `unsigned function(void *context)` once per period.
+
+        The function returns 1 if it has run a tick, otherwise 0.
+
+        Args:
+            function: Address of the C function.
+            context: Address that is passed to the C function.
+        """
 
     def release(self, wait: float) -> bool:
-        """Stop the thread's calls; return whether the last call returned within `wait` [s]."""
+        """End the calls by the thread; return whether the last call has returned within `wait` seconds."""
         ...
 
     @property
     def drives(self) -> bool:
-        """Whether the thread still calls the function."""
+        """Whether the thread calls the function."""
         ...
 
 
 def former_settings(**names: str) -> Callable[[Callable[..., T]], Callable[..., T]]:
-    """Let a driver's `connect` accept settings under former names, with a FutureWarning.
+    """Return a decorator with which a driver's `connect` also accepts former names of settings, with a FutureWarning.
 
     Args:
         names: Present name of each setting, by its former name.

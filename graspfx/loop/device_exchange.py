@@ -1,4 +1,4 @@
-"""Exchange with Python devices: ask, read, write, stop. Exceptions are converted to messages that name the device."""
+"""Calls of the methods of Python devices; exceptions are converted to messages that name the device."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ CALLS = "ask", "read", "write", "stop"  # calls that may hang while a device exe
 
 @dataclass
 class Port:
-    """Memory through which a Python device is read and written."""
+    """Memory through which the tick exchanges positions, velocities and forces with a Python device."""
 
     station: int
     position: FloatArray
     velocity: FloatArray
     command: FloatArray
-    memory: FloatArray  # whether the device could be read, then the three arrays above and the limits
+    memory: FloatArray  # 1 if the device could be read, otherwise 0; then the three arrays above and the limits
     limit: FloatArray | None = None  # limits of a device whose largest force depends on its position
     misses: FloatArray | None = None  # successive samples without a new reading (1,), if a safety chain counts them
     elapsed: FloatArray | None = None  # periods since the last tick (1,), if a safety chain uses them
@@ -46,36 +46,39 @@ class Port:
     cause: FloatArray | None = None  # cause for which the safety chain lets forces decay (1,); None without a chain
 
     def let_go(self, cause: int) -> bool:
-        """Start the decay of forces for this cause, unless they already decay; return False without a safety chain."""
+        """Let the safety chain reduce the forces to zero for this cause, unless another cause was set before.
+
+        The result is False if there is no safety chain.
+        """
         if self.cause is not None and self.cause[0] == 0.0:
             self.cause[0] = cause + CAUSES * self.station
         return self.cause is not None
 
     def begin(self, periods: int) -> None:
-        """Begin a tick, `periods` periods after the last tick; mark the device as not read."""
+        """Begin a tick, `periods` sampling periods after the last tick, and mark the device as not read."""
         self.memory[0] = 0.0
         if self.elapsed is not None:
             self.elapsed[0] = periods
 
     def note(self, time: float) -> None:
-        """Record the time of a reading; an unchanged time means no new sample."""
+        """Count successive readings with the same time, which are not new samples."""
         if self.misses is not None:
             self.misses[0] = self.misses[0] + 1.0 if time == self.time else 0.0
             self.time = time
 
 
 def part_name(kind: str, part: object, names: Iterable[str]) -> str:
-    """Return the name of a third-party part: its fingers or objects, and its class."""
+    """Return the name of a part in messages: its kind, the names of its fingers or objects, and its class."""
     return f"the {kind} of {', '.join(names)} ({type(part).__qualname__})"
 
 
 def device_name(station: DeviceWiring, fingers: Sequence[str]) -> str:
-    """Return the name of a device: its fingers in the scene, and its class."""
+    """Return the name of a device in messages, with the names of its fingers in the scene and its class."""
     return part_name("device", station.device, (fingers[f] for f in station.fingers.tolist() if f >= 0))
 
 
 class DevicePort:
-    """A Python device and its port. Each method that calls the device returns an error message, or an empty string.
+    """Python device and its port. Each method that calls the device returns an error message; it is empty on success.
 
     Args:
         port: Memory through which the device is read and written.
@@ -86,16 +89,16 @@ class DevicePort:
 
     Attributes:
         name: Name of the device in messages.
-        channels: Finger of each channel, -1 for none.
+        channels: Index of the finger that each channel moves; -1 if it moves none.
         workspace: Lower and upper corners of the workspace in the device's axes [m]; None if the device reports no
             workspace.
         fitting: Relation of the device to the scene.
-        readings: State and statistics of its readings in the run.
+        readings: State and statistics of the device's readings in the run.
         log: Recorder of new samples, switches and raw numbers of the device; None if they are not recorded.
-        place: Number of the device's first call among the calls of all devices, from 1 (`call_of`).
-        is_unstopped: Whether the last `stop` failed; false before the first.
-        is_up: Whether the device's deadman switch was open at the last reading.
-        watches: Whether an open deadman switch removes the force; False before a run, when there is no force.
+        place: Number of the device's `ask` among the calls of all devices, from 1 (`call_of`).
+        is_unstopped: Whether the last call of `stop` has failed; False before the first call.
+        is_up: Whether the deadman switch of the device was open at the last reading.
+        watches: Whether the force is removed if the deadman switch is open; False before a run, when there is no force.
     """
 
     def __init__(
@@ -122,7 +125,7 @@ class DevicePort:
 
     @property
     def is_gone(self) -> bool:
-        """Whether a call of the device has failed, or a reading was invalid; the device is then not read again."""
+        """Whether a call of the device has failed or a reading was invalid; if so, the device is not read again."""
         return self.readings.is_gone
 
     @is_gone.setter
@@ -130,7 +133,7 @@ class DevicePort:
         self.readings.is_gone = is_it
 
     def open(self, period: float) -> str:
-        """Open the device for one reading and one writing every `fitting.every` periods."""
+        """Open the device for one call of `read` and of `write` every `fitting.every` periods."""
         try:
             self.device.__enter__()
             self.device.open(period * self.fitting.every)
@@ -140,7 +143,7 @@ class DevicePort:
         return ""
 
     def ask(self) -> str:
-        """If the device is read in this tick, request the sample."""
+        """Call `ask`, if the device has this method and is read in the next call of `read`."""
         try:
             if self._ask is not None and self._since + 1 >= self.fitting.every:
                 self._ask()
@@ -149,7 +152,7 @@ class DevicePort:
         return ""
 
     def read(self, periods: int) -> str:
-        """If the device is called in this tick, read it into the port, `periods` periods after the last tick."""
+        """Begin a tick, `periods` sampling periods after the last one; if the device is due, read it into the port."""
         port, readings = self.port, self.readings
         port.begin(periods)
         if self.log is not None:
@@ -183,7 +186,7 @@ class DevicePort:
         return ""
 
     def write(self) -> str:
-        """If the device is called in this tick, display the forces at the port."""
+        """If the device was read in this tick, write the forces at the port to it."""
         if self._since:
             return ""
         frame = self.fitting.frame
@@ -194,17 +197,17 @@ class DevicePort:
         return ""
 
     def stop(self) -> str:
-        """Display zero force."""
+        """Set the force of the device to zero."""
         self.is_unstopped = True
         try:
             self.device.stop()
             self.is_unstopped = False
         except DRIVERS as error:  # a lost device cannot be stopped, but the other devices must be
-            return self._failure("cannot be stopped and may keep its force; switch it off", error)
+            return self._failure("cannot be stopped, and its force may remain; switch the device off", error)
         return ""
 
     def close(self) -> str:
-        """Release the hardware."""
+        """Close the device."""
         try:
             self.device.__exit__(None, None, None)
         except DRIVERS as error:
@@ -213,12 +216,15 @@ class DevicePort:
 
     @property
     def places(self) -> FloatArray:
-        """Positions of the last reading in the scene, (k, d) [m]."""
+        """Positions of the last reading in the scene's coordinates, (k, d) [m]."""
         frame, own = self.fitting.frame, self.readings.position
         return own if frame is None else frame.place(own)
 
     def _watch(self, device: Any, deadman: int) -> str:
-        """Check the deadman switch. If it is open, let the safety chain remove the force; without a chain, say why."""
+        """Check the deadman switch; if it is open, let the safety chain reduce the forces to zero.
+
+        The result is a message if the switches are invalid, or if the switch is open and there is no safety chain.
+        """
         switches = device.switches
         if isinstance(switches, bool) or not isinstance(switches, int | np.integer):
             return f"returned {abbreviate(switches)} for its switches, expected an integer with one bit per switch"
@@ -228,12 +234,15 @@ class DevicePort:
         return "" if self.port.let_go(DEADMAN) else f"has its deadman switch {deadman} released"
 
     def _fault(self, text: str) -> str:
-        """Return a description of the last reading's fault."""
+        """Return the message for an invalid reading, and do not read the device again."""
         self.is_gone = True
         return f"{self.name} {text}; {ZERO}"
 
     def _failure(self, action: str, error: BaseException) -> str:
-        """Return a description of a failed call; the message of a simulated device's DeviceError is used unchanged."""
+        """Return the message for a failed call, and do not read the device again.
+
+        For a DeviceError of a simulated device, the message of the exception is returned unchanged.
+        """
         self.is_gone = True
         if isinstance(error, DeviceError):
             return f"{self.name}: {message(error)}" if self.hardware else str(error)
@@ -241,11 +250,11 @@ class DevicePort:
 
 
 class DeviceExchange:
-    """Exchange with all Python devices, in their order.
+    """Calls of all Python devices, in the order of the ports.
 
     Attributes:
-        exits: Record of whether a driver's call is in progress, so that a signal can interrupt the call.
-        call: Number of the device call that is running, 0 for none; another process may read it.
+        exits: Record of whether a call of a driver is in progress, so that a signal can interrupt the call.
+        call: Memory that contains the number of the device call in progress, or 0; another process may read it.
     """
 
     def __init__(self, ports: Iterable[DevicePort]) -> None:
@@ -255,23 +264,23 @@ class DeviceExchange:
 
     @property
     def hardware(self) -> DeviceExchange:
-        """Exchange with the hardware only."""
+        """Exchange with only those devices that are hardware."""
         part = DeviceExchange(each for each in self.ports if each.hardware)
         part.exits, part.call = self.exits, self.call
         return part
 
     @property
     def repeats(self) -> int:
-        """Number of readings so far without a new sample."""
+        """Number of readings since the start that returned no new sample."""
         return sum(each.readings.repeats for each in self.ports)
 
     @property
     def has_unstopped(self) -> bool:
-        """Whether a device could not be stopped, so that its force may persist."""
+        """Whether the last call of a device's `stop` has failed, so that its force may remain."""
         return any(each.is_unstopped for each in self.ports)
 
     def read(self, periods: int = 1) -> list[str]:
-        """Ask all devices that have not failed, then read them; list the faults."""
+        """Send requests to all devices that have not failed, then read these devices; list the error messages."""
         call, faults = self.call, list[str]()
         self.exits.inside = True
         try:
@@ -289,10 +298,10 @@ class DeviceExchange:
             self.exits.inside = False
 
     def write(self) -> str:
-        """Write the forces to the devices, up to the first failure; return its message.
+        """Write the forces to the devices until a call fails; return the error message.
 
         Raises:
-            Interruption: If a signal arrived that a driver's code suppressed, or a second signal; no force is written.
+            Interruption: If the code of a driver suppressed a signal, or a second signal arrived; no force is written.
         """
         if self.exits.at_once:
             raise Interruption(self.exits.cause)
@@ -309,7 +318,10 @@ class DeviceExchange:
             self.exits.inside = False
 
     def stop(self) -> list[str]:
-        """Set the force of every device to zero, responding devices first; list the failures of responding devices."""
+        """Set the force of every device to zero, beginning with the devices that have not failed before.
+
+        The result lists the error messages of the devices that have not failed before.
+        """
         sound = [each for each in self.ports if not each.is_gone]
         silent = [each for each in self.ports if each.is_gone]
         try:
@@ -324,18 +336,23 @@ class DeviceExchange:
         return port.stop()
 
     def close(self) -> list[str]:
-        """Close every device, the last one first; list the failures."""
+        """Close all devices in reverse order; list the error messages."""
         return _all([each.close for each in reversed(self.ports)])
 
 
 def call_of(place: int, names: Sequence[str]) -> str:
-    """Describe the device call with this number, including the device's name; empty if there is no such call."""
+    """Return a text with the method and the device of a device call; it is empty if no call has this number.
+
+    Args:
+        place: Number of the call.
+        names: Names of all devices.
+    """
     number, call = divmod(place - 1, len(CALLS))
     return f"`{CALLS[call]}` of {names[number]}" if 0 <= number < len(names) else ""
 
 
 def _all(calls: Sequence[Callable[[], str]]) -> list[str]:
-    """Make each call even if another call raises an exception; list the error messages."""
+    """Make all calls, also those after a call that raises an exception; list the error messages."""
     texts: list[str] = []
     for i, call in enumerate(calls):
         try:
@@ -347,22 +364,22 @@ def _all(calls: Sequence[Callable[[], str]]) -> list[str]:
 
 
 def _take_limit(limit: FloatArray, largest: object, scale: float) -> str:
-    """Copy a device's largest forces at its position, divided by its scale; return a message if they are invalid."""
+    """Copy the largest forces of a device, divided by the scale of its frame; return a message if they are invalid."""
     if type(largest) is not np.ndarray or largest.shape != limit.shape or largest.dtype != np.float64:
-        return f"reported {abbreviate(largest)} for its largest force, expected an array {limit.shape} of float64"
+        return f"reported {abbreviate(largest)} for its largest forces, expected an array {limit.shape} of float64"
     limit[...] = largest / scale
     if (limit > 0.0).all():
         return ""
-    return f"reported a largest force of {', '.join(f'{force:g}' for force in limit)} N, expected above zero"
+    return f"reported largest forces of {', '.join(f'{force:g}' for force in limit)} N, expected values above zero"
 
 
 class LoopLog:
     """Exchange with devices that also records the time of each tick and the duration of device calls.
 
     Args:
-        memory: Memory of the loop, `LoopState`.
-        layout: Layout of its rows.
-        devices: Python devices, whose ports then record new samples, switches and raw numbers.
+        memory: Memory of the real-time loop, `LoopState`, in which they are stored.
+        layout: Layout of the recorded rows.
+        devices: Python devices; their ports then record new samples, switches and raw numbers.
         pacer: Pacer that makes each tick wait for its deadline.
     """
 
@@ -374,18 +391,18 @@ class LoopLog:
             each.log = PortLog(memory, layout, each.device, each.port.station, each.channels)
 
     def begin(self) -> None:
-        """Record the current time as a tick's beginning."""
+        """Record the present time as the start of a tick."""
         source_function(note_times)(self._numbers, 0, self._pacer.buffer, 0)
 
     def read(self, periods: int) -> list[str]:
-        """Read the devices as `DeviceExchange.read` does."""
+        """Call `DeviceExchange.read` and record the duration of the call."""
         began = self._clock.now()
         faults = self._devices.read(periods)
         self._numbers[READ_TIME] = self._clock.now() - began
         return faults
 
     def write(self) -> str:
-        """Write the devices as `DeviceExchange.write` does."""
+        """Call `DeviceExchange.write` and record the duration of the call."""
         began = self._clock.now()
         fault = self._devices.write()
         self._numbers[WRITE_TIME] = self._clock.now() - began

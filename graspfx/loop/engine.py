@@ -1,4 +1,7 @@
-"""Engines that run `steps`: compiled (one machine code for all scenes) or interpreted (from the same source)."""
+"""Engines that run the program `steps` of ticks, either compiled to machine code or interpreted by Python.
+
+The machine code is the same for all scenes.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +39,7 @@ FIRST = 16  # number of ticks for which third-party kernels are interpreted and 
 
 
 class Interpreted:
-    """Engine that runs `steps` in Python, and checks every index of a third-party kernel.
+    """Engine that runs ticks in Python; it checks every index that a third-party kernel uses.
 
     Args:
         arena: Arena of the scene.
@@ -63,11 +66,11 @@ class Interpreted:
         keep_lowerings()
 
     def write_to(self, rows: FloatArray) -> None:
-        """Set the block of rows (r, width) for the following ticks."""
+        """Set the rows (r, width) to which the following ticks are recorded."""
         self._rows = memoryview(rows.reshape(-1))
 
     def run(self, k: int, count: int, row: int) -> int:
-        """Run ticks k, ..., k + count - 1 and record them from `row` on; return the number of completed ticks."""
+        """Run the ticks k, ..., k + count - 1, recorded from the row `row` on; return the number of completed ticks."""
         for each, function in self._foreign:
             for entry in each.entries:
                 self._arena.world.buffer[entry] = float(announce(function))
@@ -75,13 +78,13 @@ class Interpreted:
 
 
 class Compiled:
-    """Engine that runs `steps` as machine code.
+    """Engine that runs ticks in machine code.
 
     Args:
         arena: Arena of the scene.
 
     Raises:
-        MissingPackageError: If LLVM is needed and not installed.
+        MissingPackageError: If the program has not been compiled in advance and LLVM is not installed.
         InputError: If a third-party kernel cannot be compiled.
         KernelError: If a third-party kernel has a fault.
     """
@@ -103,7 +106,7 @@ class Compiled:
         self._addressed = False
 
     def write_to(self, rows: FloatArray) -> None:
-        """Set the block of rows (r, width) for the following ticks."""
+        """Set the rows (r, width) to which the following ticks are recorded."""
         if rows is self._rows:
             return
         self._rows, flat = rows, rows.reshape(-1)
@@ -116,7 +119,10 @@ class Compiled:
             self._first.write_to(rows)
 
     def run(self, k: int, count: int, row: int) -> int:
-        """Run ticks k, ..., k + count - 1 and record them from `row` on; return the number of completed ticks."""
+        """Run ticks from k on, recorded from the row `row` on; return the number of completed ticks.
+
+        At most `count` ticks are completed; fewer while third-party kernels are checked.
+        """
         if self._left and self._first is not None:
             done = self._first.run(k, min(count, self._left), row)
             self._left -= done
@@ -128,12 +134,15 @@ class Compiled:
 
     @property
     def is_checking(self) -> bool:
-        """Whether the following ticks are interpreted to check third-party kernels."""
+        """Whether the next tick will be interpreted in order to check third-party kernels."""
         return self._left > 0
 
     @property
     def entry(self) -> int:
-        """Address of the code, i64 (arena, rows, world, k, count, r), for calls from other machine code."""
+        """Address of the machine code, for calls from other machine code.
+
+        The signature is i64 (arena, rows, world, k, count, row), with the arguments of `run`.
+        """
         if not self._addressed:
             self._address()
         assert self._program.arrays == ["arena", "rows"]
@@ -151,11 +160,15 @@ Engine = Interpreted | Compiled
 
 
 def engine_for(kind: str, arena: Arena) -> Engine:
-    """Make an engine: "interpreted", "compiled", or "auto" (compiled where possible).
+    """Make an engine for an arena.
+
+    Args:
+        kind: "interpreted", "compiled", or "auto" for compiled ticks where possible and otherwise interpreted ticks.
+        arena: Arena of the scene.
 
     Raises:
-        MissingPackageError: If "compiled" was requested, and LLVM is not installed.
-        InputError: If "compiled" was requested, and a kernel cannot be compiled.
+        MissingPackageError: If `kind` is "compiled", but LLVM is needed and not installed.
+        InputError: If `kind` is "compiled", but a kernel cannot be compiled.
         KernelError: If a third-party kernel has a fault.
     """
     if kind == "interpreted":
@@ -173,7 +186,7 @@ def engine_for(kind: str, arena: Arena) -> Engine:
 
 @cache
 def program() -> Native:
-    """Load the program of all scenes; compile it once per version and machine."""
+    """Load the compiled program that runs the ticks of all scenes; if it is not found, compile and store it."""
     from graspfx.compile.native import compiled
 
     kept = kept_program()
@@ -188,7 +201,7 @@ def program() -> Native:
 
 
 def kept_program() -> Native | None:
-    """Load the program of all scenes if it has been compiled, either in advance or by an earlier run."""
+    """Load the program that runs ticks, if it was compiled in advance or by an earlier run; otherwise return None."""
     from graspfx.compile import library
 
     if (shipped := library.find(program_key())) is not None:
@@ -204,14 +217,14 @@ def kept_program() -> Native | None:
 
 
 def is_machine_code() -> bool:
-    """Return whether compiled ticks are available: the code is installed, or LLVM can compile it."""
+    """Return whether ticks can be compiled: LLVM or the program compiled in advance is installed."""
     from graspfx.compile import library
 
     return find_spec("llvmlite") is not None or library.has(program_key())
 
 
 def machine_codes(arena: Arena) -> list[tuple[ForeignKernel, Native]]:
-    """Compile the kernels of a scene that are not in the common program.
+    """Compile the third-party kernels of a scene.
 
     Raises:
         InputError: If a kernel cannot be compiled.
@@ -220,7 +233,7 @@ def machine_codes(arena: Arena) -> list[tuple[ForeignKernel, Native]]:
 
 
 def _on_blocks(arena: Arena, foreign: ForeignKernel, function: Kernel) -> Kernel:
-    """Wrap a third-party kernel so that it indexes its own blocks, which may lie outside the common memory."""
+    """Return a function that calls a third-party kernel with its own blocks instead of the arena's buffer."""
     views = [memoryview(each) for each in foreign.blocks]
     starts = [arena.place(each) for each in foreign.blocks]
 
@@ -234,7 +247,7 @@ def _on_blocks(arena: Arena, foreign: ForeignKernel, function: Kernel) -> Kernel
 
 
 def _machine_code(foreign: ForeignKernel) -> Native:
-    """Compile a kernel that is not in the common program, as a function of its block's place and further numbers."""
+    """Compile a third-party kernel to a function of the place of its block and of the kernel's other arguments."""
     from graspfx.compile.definitions import definition
     from graspfx.compile.native import compiled
     from graspfx.compile.program import program_source

@@ -1,4 +1,4 @@
-"""Follower that smooths a stepwise input such as mouse or touch events."""
+"""Follower that smooths a piecewise constant input, such as mouse or touch events."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ FloatArray = NDArray[np.float64]
 
 
 def follow(w: float, h: float, share: float, goal: Any, value: Any, rate: Any) -> tuple[Any, Any]:
-    """Compute the value and rate of a critically damped follower after a time h, for numbers or arrays.
+    """Compute position r and velocity r' of a critically damped follower after a time h, as in `Follower`.
 
     Args:
         w: Inverse time constant 1/tau [1/s].
         h: Elapsed time [s].
         share: Decay factor exp(-w h).
-        goal: Target u, constant over the step.
-        value, rate: Values of r and r' at the beginning of the step.
+        goal: Target u, constant during h; number or array.
+        value, rate: Initial r and r'; numbers or arrays.
     """
     e = value - goal
     c = rate + w * e
@@ -30,23 +30,23 @@ def follow(w: float, h: float, share: float, goal: Any, value: Any, rate: Any) -
 
 
 class Follower:
-    """A critically damped follower of a target u that is constant between events.
+    """Critically damped follower with the position r, which follows a piecewise constant target u.
 
         r'' = w^2 (u - r) - 2 w r',   w = 1/tau
 
-    The solution over a step of any length h is exact. With e = r - u and c = r' + w e at the step's beginning,
+    The solution after any time h with a constant target is exact. With the initial values e = r - u and c = r' + w e,
 
         e(h) = (e + c h) exp(-w h),   r'(h) = (r' - w c h) exp(-w h).
 
-    From rest the follower never overshoots. Its position and velocity are continuous. The follower lags a target of
-    constant velocity by the time 2 tau.
+    Position and velocity are continuous. If the initial velocity is zero, the follower does not overshoot. The delay
+    behind a target of constant velocity is 2 tau.
 
     Args:
         lag: Time constant tau, above zero [s].
-        position: Initial position of any shape, at rest [m].
+        position: Initial position, of any shape [m]; the initial velocity is zero.
 
     Attributes:
-        position, velocity: State of the follower, in its own arrays [m, m/s].
+        position, velocity: Present r [m] and r' [m/s].
     """
 
     def __init__(self, lag: float, position: ArrayLike) -> None:
@@ -57,11 +57,11 @@ class Follower:
         self.velocity: FloatArray = np.zeros_like(self.position)
 
     def place(self, position: ArrayLike) -> None:
-        """Set the follower to a position, at rest."""
+        """Set the position, and set the velocity to zero."""
         self.position[...], self.velocity[...] = position, 0.0
 
     def follow(self, target: ArrayLike, duration: float) -> None:
-        """Advance by a duration [s] during which the target was constant."""
+        """Advance by a duration [s] with a constant target."""
         w, goal = 1.0 / self.lag, np.asarray(target, dtype=float)
         share = elementary.exp(-w * duration)
         self.position[...], self.velocity[...] = follow(w, duration, share, goal, self.position, self.velocity)

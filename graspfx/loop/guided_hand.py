@@ -1,4 +1,4 @@
-"""Hand whose targets are offset by goals that change during a run, each smoothed by a follower."""
+"""Hand whose targets are displaced by goals that may change during a run and are smoothed by followers."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ FloatArray = NDArray[np.float64]
 
 
 class GuidedHand:
-    """A hand whose intended positions are those of another hand plus offsets that follow goals:
+    """Hand whose intended positions are those of another hand, displaced by an additional squeeze and by offsets:
 
         r_i(t) = c + R(t) (rest_i + (s(t) + g(t)) share_i u_i - c) + x(t) + o_i(t)
 
-    g follows the goal of the squeeze, and o_i follows the goal of finger i's offset; the other symbols are those of
-    `Hand`. Both followers are critically damped (`Follower`), so targets never jump when goals change, and do not
-    overshoot if the followers were at rest.
+    The additional squeeze g follows a goal, and the offset o_i of finger i follows another goal; the other symbols are
+    those of `Hand`. Both are critically damped (`Follower`), so the targets are continuous when a goal changes, and do
+    not overshoot if g and o_i were constant before.
 
     Args:
-        hand: Hand with motions of this package only.
+        hand: Hand whose motions are all motions of this package.
         lag: Time constant tau of the followers, above zero [s].
-        offset: Goal of the offsets: (d,) for all fingers, (n, d), or a number for all components [m].
-        squeeze: Goal of the squeeze [m].
-        settled: Whether the followers start at their goals; otherwise they start at rest at zero.
+        offset: Goals of the offsets [m]: (n, d), (d,) for all fingers, or one number for all components.
+        squeeze: Goal of the additional squeeze [m].
+        settled: Whether g and o_i start at their goals; otherwise they start at zero.
     """
 
     declaration = GuidedHandState
@@ -43,7 +43,7 @@ class GuidedHand:
         self, hand: Hand, lag: float, offset: ArrayLike = 0.0, squeeze: float = 0.0, *, settled: bool = False
     ) -> None:
         if not isinstance(hand, plant.FusedHand) or type(hand) is not Hand:
-            raise InputError("hand", hand, "a hand with motions of this package only")
+            raise InputError("hand", hand, "a Hand whose motions are all motions of this package")
         if not (math.isfinite(lag) and lag > 0.0):
             raise InputError("lag", lag, "a finite time above zero [s]")
         if not math.isfinite(squeeze):
@@ -74,37 +74,37 @@ class GuidedHand:
 
     @property
     def stiffness(self) -> FloatArray:
-        """K, (d, n, n) [N/m], read-only."""
+        """Stiffness K, (d, n, n) [N/m], read-only."""
         return self._hand.stiffness
 
     @property
     def operator(self) -> Operator | None:
-        """Operator model in addition to spring and damper; None without one."""
+        """Operator model in addition to spring and damper; None if there is none."""
         return self._hand.operator
 
     @property
     def damping(self) -> FloatArray:
-        """B, (d, n, n) [N s/m], read-only."""
+        """Damping B, (d, n, n) [N s/m], read-only."""
         return self._hand.damping
 
     @property
     def still(self) -> bool:
-        """False, because goals may change the targets."""
+        """Whether the targets never change; False, because goals may change them."""
         return False
 
     def adopt(self, other: GuidedHand) -> None:
-        """Adopt gains, rest positions, motions and goals of a hand of the same structure, but not its followers."""
+        """Copy gains, rest positions, motions and goals of a hand with the same structure; keep the followers."""
         adopt_block(self, other)
         self._hand = other._hand
 
     def regain(self, stiffness: FloatArray, damping: FloatArray) -> None:
-        """Set K and B, (d, n, n) each [N/m, N s/m]; afterwards the plant's `hold` must be called again."""
+        """Set K [N/m] and B [N s/m], (d, n, n) each; afterwards, `hold` of the plant must be called."""
         self._hand.regain(stiffness, damping)
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
         """Return read-only intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s].
 
-        The followers advance to that time; they never return to an earlier time.
+        The followers advance to this time. They cannot return to an earlier time.
         """
         guided_target(GuidedHandState(self.state.data), time)
         return targets_of(self.state, self.ports, self.stiffness)

@@ -21,61 +21,64 @@ from graspfx.loop.operator import Operator, joined
 FloatArray = NDArray[np.float64]
 
 SYMMETRY = 1e-12  # relative tolerance for rounding of a symmetric matrix
-GAIN = "one finite number of zero or more, or one per axis (d,)"
+GAIN = "one finite number of zero or more, or one such number per axis (d,)"
 
 
 class _HeldByGains:
-    """Base class of hands: gains K and B, and a block with all parameters of the targets."""
+    """Base class of hands with gains K and B, and with a block that contains all parameters of the targets."""
 
     followers: Sequence[int] = ()  # entries of the block that `adopt` does not overwrite
-    goals: Sequence[NDArray[np.intp]] = ()  # entries of the goals that guide the hand: offsets (n d), then the squeeze
-    operator: Operator | None = None  # operator model of the hand; spring and damper only if None
+    goals: Sequence[NDArray[np.intp]] = ()  # entries of the goals of a guided hand: offsets (n d), then the squeeze
+    operator: Operator | None = None  # operator model in addition to spring and damper; None if there is none
     _stiffness: FloatArray
     _damping: FloatArray
 
     @property
     def stiffness(self) -> FloatArray:
-        """K, (d, n, n) [N/m], read-only."""
+        """Stiffness K, (d, n, n) [N/m], read-only."""
         return self._stiffness
 
     @property
     def damping(self) -> FloatArray:
-        """B, (d, n, n) [N s/m], read-only."""
+        """Damping B, (d, n, n) [N s/m], read-only."""
         return self._damping
 
     def adopt(self, other: Self) -> None:
-        """Adopt the gains, rest positions and motions of a hand, or of joined hands, of the same structure."""
+        """Copy the gains, rest positions and motions of another hand with the same structure."""
         adopt_block(self, other)
         self._stiffness, self._damping, self.operator = other.stiffness, other.damping, other.operator
 
     def regain(self, stiffness: FloatArray, damping: FloatArray) -> None:
-        """Set K and B, (d, n, n) each [N/m, N s/m]; afterwards the plant's `hold` must be called again."""
+        """Set K [N/m] and B [N s/m], (d, n, n) each; afterwards, `hold` of the plant must be called."""
         self._stiffness, self._damping = _frozen(stiffness), _frozen(damping)
 
 
 class Hand(_HeldByGains):
-    """Force on the fingertips K (r - p) + B (r' - v) per axis, with the intended positions
+    """Spring and damper that pull n fingertips towards moving intended positions r in d dimensions.
+
+    The force on fingertips with the positions p and the velocities v is, for each axis, K (r - p) + B (r' - v) with
 
         r_i(t) = c + R(t) (rest_i + s(t) share_i u_i - c) + x(t)
 
-    x is the motion, R the product of the turns about c, s the squeeze, and u_i the unit vector along `inward`. The
-    single number s closes all fingers (a synergy); the directions of the squeeze rotate with the hand. Without motion,
-    turns and squeeze the hand is a spring and damper to `rest`. With zero gains the hand exerts no force.
-
-    With motions of this package the hand is a `FusedHand`; with a third-party motion it has no `kernel`.
+    for finger i, where x is the motion, R the product of the turns about c, s the squeeze, and u_i the unit vector
+    along row i of `inward`. The single number s closes all fingers (a synergy). The directions of the squeeze rotate
+    with the hand. If all motions are motions of this package, the hand is a `FusedHand`; with a third-party motion, the
+    hand has no `kernel`.
 
     Args:
         rest: Rest positions of the fingers, (n, d) [m].
-        stiffness: Stiffness K [N/m]: a number or one per axis (d,), the same for each finger; or one symmetric positive
-            semidefinite matrix over the fingers per axis, (d, n, n).
-        damping: Damping B [N s/m], in the same forms.
-        motion: Translation x of all fingers; the centres of the turns move with it.
-        squeeze: Displacement s of each finger's target along `inward` [m]: a number, reached by one minimum-jerk step
-            over `squeeze_ramp` from time zero, or a one-dimensional motion such as `graspfx.loop.motion.Levels`.
-        inward: Directions of the squeeze, (n, d), of any length; a zero row excludes a finger from the squeeze.
+        stiffness: Stiffness K [N/m]: a number, or one number per axis (d,), for all fingers; or for each axis one
+            symmetric positive semidefinite matrix over the fingers, (d, n, n).
+        damping: Damping B [N s/m], in the same forms as the stiffness.
+        motion: Translation x of all fingers, which also moves the centres of the turns; None for no motion.
+        squeeze: Displacement s of each finger's target along `inward` [m]: a one-dimensional motion such as
+            `graspfx.loop.motion.Levels`, or a number, which is reached by one minimum-jerk step that starts at time
+            zero and takes `squeeze_ramp`.
+        inward: Directions of the squeeze, (n, d), of any length; a zero row excludes a finger from the squeeze. None is
+            allowed if `squeeze` is zero.
         squeeze_ramp: Duration of the minimum-jerk step [s].
-        share: Factor on the squeeze, a number or one per finger (n,).
-        turns: Rotations R and their centres c, applied in order, each about a fixed axis.
+        share: Factor of the squeeze, one for all fingers or one per finger (n,).
+        turns: Rotations, each with an axis and a centre, applied in this order.
     """
 
     declaration = HandState
@@ -98,11 +101,12 @@ class Hand(_HeldByGains):
         self._damping = _gains("damping", damping, n, d)
         x: Motion = Rest() if motion is None else motion
         if x.dimensions not in (None, d):
-            raise InputError("motion", x.dimensions, f"a motion in {d} dimensions, like `rest`")
+            raise InputError("motion", x.dimensions, f"a motion in {d} dimensions, as many as in `rest`")
         if any(turn.dimensions != d for turn in turns):
-            raise InputError("turns", [turn.dimensions for turn in turns], f"turns in {d} dimensions, like `rest`")
+            given = [turn.dimensions for turn in turns]
+            raise InputError("turns", given, f"turns in {d} dimensions, as many as in `rest`")
         if any(getattr(type(turn), "turned", None) is not Turn.turned for turn in turns):
-            raise InputError("turns", turns, "instances of Turn", "give a turn over time by the motion of its angle")
+            raise InputError("turns", turns, "instances of Turn", "define a rotation by the motion of its angle")
         closing = _squeeze(squeeze, squeeze_ramp)
         along = _shares(share, n)[:, None] * _directions(inward, squeeze, n, d)
         closes = along.any() and not (np.isscalar(squeeze) and squeeze == 0.0)
@@ -146,18 +150,20 @@ class Hand(_HeldByGains):
         share: ArrayLike = 1.0,
         turns: Sequence[Turn] = (),
     ) -> Hand:
-        """Make a hand whose arm moves the fingers' mean, and whose grip moves the fingers relative to each other.
+        """Make a hand with separate gains for the mean of the fingers (arm) and for their deviations (grip).
 
-            K = k_arm 11'/n + k_grip (I - 11'/n), and likewise B from b_arm and b_grip, on each axis
+            K = k_arm 11'/n + k_grip (I - 11'/n),   B = b_arm 11'/n + b_grip (I - 11'/n)
 
-        For the mean x_e of r - p, the sum of the fingers' forces is n (k_arm x_e + b_arm x_e'), which is Z+ of Kawai
-        and Yoshikawa, fig. 9. A deviation x_i of finger i from that mean adds the force k_grip x_i + b_grip x_i' on
-        the finger, which is Z- of Kawai and Yoshikawa (eqs. 13-19). The grip also resists a rotation of the fingers
-        about their mean, because the rotation is part of the deviations.
+        for each axis. With the mean x_e of r - p over the n fingers, the sum of the forces is n (k_arm x_e +
+        b_arm x_e'), which is Z+ of Kawai and Yoshikawa, fig. 9. The deviation x_i of finger i from the mean adds the
+        force k_grip x_i + b_grip x_i' on this finger, which is Z- of Kawai and Yoshikawa (eqs. 13-19). The grip also
+        resists a rotation of the fingers about their mean, because a rotation consists of deviations.
 
         Args:
-            arm: Stiffness [N/m] and damping [N s/m] per finger, each a number or one per axis.
-            grip: Stiffness [N/m] and damping [N s/m] per finger, in the same form.
+            rest: Rest positions of the fingers, (n, d) [m].
+            arm: Stiffness k_arm [N/m] and damping b_arm [N s/m] per finger, each a number or one number per axis.
+            grip: Stiffness k_grip [N/m] and damping b_grip [N s/m] per finger, in the same forms.
+            motion, squeeze, inward, squeeze_ramp, share, turns: As in `Hand`.
         """
         n, d = _rest(rest).shape
         mean = np.full((n, n), 1.0 / n)
@@ -171,7 +177,7 @@ class Hand(_HeldByGains):
 
     @property
     def still(self) -> bool:
-        """Whether the hand's targets never change."""
+        """Whether the targets never change."""
         block = HandState(self.state)
         moves = block.turns or block.squeeze.count or block.motion.count
         return type(self).target is Hand.target and not moves
@@ -185,12 +191,12 @@ class Hand(_HeldByGains):
 
 
 class JoinedHands(_HeldByGains):
-    """Several hands as one, without forces between fingers of different hands.
+    """Several hands as one hand, without forces between fingers of different hands.
 
     Args:
         hands: Hands, in any order.
-        order: Index of each finger of the joined hand among the hands' concatenated fingers; if None, the fingers are
-            in that order.
+        order: For each finger of the joined hand, its index in the list of the fingers of all hands; None for the order
+            of this list.
     """
 
     declaration = JoinedHandsState
@@ -201,7 +207,7 @@ class JoinedHands(_HeldByGains):
         self._plain_parts: list[tuple[plant.Hand, int, int]] = []  # entries for r and r' of hands without a kernel
         n = sum(hand.stiffness.shape[1] for hand in hands)
         if order is not None and sorted(order) != list(range(n)):
-            raise InputError("order", order, f"the indices of the {n} fingers, each once")
+            raise InputError("order", order, f"a permutation of the indices 0 to {n - 1}")
         where = list(range(n)) if order is None else list(order)
         rows = np.array(where)[:, None], np.array(where)
         self._stiffness = _frozen(_block_diagonal([hand.stiffness for hand in hands])[:, *rows])
@@ -247,7 +253,7 @@ class JoinedHands(_HeldByGains):
 
     @property
     def still(self) -> bool:
-        """Whether no target of any hand ever changes."""
+        """Whether the targets of all hands never change."""
         return type(self).target is JoinedHands.target and not self._plain_parts and self._still
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
@@ -261,17 +267,17 @@ class JoinedHands(_HeldByGains):
 
 
 def join(hands: Sequence[plant.Hand], order: Sequence[int] | None = None) -> plant.Hand:
-    """Join several hands that share a plant into one; `order` is that of `JoinedHands`."""
+    """Join the hands that hold the fingers of one plant; the arguments are those of `JoinedHands`."""
     if len(hands) == 1 and (order is None or list(order) == sorted(order)):
         return hands[0]
     return JoinedHands(hands, order)
 
 
 def adopt_block(hand: Any, other: Any) -> None:
-    """Copy another hand's block, which contains all parameters of the targets, but keep the state of followers.
+    """Copy the block of another hand, which contains all parameters of the targets, but keep the followers' states.
 
     Raises:
-        InputError: If the other hand differs in structure, or a motion has no kernel.
+        InputError: If the other hand has another structure, or if the hands have a motion without a kernel.
     """
     followers: Sequence[int] = hand.followers
     same = type(other) is type(hand) and other.state.shape == hand.state.shape
@@ -279,7 +285,7 @@ def adopt_block(hand: Any, other: Any) -> None:
     if not same or not np.array_equal(other.state[other.structure], hand.state[hand.structure]):
         raise InputError("other", other, "a hand with the same numbers and kinds of motions and turns")
     if not isinstance(hand, plant.FusedHand):
-        raise InputError("hand", hand, "a hand with motions of this package only")
+        raise InputError("hand", hand, "a hand whose motions are all motions of this package")
     places = np.array(followers, dtype=np.intp)
     following = hand.state[places]
     hand.state[:] = other.state
@@ -315,7 +321,7 @@ def _shares(share: ArrayLike, n: int) -> FloatArray:
 def _directions(inward: ArrayLike | None, squeeze: float | Motion, n: int, d: int) -> FloatArray:
     if inward is None:
         if not isinstance(squeeze, int | float | np.integer | np.floating) or squeeze != 0.0:
-            raise InputError("inward", inward, f"directions ({n}, {d}) for the squeeze")
+            raise InputError("inward", inward, f"directions ({n}, {d}), because `squeeze` is not zero")
         return np.zeros((n, d))
     u = floats("inward", inward)
     if u.shape != (n, d) or not np.isfinite(u).all():
@@ -333,11 +339,11 @@ def _gains(name: str, value: ArrayLike, n: int, d: int) -> FloatArray:
         raise InputError(name, value, f"{GAIN}, or finite matrices ({d}, {n}, {n})")
     largest = np.abs(K).max()
     if np.abs(K - np.swapaxes(K, 1, 2)).max() > SYMMETRY * largest:
-        raise InputError(name, value, "symmetric matrices", "an unsymmetric matrix generates energy")
+        raise InputError(name, value, "symmetric matrices", "a matrix that is not symmetric generates energy")
     K = 0.5 * (K + np.swapaxes(K, 1, 2))
     least = np.linalg.eigvalsh(K).min()
     if least < -SYMMETRY * max(n, 1) * largest:
-        raise InputError(name, value, f"positive semidefinite matrices; the smallest eigenvalue is {least:.6g}")
+        raise InputError(name, value, "positive semidefinite matrices", f"the smallest eigenvalue is {least:.6g}")
     return _frozen(K)
 
 
@@ -363,7 +369,13 @@ def _block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
 
 
 def targets_of(S: FloatArray, ports: plant.HandPorts, K: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Copy the targets that a hand's kernel has written to the block."""
+    """Return copies of the target positions and velocities, (n, d) each, that a hand's kernel has written to a block.
+
+    Args:
+        S: Block of the hand.
+        ports: Entries at which positions and velocities start.
+        K: Stiffness of the hand (d, n, n).
+    """
     d, n, _ = K.shape
     both = S[ports.position : ports.position + 2 * n * d].reshape(2, n, d).copy()
     both.flags.writeable = False

@@ -1,4 +1,4 @@
-"""Motion of a scene's hands, computed from the scene table of a recording: intended motion, tremor and noise."""
+"""Intended motion, tremor and noise of the hands in a recording, computed from the recorded table of the scene."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ CLOSE = 0.05  # relative tolerance of a frequency
 
 @dataclass(frozen=True)
 class Drive:
-    """Excitation of a set of fingers by their hands.
+    """Excitation of fingers by their hands.
 
     Attributes:
-        parts: Intended motions, each with the factor that converts its offset to metres at the fingertips.
+        parts: Intended motions, each with a factor that converts the offset of the motion to metres at the fingertips.
         frequencies: Frequencies of the sines in the intended motions [Hz].
-        complete: False if the table does not determine a hand's motion, or if a person moves the device.
-        tremors: Unintended motions of the hands.
-        noises: Operator models of the hands with noise, which is proportional to the muscle forces.
+        complete: False if the scene does not determine the motion of a hand, or if a person moves a device.
+        tremors: Tremors of the hands.
+        noises: Operator models of the hands whose muscle forces have noise.
     """
 
     parts: tuple[tuple[motions.Motion, float], ...]
@@ -41,32 +41,43 @@ class Drive:
     noises: tuple[Operator, ...] = ()
 
     def at(self, times: NDArray[Any]) -> FloatArray:
-        """Return all intended offsets at times (M,) [s]: zeros, then one column per component, (M, 1 + c) [m]."""
+        """Compute the c components of all intended offsets at times (M,) [s].
+
+        The result (M, 1 + c) [m] begins with a column of zeros.
+        """
         columns = [scale * np.array([motion.at(t)[0] for t in times.tolist()]) for motion, scale in self.parts]
         return np.concatenate([np.zeros((len(times), 1)), *columns], axis=1)
 
     def tremor(self, times: NDArray[Any]) -> FloatArray:
-        """Return all offsets by tremor at times (M,) [s]: zeros, then one column per component, (M, 1 + c) [m]."""
+        """Compute the c components of all offsets by tremor at times (M,) [s].
+
+        The result (M, 1 + c) [m] begins with a column of zeros.
+        """
         return np.concatenate([np.zeros((len(times), 1)), *(each.over(times) for each in self.tremors)], axis=1)
 
     def noise(self, times: NDArray[Any], depth: float) -> FloatArray:
-        """Return the offsets due to noise of the muscle forces: zeros, then one column per finger, (M, 1 + c) [m].
+        """Compute the offsets of c fingers by noise of muscle forces.
 
         Args:
             times: Times, (M,) [s].
-            depth: Displacement of the fingers relative to the object [m]. Muscle forces cause the displacement, so a
-                relative change of these forces changes the displacement by the same fraction.
+            depth: Displacement of the fingers relative to the object that the muscle forces cause [m]. A relative
+                change of the forces changes the displacement by the same fraction.
+
+        Returns:
+            A column of zeros, then one column of offsets per finger, (M, 1 + c) [m].
         """
         columns = [depth * operator.noise(times) for operator in self.noises]
         return np.concatenate([np.zeros((len(times), 1)), *columns], axis=1)
 
     def swings(self, frequency: float, resolution: float) -> bool:
-        """Return whether motion at this frequency may be a sine of the hands, or its second or third harmonic.
+        """Return whether an observed motion may be caused by the intended motion of the hands.
 
-        Below 10 Hz it always may if the motion of the hands is not completely known (`complete`).
+        The result is true if the frequency is that of a sine of the hands, or two or three times this frequency. If the
+        motion of the hands is not completely known (`complete`), it is also true for all frequencies below 10 Hz.
 
         Args:
-            frequency, resolution: Frequency of the motion, and resolution of the estimate [Hz].
+            frequency: Frequency of the observed motion [Hz].
+            resolution: Resolution of the frequency [Hz].
         """
         if not self.complete and frequency < FASTEST:
             return True
@@ -77,13 +88,14 @@ class Drive:
 def drive(
     table: Mapping[str, Any], fingers: Sequence[int], folder: str, start: FloatArray, centre: FloatArray
 ) -> Drive:
-    """Compute the excitation of the fingers with these indices.
+    """Compute the excitation of fingers that touch one object.
 
     Args:
-        table: Table of the scene in a recording's header.
-        folder: Folder to which relative paths in the scene refer.
-        start: Initial positions of the fingers (k, d) [m].
-        centre: Initial centre of their object (d,) [m], the default centre of a hand's rotation.
+        table: Table of the scene in the header of a recording.
+        fingers: Indices of the k fingers.
+        folder: Folder to which paths in the scene are relative.
+        start: Initial positions of these fingers (k, d) [m].
+        centre: Initial centre of the object (d,) [m], the default centre of a hand's rotation.
     """
     rows = table.get("finger") or []
     if any(i >= len(rows) for i in fingers):
@@ -127,7 +139,7 @@ def drive(
 
 
 def _is_simulated(table: Mapping[str, Any], finger: Mapping[str, Any]) -> bool:
-    """Return whether a finger has a hand, or else the device "simulated", which does not move without a hand."""
+    """Return whether the hand of a finger is simulated: the finger has a hand, or its device is "simulated"."""
     device = finger.get("device")
     if isinstance(device, str):
         device = next((each for each in table.get("device") or [] if each.get("name") == device), None)
@@ -165,7 +177,7 @@ def _parts(
 
 
 def _listed(value: Any) -> list[Mapping[str, Any]]:
-    """Return a list of tables, given one table, a list of tables or None."""
+    """Convert one table, a list of tables or None to a list of tables."""
     if value is None:
         return []
     return [value] if isinstance(value, Mapping) else list(value)

@@ -1,8 +1,8 @@
-"""Kernels of a scene's parts, by number.
+"""Kernels of a scene's parts, identified by numbers.
 
-Number 0 means no kernel. Another number below `len(KERNELS)` denotes a kernel of this package, which the program of
-ticks contains. A larger number denotes a third-party kernel: the address of its machine code or, in interpreted ticks,
-the number of its registered function.
+The number 0 denotes no kernel. A number from 1 to `len(KERNELS)` - 1 denotes a kernel of this package, which is
+compiled into the program that runs ticks. A larger number denotes a third-party kernel: in compiled ticks, the number
+is the address of the kernel's machine code; in interpreted ticks, it is the number returned by `announce`.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def _numbers() -> dict[str, int]:
 
 @cache
 def _kernel(number: int) -> Kernel:
-    """Import a kernel of this package in its lowered form, a function of buffers, offsets and numbers."""
+    """Import a kernel of this package and lower it to a function of buffers, offsets and numbers."""
     return source_function(kernel_of(number))
 
 
@@ -71,7 +71,7 @@ def kernel_of(number: int) -> Kernel:
 
 
 def announce(kernel: Kernel) -> int:
-    """Register a third-party kernel for interpreted ticks, and return its number."""
+    """Register a third-party kernel for interpreted ticks, and return the number of the kernel."""
     number = len(KERNELS) + id(kernel)
     _ANNOUNCED[number] = kernel
     return number
@@ -83,37 +83,37 @@ def _function(number: int) -> Kernel:
 
 @bound_late
 def invoke(buffer: Any, kernel: int, place: int) -> int:
-    """Call kernel(S, o) of a device or a plant, by number; return its code."""
+    """Call the kernel of a device or a plant, identified by its number; return its fault code."""
     result: int = _function(kernel)(buffer, place)
     return result
 
 
 @bound_late
 def invoke_at(buffer: Any, kernel: int, place: int, t: float) -> int:
-    """Call kernel(S, o, t) of a hand."""
+    """Call the kernel of a hand at the time t; return 0."""
     _function(kernel)(buffer, place, t)
     return 0
 
 
 @bound_late
 def invoke_beside(buffer: Any, kernel: int, place: int, beside: int, T: float) -> int:
-    """Call kernel(S, o, F, f, T) of a body; return its code, 0 if it returns none."""
+    """Call the kernel of a body with two blocks and the period T; return its fault code, 0 if it returns None."""
     return _function(kernel)(buffer, place, buffer, beside, T) or 0
 
 
 @bound_late
 def call(buffer: Any, address: int, place: int) -> int:
-    """Call the machine code of a kernel by its address; unavailable in interpreted ticks, like `call_at`."""
+    """Call the machine code of a device's or plant's kernel by its address; unavailable in interpreted ticks."""
     raise NotImplementedError
 
 
 @bound_late
 def call_at(buffer: Any, address: int, place: int, t: float) -> int:
-    """Call the machine code of a hand's kernel by its address."""
+    """Call the machine code of a hand's kernel by its address; unavailable in interpreted ticks."""
     raise NotImplementedError
 
 
 @bound_late
 def call_beside(buffer: Any, address: int, place: int, beside: int, t: float) -> int:
-    """Call the machine code of a body's kernel by its address."""
+    """Call the machine code of a body's kernel by its address; unavailable in interpreted ticks."""
     raise NotImplementedError

@@ -1,4 +1,4 @@
-"""Mailbox between Python and a vendor's thread, for devices whose C functions may be called only in that thread."""
+"""Mailbox between Python and a vendor's thread, for devices whose C functions may only be called in this thread."""
 
 from __future__ import annotations
 
@@ -22,21 +22,23 @@ NAP = 2e-4  # time between two checks [s]
 
 
 class Mailbox:
-    """Exchange between devices in a vendor's thread and Python or the native loop.
+    """Exchange of readings and forces between Python and devices that a vendor's thread calls.
 
-    The thread calls `unsigned function(void *context)` once a period; each call is a turn. In a turn all devices are
-    asked for a reading, then read, and then written in the reverse order. They receive the forces that Python has
-    written to the mailbox, or zero if Python has written none for more than 20 turns. After a fault a device is stopped
-    in the same turn and in every later one. While a loop drives the devices (`drive`), each turn calls the loop
-    instead; if the loop returns 0, the turn proceeds as above.
+    The thread calls `unsigned function(void *context)` once per period; each call is a turn. In a turn, all devices are
+    asked for a reading, then all are read, and then all are written in reverse order. A device receives the forces that
+    Python has written for it, or zero if Python has not written forces for it in more than 20 turns. After a fault, a
+    device is stopped in the same turn and in all later turns. While `drive` is active, a turn instead calls another
+    function; if this function returns 0, the turn proceeds as described.
 
     Args:
         calls: C functions of the devices.
-        shape: Shape (k, d) of each device's positions: fingers and dimensions.
-        now, sleep: Function that returns the time [s], and function that waits for a time [s].
+        shape: Shape of each device's positions: number of fingers k and of dimensions d.
+        now: Function that returns the time [s].
+        sleep: Function that waits for a duration [s].
 
     Attributes:
-        function, context: Addresses of the C function that the vendor's thread calls, and of its argument.
+        function: Address of the C function that the vendor's thread calls.
+        context: Address of the argument of this function.
     """
 
     def __init__(
@@ -75,11 +77,11 @@ class Mailbox:
 
     @property
     def turns(self) -> int:
-        """Number of turns so far."""
+        """Number of turns since the start."""
         return int(self._words[at.TURNS])
 
     def read(self, i: int) -> tuple[int, FloatArray, FloatArray]:
-        """Return a device's number of samples, and positions [m] and velocities [m/s] (k, d) of the last sample."""
+        """Return the number of samples of device i, and positions [m] and velocities [m/s] (k, d) of the last one."""
         words = self._device(i)
         while True:
             before = int(words[at.SEQUENCE])
@@ -88,18 +90,18 @@ class Mailbox:
                 return before // 2, sample[0], sample[1]
 
     def write(self, i: int, forces: FloatArray) -> None:
-        """Set forces (k, d) [N] for a device; the forces must be finite and within the device's limit."""
+        """Set the forces (k, d) [N] of device i, which must be finite and within the limit of the device."""
         words = self._device(i)
         news = int(words[at.NEWS]) + 1
         self._orders[i, news % 2] = forces
         words[at.NEWS] = news
 
     def fault(self, i: int) -> int:
-        """Return the code of a device's first fault; 0 for none."""
+        """Return the code of the first fault of device i; 0 if there is no fault."""
         return int(self._device(i)[at.FAULT])
 
     def wait(self, turns: int, longest: float) -> bool:
-        """Wait for a number of turns, at most `longest` [s]; return whether the turns were completed."""
+        """Wait for a number of turns, but at most for `longest` seconds; return whether the turns were completed."""
         last, end = self.turns + turns, self._now() + longest
         while self.turns < last:
             if self._now() > end:
@@ -108,15 +110,17 @@ class Mailbox:
         return True
 
     def drive(self, function: int, context: int) -> None:
-        """Let the turns call a loop, `unsigned function(void *context)`.
+        """Let each turn call `unsigned function(void *context)`; if it returns 0, the turn exchanges with the mailbox.
 
-        If the loop returns 0, the mailbox serves the turn itself.
+        Args:
+            function: Address of the function.
+            context: Address that is passed to the function.
         """
         self._words[at.CONTEXT] = context
         self._words[at.LOOP] = function
 
     def release(self, longest: float) -> bool:
-        """End the calls of the loop; return whether the last call ended within `longest` [s]."""
+        """End the calls of the function set by `drive`; return whether the last call ended within `longest` seconds."""
         self._words[at.LOOP] = 0
         end = self._now() + longest
         while True:

@@ -1,4 +1,4 @@
-"""Detection of direct writes to numbers that only an update may change, because the recording depends on them."""
+"""Detection of direct writes to numbers on which a recording depends; only an update may change these numbers."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from graspfx.loop.servo_parts import GraspedPart
 
 FloatArray = NDArray[np.float64]
 
-DO = "list its key in gx.open(scene, live=[...]) and use session.set"
+DO = "list the key of this number in gx.open(scene, live=[...]) and use session.set"
 
 
 class Watch:
-    """Watched entries of a run's memories, and their expected bits.
+    """Entries of a run's memory that must not be written directly, and copies of their bits.
 
-    The watched entries determine the gains and the split P of a grasp, and select what is computed. Reading all of them
-    takes a microsecond or two.
+    These entries are the gains, the numbers that determine how forces are split, and the numbers that select the
+    computation. Comparing all entries takes one or two microseconds.
 
     Args:
         objects: Objects whose grasps are watched.
@@ -40,14 +40,14 @@ class Watch:
             self._add(part.grasped.block, [*part.grasped.watched_entries, *structure])
 
     def note(self) -> None:
-        """Store the present bits."""
+        """Copy the present bits of all entries."""
         self._bits = b"".join(self._views)
 
     def require(self) -> None:
-        """Require that every entry is unchanged. Gains may have changed if they agree with their block's switches.
+        """Require that all entries are unchanged, except for gains that agree with the switches in their block.
 
         Raises:
-            InputError: If an entry was written to; the message names the entry.
+            InputError: If another entry has changed; the message names the entry.
         """
         if b"".join(self._views) == self._bits:
             return
@@ -57,14 +57,15 @@ class Watch:
                 raise InputError(
                     f"{part.name}: {switch}", getattr(part.grasped.state, switch),
                     "a switch that agrees with the gains in the block",
-                    "a gain was written directly; list it in gx.open(scene, live=[...]) and use session.set",
+                    "a gain was written directly; list the key of the gain in gx.open(scene, live=[...]) and use "
+                    "session.set",
                 )  # fmt: skip
         for array, k, value in self._intrusions():
             self._require_free(array, k, value)
         self.note()
 
     def _add(self, array: FloatArray, entries: Sequence[int]) -> None:
-        """Watch further entries, with their present bits."""
+        """Add entries with their present bits."""
         left = sorted({k for k in map(int, entries) if (id(array), k) not in self._seen})
         if not left:
             return
@@ -76,7 +77,7 @@ class Watch:
             self._bits += bytes(self._views[-1])
 
     def _intrusions(self) -> Iterator[tuple[FloatArray, int, float]]:
-        """List the changed entries with their former values."""
+        """Yield memory, index and former value of each entry that has changed."""
         at = 0
         for array, first, end in self._stretches:
             values = np.frombuffer(self._bits, np.float64, end - first, at)
@@ -85,7 +86,7 @@ class Watch:
             yield from ((array, first + int(i), float(values[i])) for i in np.flatnonzero(~same))
 
     def _require_free(self, array: FloatArray, k: int, value: float) -> None:
-        """Raise an error unless an entry may differ from its former value."""
+        """Raise InputError if an entry must not have changed from its former value."""
         if (id(array), k) not in self._free:
             part = next(part for part in self._objects if part.grasped.block is array)
             name = f"{part.name}: {name_of(GraspState, k, array)}"
@@ -93,7 +94,7 @@ class Watch:
 
 
 def _stretches(entries: Sequence[int]) -> Iterator[tuple[int, int]]:
-    """List the contiguous ranges of sorted entries: first entry and end of each range."""
+    """Yield the first entry and the end of each contiguous range of sorted entries."""
     numbers = np.array(entries)
     breaks = np.flatnonzero(np.diff(numbers) > 1)
     firsts, lasts = [entries[0], *numbers[breaks + 1].tolist()], [*numbers[breaks].tolist(), entries[-1]]

@@ -1,4 +1,4 @@
-"""Operator model beyond the hand's springs and dampers: limb, stiffening, reaction and noise."""
+"""Operator model in addition to the springs and dampers of a hand: limb, stiffening, reaction and noise."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NOISE = 3  # last word of the seed of noise; the last words of a tremor's axes a
 
 
 class FingerOperator(Record):
-    """Operator model of one finger in addition to its hand's spring and damper; zero values disable a term."""
+    """Parameters of the operator model of one finger; zero values disable a term (see `Operator`)."""
 
     limb_mass: float  # M [kg]
     limb_stiffness: Vector  # K_l, per axis [N/m]
@@ -38,52 +38,61 @@ class FingerOperator(Record):
 
 
 class Operator:
-    """Operator model of n fingers in addition to their hand: a limb, stiffening, a reaction and noise.
+    """Operator model of n fingers in addition to the spring and damper of a hand: limb, stiffening, reaction and noise.
 
-        m p'' + b p' = u + F (+ h without a limb),    M y'' = K_l (r - y) + B_l (r' - y') - F + h
-        F = (K + k G) (y - p) + (B + b G) (y' - p'),          G' = (|u| - G)/lag
+        m p'' + b_d p' = u + F (+ h without a limb),    M y'' = K_l (r - y) + B_l (r' - y') - F + h
+        F = (K + k G) (y - p) + (B + b G) (y' - p'),    G' = (|u| - G)/lag
         h(t) = (k_v (r - p) + b_v (r' - p') - g u)(t - delay) + share x(t) F_m
 
-    p is the fingertip, m and b of the first equation are its device's mass and damping, r is the intended position, and
-    y the limb; without a limb y = r. K and B are the hand's stiffness and damping, k and b of the second line their
-    slopes over the grip force G. u is the displayed force, h the voluntary force, F_m the muscle force after a lag, and
-    x noise of mean 0 and variance 1.
+    For each finger, p is the position of the fingertip, m and b_d are mass and damping of the device, r is the intended
+    position, and y is the position of the limb; without a limb, y = r. M, K_l and B_l are mass, stiffness and damping
+    of the limb. K and B are stiffness and damping of the hand, which increase with the grip force G by the slopes k and
+    b. u is the displayed force, and h the voluntary force with the stiffness k_v, the damping b_v and the fraction g of
+    the displayed force that it counteracts. F_m is the muscle force, delayed by a lag, and x is noise with mean 0 and
+    variance 1.
 
     Args:
         fingers: Number of fingers n.
 
     Attributes:
-        numbers: One `FingerOperator` per row, (n, entries); initially zeros.
+        numbers: One `FingerOperator` per row, (n, entries); all entries are initially zero.
     """
 
     def __init__(self, fingers: int) -> None:
         self.numbers: FloatArray = np.zeros((fingers, size_of(FingerOperator)))
 
     def finger(self, i: int) -> FingerOperator:
-        """Return the writable record of one finger."""
+        """Return the record of finger i, through which `numbers` can be changed."""
         return FingerOperator(self.numbers.reshape(-1), i * self.numbers.shape[1])
 
     def set_limb(self, mass: float, stiffness: FloatArray, damping: FloatArray) -> None:
-        """Set M [kg], K_l and B_l per axis (d,) [N/m, N s/m] of every finger."""
+        """Set the limb of all fingers: mass M [kg], and per axis (d,) stiffness K_l [N/m] and damping B_l [N s/m]."""
         for i in range(len(self.numbers)):
             finger = self.finger(i)
             finger.limb_mass = mass
             finger.limb_stiffness, finger.limb_damping = _vector(stiffness), _vector(damping)
 
     def set_stiffening(self, stiffness: float, damping: float, lag: float) -> None:
-        """Set the slopes k [N/m per N] and b [N s/m per N], and the lag [s] of every finger."""
+        """Set the stiffening of all fingers: slopes k [N/m per N] and b [N s/m per N], lag of the grip force [s]."""
         for i in range(len(self.numbers)):
             finger = self.finger(i)
             finger.rise, finger.damping_rise, finger.grip_lag = stiffness, damping, lag
 
     def set_reaction(self, delay: float, stiffness: float, damping: float, force: float) -> None:
-        """Set the delay [s], k_v [N/m], b_v [N s/m] and g of every finger."""
+        """Set the voluntary force of all fingers: delay [s], k_v [N/m], b_v [N s/m] and fraction g."""
         for i in range(len(self.numbers)):
             finger = self.finger(i)
             finger.delay, finger.pull, finger.pull_damping, finger.counter = delay, stiffness, damping, force
 
     def set_noise(self, share: float, cutoff: float, lag: float, seeds: Sequence[Sequence[int]]) -> None:
-        """Set the share, the cutoff [Hz], the lag [s] and the seed of each finger's random numbers."""
+        """Set the noise of all fingers.
+
+        Args:
+            share: Standard deviation of the noise relative to the muscle force.
+            cutoff: Highest frequency of the noise [Hz].
+            lag: Time constant with which the amplitude of the noise follows the muscle force [s].
+            seeds: Seed of the random numbers of each finger.
+        """
         for i, seed in enumerate(seeds):
             finger = self.finger(i)
             finger.share, finger.command_lag = share, lag
@@ -92,7 +101,7 @@ class Operator:
             finger.array(FingerOperator.phase)[:] = phase
 
     def noise(self, times: FloatArray) -> FloatArray:
-        """Compute share x(t), each finger's noise relative to its muscle force, at times (M,) [s]: (M, n)."""
+        """Compute the noise share x(t) of each finger relative to the muscle force, (M, n), at times (M,) [s]."""
         columns = []
         for i in range(len(self.numbers)):
             finger = self.finger(i)
@@ -103,31 +112,33 @@ class Operator:
 
     @property
     def reach(self) -> float:
-        """The longest delay of the fingers' voluntary forces [s]."""
+        """Longest delay of the voluntary forces of all fingers [s]."""
         return max(self.finger(i).delay for i in range(len(self.numbers)))
 
     def at_rest(self, stiffness: FloatArray, force: FloatArray) -> FloatArray:
-        """Compute the stiffness at rest, (d, n, n) [N/m]: r - p = K_rest^-1 f.
+        """Compute the static stiffness K_s of hand and operator, (d, n, n) [N/m], with f = K_s (r - p) for each axis.
 
-        The stiffness at rest is K, stiffened by the grip forces |f|, in series with the limb, plus the reaction.
+        It is K, increased by the grip forces |f|, in series with the limb, plus the reaction.
 
         Args:
             stiffness: Stiffness K of the hand (d, n, n) [N/m].
-            force: Force f of the fingers at rest (n, d) [N].
+            force: Static forces f of the fingers (n, d) [N].
         """
         return self._rest(stiffness, force)[0]
 
     def stretch_at_rest(self, stiffness: FloatArray, force: FloatArray) -> FloatArray:
-        """Compute y - p, or r - p without a limb, of a hand at rest under these forces, (n, d) [m].
+        """Compute the static displacement y - p, (n, d) [m]; without a limb, y = r.
 
-        The arguments are those of `at_rest`.
+        Args:
+            stiffness: Stiffness K of the hand (d, n, n) [N/m].
+            force: Static forces f of the fingers (n, d) [N].
         """
         K, X = self._rest(stiffness, force)
         away = [X[a] @ np.linalg.lstsq(K[a], force[:, a], rcond=None)[0] for a in range(len(K))]
         return np.stack(away, axis=1)
 
     def _rest(self, stiffness: FloatArray, force: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute f and the displacement of the fingertips' springs, both per unit of r - p, (d, n, n)."""
+        """Compute the static f and y - p, both per unit of r - p, (d, n, n); the arguments are those of `at_rest`."""
         n = len(self.numbers)
         whole = np.array(stiffness, dtype=float)
         stretch = np.zeros_like(whole)
@@ -149,7 +160,15 @@ class Operator:
 def _with_limb(
     tip: FloatArray, limb: FloatArray, soft: NDArray[np.bool_], pull: FloatArray, counter: FloatArray
 ) -> FloatArray:
-    """Solve for x = y - p and the force f on the fingertips, both per r - p, (2 n, n); without a limb f = tip x + h."""
+    """Solve for x = y - p and the force f on the fingertips for one axis, both per unit of r - p, (2 n, n).
+
+    Args:
+        tip: Stiffness between limb and fingertips (n, n) [N/m].
+        limb: Stiffness of the limb (n,) [N/m]; 0 without a limb.
+        soft: Whether each finger has a limb (n,).
+        pull: Stiffness of the voluntary force (n,) [N/m].
+        counter: Fraction of the displayed force that the voluntary force counteracts (n,).
+    """
     n = len(tip)
     I = np.eye(n)  # noqa: E741 (the identity's letter)
     s, hard = np.diag(soft.astype(float)), np.diag((~soft).astype(float))
@@ -165,12 +184,12 @@ def _with_limb(
 
 
 def joined(operators: Sequence[Operator | None], fingers: Sequence[int], order: Sequence[int]) -> Operator | None:
-    """Join the operators of several hands; None if no hand has one.
+    """Join the operator models of several hands; return None if no hand has an operator model.
 
     Args:
-        operators: Operator of each hand; None for a hand with spring and damper only.
+        operators: Operator model of each hand; None for a hand with only spring and damper.
         fingers: Number of fingers of each hand.
-        order: Index of each finger of the joined hand among the hands' concatenated fingers.
+        order: For each finger of the joined hand, its index in the list of the fingers of all hands.
     """
     if all(operator is None for operator in operators):
         return None

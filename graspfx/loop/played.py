@@ -1,4 +1,4 @@
-"""Devices played back from a recording, which repeat the recorded readings and display no forces."""
+"""Devices that repeat the readings in a recording and display no forces."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PHASES: tuple[Phase, ...] = ("write", "read", "after")
 
 
 class Played(Protocol):
-    """Protocol of a source of rows for playback, such as a `Recording`."""
+    """Protocol of a source of recorded rows, such as a `Recording`."""
 
     @property
     def layout(self) -> Layout: ...
@@ -35,12 +35,12 @@ class Played(Protocol):
     def __len__(self) -> int: ...
 
     def read(self, column: str, first: int, stop: int) -> FloatArray:
-        """Return a column in the rows `first` to `stop` - 1."""
+        """Return the values of a column in the rows `first`, ..., `stop` - 1."""
         ...
 
 
 class PlayedDevice:
-    """Replacement for a recorded device, with the same features; `Playback` supplies the readings.
+    """Device that replaces a recorded device and has the same features; `Playback` writes the readings.
 
     Args:
         features: Features of the recorded device.
@@ -53,24 +53,24 @@ class PlayedDevice:
 
     @staticmethod
     def plant(devices: Sequence[Device]) -> Any:
-        """Raise NotImplementedError, because the motion was recorded."""
+        """Raise NotImplementedError, because the motion is read from the recording."""
         raise NotImplementedError
 
     def open(self, period: float) -> None:
-        """Do nothing: no preparation is needed."""
+        """Do nothing, because no preparation is needed."""
 
     def read(self) -> Any:
         """Raise NotImplementedError, because `Playback` writes the readings."""
         raise NotImplementedError
 
     def write(self, forces: FloatArray) -> None:
-        """Display nothing."""
+        """Do nothing, because there is no hardware."""
 
     def stop(self) -> None:
-        """Display nothing."""
+        """Do nothing, because there is no hardware."""
 
     def close(self) -> None:
-        """Close nothing."""
+        """Do nothing, because there is no hardware."""
 
     def __enter__(self) -> Self:
         return self
@@ -79,7 +79,7 @@ class PlayedDevice:
 
 
 class LimitedPlayedDevice(PlayedDevice):
-    """A played device whose largest force depends on its position."""
+    """Played device whose largest force depends on its position."""
 
     def __init__(self, features: Features, d: int) -> None:
         super().__init__(features, d)
@@ -87,27 +87,27 @@ class LimitedPlayedDevice(PlayedDevice):
 
 
 class PlayedPlant:
-    """Fingertips at their recorded positions, independent of the forces on them."""
+    """Plant whose fingertips are at their recorded positions, independent of forces."""
 
     def __init__(self, n: int, d: int) -> None:
         self.position: FloatArray = np.zeros((n, d))
         self.velocity: FloatArray = np.zeros((n, d))
 
     def place(self, position: FloatArray, hand: Any) -> None:
-        """Do nothing: positions come from the recording."""
+        """Do nothing, because the positions are read from the recording."""
 
     def advance(self, effort: FloatArray, hand: Any, period: float) -> None:
-        """Do nothing: the next reading moves the fingertips."""
+        """Do nothing, because `Playback` sets the positions of the fingertips."""
 
 
 class Playback:
-    """Exchange that reads rows of a recording instead of devices, tick by tick, and repeats the first recorded fault.
+    """Exchange that reads the rows of a recording instead of devices, and repeats the first fault in the recording.
 
     Args:
-        recording: Recording of every tick.
-        largest: Second recording, which contains the largest forces of devices; None to read them from the first
-            recording, if it contains them.
-        phase: Phase of the tick in which the first fault is repeated, if the replay has no fault by then.
+        recording: Recording in which every tick is recorded.
+        largest: Recording that contains the largest forces of devices; None to read these from `recording`, if they
+            were recorded.
+        phase: Phase of the tick in which the first fault is repeated.
     """
 
     def __init__(self, recording: Played, largest: Played | None, phase: Phase) -> None:
@@ -125,7 +125,7 @@ class Playback:
         self._tips: FloatArray | None = None
 
     def wirings(self, wired: Sequence[DeviceWiring]) -> tuple[list[DeviceWiring], list[PlantWiring]]:
-        """Replace devices by played devices, and add one plant if true fingertip positions are recorded."""
+        """Replace devices by played devices; return them, and one plant if true fingertip positions are recorded."""
         layout = self._recording.layout
         n, d = len(layout.fingers), layout.dimensions
         stations = [DeviceWiring(_played(each.device, d), each.fingers, _calls(each.fitting)) for each in wired]
@@ -148,7 +148,7 @@ class Playback:
             self._deadmen.append(fitting.deadman)
 
     def read(self, periods: int = 1) -> list[str]:
-        """Read the next tick's readings; list the recorded fault if it is due in the reading or before it."""
+        """Write the readings of the next tick to the ports; return the recorded fault if it must be repeated now."""
         self._k += 1
         row = self._row(self._k)
         position, velocity = row["finger_position"], row["finger_velocity"]
@@ -170,7 +170,7 @@ class Playback:
         return list(self._faults(0 if self._phase == "read" else 1)) if self._phase != "write" else []
 
     def write(self) -> str:
-        """Display no force; return the recorded fault if it is due in writing, else an empty string."""
+        """Return the recorded fault if it must be repeated now, otherwise an empty text; no forces are displayed."""
         return next(self._faults(0), "") if self._phase == "write" else ""
 
     def _faults(self, delay: int) -> Iterator[str]:
@@ -186,13 +186,19 @@ class Playback:
 
 
 class _Misses:
-    """Number of successive calls without a new reading, for a device that may not be called in every tick."""
+    """Count of successive calls without a new reading, for a device that may be called less often than every tick."""
 
     def __init__(self, every: int) -> None:
         self._every, self._since = every, 0
 
     def count(self, misses: float, periods: int, *, is_fresh: bool) -> float:
-        """Update the number, `periods` periods after the last tick."""
+        """Return the new count in a tick, `periods` sampling periods after the last tick.
+
+        Args:
+            misses: Count in the last tick.
+            periods: Number of sampling periods since the last tick.
+            is_fresh: Whether the reading is new.
+        """
         self._since = 0 if is_fresh else self._since + periods
         if is_fresh:
             return 0.0
@@ -203,12 +209,12 @@ class _Misses:
 
 
 def _calls(fitting: Fitting) -> Fitting:
-    """Return a fitting with the same deadman and call interval but no frame, because rows are in the scene's axes."""
+    """Return a fitting with only deadman switch and call interval; rows are in the scene's axes and need no frame."""
     return Fitting(None, fitting.deadman, fitting.every)
 
 
 def _played(device: Device, d: int) -> PlayedDevice:
-    """Make a played device that replaces another device, and has its class name in messages."""
+    """Make a played device with the features of another device, and a class with the same name for messages."""
     base = LimitedPlayedDevice if isinstance(device, LimitedDevice) else PlayedDevice
     kind: type[PlayedDevice] = type(type(device).__qualname__, (base,), {})
     return kind(device.features, d)

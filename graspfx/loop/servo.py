@@ -1,4 +1,4 @@
-"""Servo, which runs a scene's ticks (in one call if all parts are kernels) and changes parameters between ticks."""
+"""Servo, which runs the ticks of a scene and changes parameters of the scene between ticks."""
 
 from __future__ import annotations
 
@@ -45,18 +45,18 @@ Stop = Callable[[], bool]
 
 @runtime_checkable
 class Steerable(Protocol):
-    """A plant or a hand whose parameters may change during a run."""
+    """Plant, hand or body whose parameters may change during a run."""
 
     def adopt(self, other: Any) -> None:
-        """Adopt the parameters of another part of the same structure; the present motion is unchanged."""
+        """Copy the parameters of another part with the same structure; the present motion is unchanged."""
 
 
 @runtime_checkable
 class SteerablePlant(Steerable, Protocol):
-    """A plant whose mechanics and hand may change during a run.
+    """Plant whose mechanics and hand may change during a run.
 
     Attributes:
-        live: Whether mechanics and hand may change; if so, `structure` lists only entries that stay constant.
+        live: Whether mechanics and hand may change; if True, `structure` must not contain entries that then change.
     """
 
     live: bool
@@ -64,10 +64,10 @@ class SteerablePlant(Steerable, Protocol):
 
 @runtime_checkable
 class CarriedPlant(Steerable, Protocol):
-    """A plant whose mechanics may be set by another process.
+    """Plant whose mechanics may be set by another process.
 
     Attributes:
-        mechanics: Masses [kg] and dampings [N s/m], (2, n); call the plant's `hold` after setting them.
+        mechanics: Masses [kg] and dampings [N s/m] of the fingers, (2, n); after a change, `hold` must be called.
     """
 
     mechanics: FloatArray
@@ -75,13 +75,13 @@ class CarriedPlant(Steerable, Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Update:
-    """New values of a scene's keys, converted to numbers in the parts' memories.
+    """New values of keys of a scene, and the changes in the parts of the scene that result from them.
 
     Attributes:
-        values: New values of the keys.
-        entries: Memories, with the entries to be changed and the new numbers.
-        parts: Plants and hands, each with another part that contains the new parameters.
-        plants: Indices of the plants that must be attached to their hands again.
+        values: New values by key.
+        entries: Memories, each with the indices of the entries that change and with their new numbers.
+        parts: Plants, hands and bodies, each with another part that contains the new parameters.
+        plants: Indices of the plants whose method `hold` must be called again.
     """
 
     values: Mapping[str, Any] = field(default_factory=dict)
@@ -91,24 +91,32 @@ class Update:
 
 
 class Servo:
-    """Loop that runs the parts of a scene.
+    """Loop that runs the ticks of a scene.
 
-    A non-finite motion, an error of this package from a device, body or plant, or a projection that does not converge
-    latches a fault. From that tick on every force is zero; forces computed in that tick are not displayed.
+    A fault occurs if a motion is not finite, if a device, body or plant raises an error of this package, or if a
+    projection does not converge. In the tick of the first fault and all later ticks, the forces are zero; forces that
+    were computed in this tick are not displayed.
 
-    If all parts are kernels, one call runs any number of ticks. A Python body or plant requires one call per tick, and
-    a Python device requires two; the methods of these parts run between the calls. The recording is bit-identical in
-    all cases. A tick's exchange with a guest, a body that other software moves, is completed by the next tick, and by
-    `run` after the last tick.
+    If all parts are kernels, one call of the engine runs many ticks. With a Python body or plant, the engine is called
+    once per tick, and with a Python device, twice; the methods of these parts run between the calls. The recordings are
+    bit-identical in all cases. A guest is a body that other software moves. The exchange with a guest in a tick is
+    completed in the next tick or, after the last tick, at the end of `run`.
 
     Args:
+        period: Sampling period T [s].
+        layout: Layout of the recorded rows.
+        stations: Devices, each with the fingers that it moves.
+        objects: Objects with their grasps.
+        movers: Bodies, each with the objects that it moves.
+        plants: Plants, each with its devices, fingers and hand.
+        observers: Observers of energy, one for each object or none.
         engine: Name of the engine: "auto", "compiled" or "interpreted".
-        record: Whether ticks are recorded; otherwise `run` must be called without a recorder.
+        record: Whether ticks are recorded; if False, `run` must be called without a recorder.
         every: Number of ticks from one recorded row to the next.
-        safety: Safety chain between law and devices, if the scene has one.
-        host: Other program that simulates the object, if the scene has one.
-        guards: Limits for real devices, beyond which a run ends in a fault.
-        memory: Memory of the parts' blocks.
+        safety: Safety chain between law and devices; None if the scene has none.
+        host: Other program that simulates the object; None if the scene has none.
+        guards: Limits beyond which a run with hardware ends in a fault.
+        memory: Memory in which the blocks of the parts are allocated.
     """
 
     def __init__(
@@ -149,7 +157,7 @@ class Servo:
 
     @property
     def coupling(self) -> dict[str, Any]:
-        """Report of the objects' couplings on the run so far, as items of an `Outcome`."""
+        """Entries of the run's `Outcome` that the couplings of the objects compute."""
         grasps = [part.grasped for part in self.objects]
         return {
             "fade_shortfall": max(each.shortfall for each in grasps),
@@ -163,7 +171,7 @@ class Servo:
 
     @property
     def hang(self) -> str:
-        """Description of a device's C function that did not return; empty if all returned."""
+        """Message about a device call or a tick of the native loop that takes too long; empty if there is none."""
         return "" if self.native is None else self.native.hang
 
     @property
@@ -191,7 +199,7 @@ class Servo:
         return self._arena
 
     def prepare(self) -> DeviceExchange:
-        """Make all slow preparations before hardware is opened; return the exchange with Python devices."""
+        """Prepare a run, because preparations are too slow when hardware is open; return the exchange with devices."""
         engine = self._ready()
         self._rehearse(engine)
         if self.hardware and isinstance(engine, Compiled):
@@ -205,7 +213,10 @@ class Servo:
         return self._devices
 
     def start(self) -> FloatArray | None:
-        """Copy the servo's memory before the first tick, for `begin_again`; None if a run also changes other state."""
+        """Return a copy of the servo's memory before the first tick, for `begin_again`.
+
+        The result is None if a run also changes state outside this memory.
+        """
         self._ready()
         arena, memory = self._arena, self._arena.memory
         others = arena.world.pauses or arena.guests or arena.tables or arena.foreign
@@ -215,17 +226,17 @@ class Servo:
         return memory.floats[: memory.used].copy()
 
     def begin_again(self, start: FloatArray) -> None:
-        """Reset the memory to the copy made by `start`; the next tick is then the first."""
+        """Reset the memory to a copy from `start`; the next tick is the first tick again."""
         self._arena.memory.floats[: start.size] = start
         self.ticks, self.fault, self.row = 0, None, np.zeros(self.layout.width)
 
     def forget_rows(self) -> None:
-        """Release the rows to which the last ticks were recorded."""
+        """Release the memory of the rows to which the last ticks were recorded."""
         self.engine.write_to(self._nowhere)
         self.row = self._nowhere[0]
 
     def _rehearse(self, engine: Engine) -> None:
-        """Run one tick and one faulted tick, so that all one-time work is done; then restore all memories."""
+        """Run one tick with and one without a fault, so that everything is initialised; then restore all memories."""
         arrays = self._arena.arrays
         copies = [array.copy() for array in arrays]
         engine.write_to(np.empty((1, self.layout.width)))
@@ -241,7 +252,7 @@ class Servo:
 
     @property
     def why_python(self) -> str:
-        """Reason why Python runs between two real-time ticks; empty if Python does not run there."""
+        """Reason why Python runs between the ticks of a real-time run; empty if only machine code runs."""
         return why_python(self.stations, self.layout.fingers, self._kind, self.period, self.arena)
 
     def run(
@@ -251,26 +262,26 @@ class Servo:
         stop: Stop | None = None,
         pacer: Pacer | None = None,
     ) -> None:
-        """Run and record a number of ticks; end earlier if `stop` returns true.
-
-        With a pacer, `stop` is called every few milliseconds. Without one, it is called before each call of the engine,
-        that is, before every interpreted tick, every tick with Python parts, and otherwise every 64 compiled ticks.
+        """Run and record a number of ticks.
 
         Args:
             ticks: Number of ticks to run.
-            recorder: Recorder of the rows, faults and changes.
-            stop: Function that tells whether to stop.
-            pacer: Wall-clock pacer that each tick waits for; without one, ticks run without waiting.
+            recorder: Recorder of rows, faults and changes; None if the servo was made with record=False.
+            stop: Function that returns whether the run must end before `ticks`; None if it must not. With a pacer, it
+                is called every few milliseconds; otherwise before every interpreted tick, before every tick with Python
+                parts, and every 64 compiled ticks.
+            pacer: Pacer by which each tick waits for its deadline; None for ticks without waiting.
 
         Raises:
-            InputError: If the recorder is missing or superfluous, or hardware has no pacer. Also if a number was
-                written directly into a block, and the number affects the program, a switch of the block, or the
-                recorded split of forces.
+            InputError: If a recorder is given or omitted contrary to `record`, or if the scene has hardware and there
+                is no pacer. Also if a number was written directly into a block and this number selects the computation,
+                contradicts a switch of the block, or determines how recorded forces are split.
         """
         if pacer is None:
             require_simulations(self.hardware)
         if (recorder is not None) is not self._record:
-            raise InputError("recorder", recorder, "a Recorder, or None for a servo that was made with record=False")
+            expected = "a Recorder" if self._record else "None, because the servo was made with record=False"
+            raise InputError("recorder", recorder, expected)
         self._ready()
         self.watch.require()
         if self.host is not None:
@@ -287,19 +298,18 @@ class Servo:
             part.grasped.check_activity()
 
     def tick(self, recorder: RowTaker | None) -> None:
-        """Run one sample."""
+        """Run one tick."""
         self.run(1, recorder)
 
     def write(self, update: Update, recorder: RowTaker | None = None) -> None:
-        """Write new numbers into the parts between two ticks; the next tick uses them.
+        """Apply new values between two ticks; the next tick uses them.
 
         Args:
-            update: Update of this servo's parts.
-            recorder: Recorder of the tick and the values.
+            update: New values for the parts of this servo.
+            recorder: Recorder that records the tick and the new values; None to record nothing.
 
         Raises:
-            InputError: If a value was written directly into a block, under the conditions stated in `run`. The update
-                is then not applied.
+            InputError: If a number was written directly into a block, as in `run`. The update is then not applied.
         """
         self.watch.require()
         for memory, entries, numbers in update.entries:
@@ -330,7 +340,7 @@ class Servo:
             if arena.guests and isinstance(engine, Compiled) and not engine.is_checking:
                 self._exchanges = exchange_by_machine(arena, [self.movers[i].body for i in arena.guests])
             self._apart = arena.world.pauses  # whether a tick has parts in plain Python
-            log.info("engine %s; ports that are called in a tick: %d", engine.name, len(arena.ports))
+            log.info("engine %s; devices whose Python methods are called: %d", engine.name, len(arena.ports))
         return self._engine
 
     def _run(self, ticks: int, recorder: RowTaker | None, stop: Stop | None) -> None:
@@ -354,7 +364,7 @@ class Servo:
                 recorder.drain()
 
     def _several(self, engine: Engine, recorder: RowTaker | None, count: int, row: int) -> None:
-        """Run ticks without Python parts, up to the first fault."""
+        """Run ticks of a scene without Python parts, up to the tick of the first fault."""
         try:
             done = engine.run(self.ticks, count, row)
         except BaseException:  # raised by other software; the ticks before the exception are kept
@@ -367,7 +377,7 @@ class Servo:
             self._exchange()  # exchange of the tick with the fault
 
     def _run_paced(self, ticks: int, recorder: RowTaker | None, stop: Stop | None, pacer: Pacer) -> None:
-        """Run ticks, each at its deadline. Excessive lateness with hardware is a fault. Forces decay at the end."""
+        """Run each tick at its deadline; with hardware, too many late ticks are a fault and forces decay at the end."""
         end, log = SoftEnd(self.safety if self.hardware else None, self.period, self.ticks + ticks), None
         pacer.most = self.guards.late
         if self._arena.loop is not None:
@@ -389,7 +399,7 @@ class Servo:
             self._run(1, recorder, None)
 
     def _run_native(self, native: NativeLoop, ticks: int, recorder: RowTaker, stop: Stop | None, pacer: Pacer) -> None:
-        """Run wall-clock ticks in machine code only, which Python monitors periodically."""
+        """Run each tick at its deadline by the native loop, and record faults while the loop runs."""
 
         def look(done: int) -> None:
             self.ticks = done
@@ -402,13 +412,13 @@ class Servo:
         self.row = recorder.row
 
     def _exchange(self) -> None:
-        """Exchange with the guests that can continue."""
+        """Exchange with all guests that have not failed."""
         for i in self._arena.guests:
             if not self._own.stuck_bodies[i]:
                 self.movers[i].body.exchange()
 
     def _one(self, engine: Engine, recorder: RowTaker | None, row: int, periods: int = 1) -> None:
-        """Run one tick with Python parts, `periods` periods after the previous one."""
+        """Run one tick with Python parts, `periods` sampling periods after the previous tick."""
         tick, k = self._arena, self.ticks
         self._look_ahead(1)
         for i in tick.bodies:
@@ -437,7 +447,7 @@ class Servo:
             self._step(k, i)
         for j in tick.plants:
             self._advance(k, j)
-        if self._own.faulted and not is_stopped:  # a failed computation cannot continue, so its forces end now
+        if self._own.faulted and not is_stopped:  # the computation failed and cannot continue, so forces end now
             self._stop()
         self._finish_tick(1, recorder)
 
@@ -450,7 +460,7 @@ class Servo:
     # Python parts -------------------------------------------------------------------------------------------------
 
     def _display(self, k: int) -> None:
-        """Write the forces to the devices; on a fault, stop all devices before reporting it."""
+        """Write the forces to the devices; if there is a fault, stop all devices before the fault is recorded."""
         text = "" if self._own.faulted else self._io.write()
         if text or self._own.faulted:
             self._stop()
@@ -458,23 +468,23 @@ class Servo:
             self._tell(k, text)
 
     def _stop(self) -> None:
-        """Set the force of every Python device to zero immediately after a fault."""
+        """Set the force of every Python device to zero."""
         self._stop_faults += self._devices.stop()
 
     def show_calls(self, word: memoryview) -> None:
-        """Before a run, set the word into which the number of the running device call is written (see `call_of`)."""
+        """Set the memory to which the number of the device call in progress is written (see `call_of`)."""
         self._ready()
         self._devices.call = word
 
     def rest(self, recorder: RowTaker | None = None) -> None:
-        """Set the force of every Python device to zero now; a device that does not respond is a fault."""
+        """Set the force of every Python device to zero; if this fails for a device, record a fault."""
         try:
             self._stop()
         finally:
             self._notice(recorder)
 
     def _step(self, k: int, i: int) -> None:
-        """Step a body to the end of the sample; after a fault the body remains at its position."""
+        """Move body i to the end of the sample, unless the body has failed before."""
         if not self._own.stuck_bodies[i]:
             try:
                 self.movers[i].body.step(self.period)
@@ -492,7 +502,7 @@ class Servo:
                 self._tell(k + 1, f"{finger_names(self.parts, j)}: {error}")
 
     def _look_ahead(self, count: int) -> None:
-        """Compute the targets of Python hands for the following ticks."""
+        """Compute the targets of Python hands for the next `count` ticks."""
         if not self._arena.tables:
             return
         self._own.table_start = self.ticks
@@ -507,7 +517,7 @@ class Servo:
             latch(self._own, k, FOREIGN, 0, len(self._foreign_faults) - 1)
 
     def _notice(self, recorder: RowTaker | None, others: Sequence[RunFault] = ()) -> None:
-        """Record new faults of the tick, together with the given faults."""
+        """Record the first fault of a tick, faults of devices that could not be stopped, and the faults `others`."""
         if self.fault is None and self._flag[0]:
             self.fault = RunFault(self._own.tick, self.why(self._arena.own))
             if recorder is not None:
@@ -520,7 +530,7 @@ class Servo:
                 recorder.fault(*fault)
 
     def why(self, own: FloatArray) -> str:
-        """Return the message for the fault latched in the memory of a tick, `Arena.own`."""
+        """Return the message for the fault that is stored in the memory of the tick, `Arena.own`."""
         servo = ServoState(own)
         if servo.kind == FOREIGN:
             return self._foreign_faults[servo.code]
@@ -533,7 +543,10 @@ TURN = 64  # number of ticks after which the interpreter may handle signals and 
 
 
 def exchange_by_machine(arena: Arena, guests: Sequence[Guest]) -> list[object]:
-    """Let `steps` exchange with all guests by machine code, if possible; return the objects that must stay alive."""
+    """If possible, let machine code exchange with all guests.
+
+    The result is a list of objects that must be kept; it is empty if the exchange by machine code is not possible.
+    """
     from graspfx.compile.exchange import MachineExchange
 
     if not all(isinstance(guest, CallingGuest) and guest.calls for guest in guests):
@@ -549,13 +562,13 @@ def exchange_by_machine(arena: Arena, guests: Sequence[Guest]) -> list[object]:
 
 
 def settle_guests(guests: Sequence[int], movers: Sequence[BodyGroup], servo: ServoState, k: int) -> None:
-    """Complete the last tick's exchange with guests; record a fault for the following tick.
+    """Complete the exchange with guests in the last tick; a failure is a fault of tick k.
 
     Args:
         guests: Indices of the guests among the body groups.
         movers: Body groups of the scene.
         servo: Memory of the tick.
-        k: Index of the following tick.
+        k: Index of the tick after the last tick.
     """
     for i in guests:
         code = 0 if servo.stuck_bodies[i] else movers[i].body.take()
@@ -568,13 +581,13 @@ def settle_guests(guests: Sequence[int], movers: Sequence[BodyGroup], servo: Ser
 
 
 def kernel_fault(parts: Parts, kind: int, index: int, code: int) -> str:
-    """Return the message for the fault code of a kernel.
+    """Return the message for a fault code of a kernel.
 
     Args:
         parts: Parts of the scene.
-        kind: Kind of the part that failed, as latched by the tick.
-        index: Index of the part among the parts of this kind.
-        code: Fault code of the part's kernel.
+        kind: Kind of the part that failed, as stored by the tick.
+        index: Index of this part among the parts of this kind.
+        code: Fault code that the kernel of this part returned.
     """
     fingers = parts.layout.fingers
     if kind == SAFETY and parts.safety is not None:
@@ -591,12 +604,12 @@ def kernel_fault(parts: Parts, kind: int, index: int, code: int) -> str:
 
 
 def object_names(parts: Parts, mover: int) -> str:
-    """Return the names of the objects that a body group moves."""
+    """Return the names of the objects that a body group moves, separated by commas."""
     return ", ".join(parts.objects[number].name for number in parts.movers[mover].objects)
 
 
 def finger_names(parts: Parts, plant: int) -> str:
-    """Return the names of a plant's fingers."""
+    """Return the names of the fingers that a plant moves, separated by commas."""
     return ", ".join(parts.layout.fingers[f] for f in parts.plants[plant].fingers)
 
 
@@ -604,7 +617,7 @@ def finger_names(parts: Parts, plant: int) -> str:
 
 
 def foreign(servo: Servo) -> list[str]:
-    """List devices, plants and bodies whose Python methods run between the engine's calls in each tick."""
+    """List the names of devices, plants and bodies whose Python methods are called in each tick."""
     arena = servo.arena
     stations = [servo.stations[port.station] for port in arena.ports]
     moved = [servo.plants[j] for j in arena.plants]
@@ -616,12 +629,12 @@ def foreign(servo: Servo) -> list[str]:
 
 
 def guests(servo: Servo) -> list[str]:
-    """List bodies that other software moves after each tick."""
+    """List the names of bodies that other software moves after each tick."""
     return [_body(servo, i) for i in servo.arena.guests]
 
 
 def looked_ahead(servo: Servo) -> list[str]:
-    """List hands in plain Python, whose targets are computed for many ticks at once."""
+    """List the names of hands in plain Python, whose targets are computed for many ticks at once."""
     return [_of_fingers(servo, "hand", m.hand, m.fingers) for m in (table.wiring for table in servo.arena.tables)]
 
 

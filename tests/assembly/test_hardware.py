@@ -287,7 +287,7 @@ def test_a_device_that_cannot_be_stopped_is_a_fault(tmp_path: Path, monkeypatch:
 
     monkeypatch.setattr(Fake, "stop", stop)
     rec = gx.run(cart(driver(tmp_path)), real_time=True)
-    assert "cannot be stopped and may keep its force; switch it off: OSError" in rec.faults[0].message
+    assert "cannot be stopped, and its force may remain; switch the device off: OSError" in rec.faults[0].message
     assert rec.faults[0].tick == len(rec)
 
 

@@ -93,7 +93,7 @@ def test_switches_and_raw_numbers(tmp_path: Path) -> None:
 
 
 WRONG = {
-    "returned 9 for its switches, expected an integer of 3 bits": {"switches": property(lambda self: 9)},
+    "returned 9 for its switches, expected an integer with 3 bits": {"switches": property(lambda self: 9)},
     "returned True for its switches": {"switches": property(lambda self: True)},
     "cannot be read: ZeroDivisionError": {"switches": property(lambda self: 1 // 0)},
 }

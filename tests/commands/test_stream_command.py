@@ -41,7 +41,7 @@ def test_the_token_may_come_from_the_environment(
     ("words", "text"),
     [
         (["--seconds", "0"], "a time above zero"),
-        (["--rate", "0.5"], "1 to 120 states a second"),
+        (["--rate", "0.5"], "a rate of 1 to 120 Hz"),
         (["--token", "short"], "16 letters"),
         (["--origin", "*"], "the address of a site"),
         (["--port", "70000"], "a port from 0"),

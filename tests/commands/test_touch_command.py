@@ -40,7 +40,7 @@ def test_a_tablet_gets_a_code(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Ca
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["touch", "sphere-three-fingers"], "a touch screen has no depth"),
+        (["touch", "sphere-three-fingers"], "expected a scene with one or two dimensions"),
         (["touch", "paper-waving", "--port", "70000"], "a port from 0"),
         (["touch", "paper-waving", "--seconds", "0"], "a time above zero"),
     ],

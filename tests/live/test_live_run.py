@@ -159,7 +159,7 @@ def test_values_of_now_hold_or_are_refused_and_a_new_run_has_them(tmp_path: Path
         for future in futures:
             future.result(PATIENCE)
         assert run.scene.coupling.external.stiffness == 49.0
-        with pytest.raises(InputError, match="a run that is recorded"):
+        with pytest.raises(InputError, match="a recorded run"):
             run.stop_recording()
         run.record(tmp_path)
         assert (run.run_number, run.state) == (1, "running")

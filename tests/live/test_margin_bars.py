@@ -39,11 +39,11 @@ def test_what_nobody_holds_is_not_green(verdict: Verdict | None) -> None:
     first, second = told["boxes"]
     assert "green" not in kinds(told) and first["kind"] == "amber"
     assert first["words"] == (
-        "NOT HELD: no finger touches cup (the nearest is 12.7 mm away), lid (the nearest is 44.1 m away)"
+        "NOT HELD: no finger touches cup (the nearest finger is 12.7 mm away), lid (the nearest finger is 44.1 m away)"
     )
-    assert first["note"] == "touch it from both sides"
+    assert first["note"] == "touch the object from both sides"
     assert (second["kind"] == "red") == (verdict is UNSTABLE)
-    assert (second["words"] == "stable once it is held") == (verdict is STABLE)
+    assert (second["words"] == "stable when all objects are held") == (verdict is STABLE)
 
 
 def test_of_two_objects_the_margins_of_the_one_that_is_held_stay_green() -> None:
@@ -104,8 +104,8 @@ def test_a_page_is_not_green_while_an_object_is_dropped(monkeypatch: pytest.Monk
 
         assert kinds(shown(0.0))[0] == "green"
         dropped = shown(0.03)
-        assert dropped["boxes"][0]["words"].startswith("NOT HELD: no finger touches object (the nearest is ")
-        assert dropped["boxes"][1]["words"] == "stable once it is held"
+        assert dropped["boxes"][0]["words"].startswith("NOT HELD: no finger touches object (the nearest finger is ")
+        assert dropped["boxes"][1]["words"] == "stable when all objects are held"
         assert kinds(shown(0.0))[0] == "green"
 
 

@@ -191,4 +191,4 @@ def test_a_recording_without_forces_has_a_page_without_arrows_and_charts() -> No
     story = story_in(page_text(gx.run(scene)))
     assert (story["internal"], story["force"], story["charts"]) == (None, None, [])
     assert story["arrow"]["scale"] == 0.0
-    assert "left out of the recording" in " ".join(story["notes"])
+    assert "columns that were not recorded" in " ".join(story["notes"])

@@ -107,7 +107,7 @@ def test_the_page_turns_rotations_for_a_left_handed_program(mirror: Any, mirrore
 
 
 def test_a_rate_that_is_none() -> None:
-    with ExitStack() as stack, pytest.raises(InputError, match="1 to 120 states a second"):
+    with ExitStack() as stack, pytest.raises(InputError, match="a rate of 1 to 120 Hz"):
         stream_of(stack, rate=500.0, port=0)
 
 

@@ -264,7 +264,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         "two types or sizes",
     ),
     "a function that is not there": ({"read": "int nowhere(out 0)"}, "a library with the C function nowhere"),
-    "a setting that is missing": ({"read": "int place(out 0, out 1, i8 other)"}, "the settings in the calls"),
+    "a setting that is missing": ({"read": "int place(out 0, out 1, i8 other)"}, "the settings named in the calls"),
     "a setting that is too large": ({"id": 128}, "a whole number in the range of i8"),
     "a comparison of nothing": ({"fault": "0 <"}, "a name expected, not '0'"),
     "a comparison with an unknown buffer": ({"fault": "b[0] == 1"}, r"not b\[0\]"),

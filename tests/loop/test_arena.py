@@ -75,7 +75,7 @@ def test_two_parts_may_not_share_a_part_of_their_memory() -> None:
         whole: Any = first
         other: Any = second
         vars(other)["state"] = whole.state[1:]
-        with pytest.raises(InputError, match="does not share memory with another part's"):
+        with pytest.raises(InputError, match="does not share memory with the block of another part"):
             Arena(servo.parts)
 
 
@@ -90,7 +90,7 @@ def test_a_plant_that_shows_copies_is_refused() -> None:
             velocity, place, advance = real.velocity, real.place, real.advance
 
         object.__setattr__(moved, "plant", Copying())
-        with pytest.raises(InputError, match=r"Copying.*contiguous array for the plant's life"):
+        with pytest.raises(InputError, match=r"Copying.*always the same contiguous array"):
             Arena(servo.parts)
 
 

@@ -327,7 +327,7 @@ def test_a_largest_force_that_is_none_is_a_fault(tmp_path: Path) -> None:
     rec = recorded(pinch(finger__0__device={"name": str(driver), "mass": 0.1}), "interpreted", ticks=60)
     [fault] = rec.faults
     assert fault.tick == 49
-    says = "reported a largest force of nan N, expected above zero; all forces are zero"
+    says = "reported largest forces of nan N, expected values above zero; all forces are zero"
     assert fault.message == f"the device of finger0 (Weaker) {says}"
     assert not rec.displayed_force[49:].any()
 

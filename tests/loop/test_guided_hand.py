@@ -143,7 +143,7 @@ def test_what_is_no_guide_is_refused() -> None:
             return np.zeros(2), np.zeros(2)
 
     other: Motion = Other()
-    with pytest.raises(InputError, match="motions of this package only"):
+    with pytest.raises(InputError, match="all motions of this package"):
         GuidedHand(hand_of(motion=other), LAG)
     for lag in (0.0, -1.0, np.inf, np.nan):
         with pytest.raises(InputError, match="a finite time above zero"):

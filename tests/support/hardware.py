@@ -293,10 +293,10 @@ EVIL: dict[str, Evil] = {
     "a subclass": _returning("Subclass", lambda f, p, v, t: (p.view(Subclass), v, t)),
     "NaN": _returning("not finite", lambda f, p, v, t: (p * math.nan, v, t)),
     "infinity": _returning("not finite", lambda f, p, v, t: (p, v + math.inf, t)),
-    "a metre off": _returning("from the last one", lambda f, p, v, t: (p + 1.0, v, t)),
-    "1e30 m off": _returning("from the last one", lambda f, p, v, t: (p - 1e30, v, t)),
+    "a metre off": _returning("from the last position", lambda f, p, v, t: (p + 1.0, v, t)),
+    "1e30 m off": _returning("from the last position", lambda f, p, v, t: (p - 1e30, v, t)),
     "1e300 m/s": _returning("velocity of 1e+300", lambda f, p, v, t: (p, v - 1e300, t)),
-    "a jump of 6 cm": _returning("from the last one", lambda f, p, v, t: (p + 0.06, v, t)),
+    "a jump of 6 cm": _returning("from the last position", lambda f, p, v, t: (p + 0.06, v, t)),
     "zeros for a failure": _returning("only zeros", lambda f, p, v, t: (0.0 * p, v, t)),
     # three held samples, then forces that decay over four ticks
     "a clock that stands": _returning("no new reading", _constant, patience=6),

@@ -1,1 +1,1 @@
-"""Page of a recording, of a scene that the page runs, or of a live run: data, scenery and script in one document."""
+"""HTML pages that show a recording, a scene that the page itself runs, or a live run."""

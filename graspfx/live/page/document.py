@@ -1,4 +1,4 @@
-"""HTML document of a recording, of a scene that the document runs, or of a live run: it loads no other files."""
+"""HTML document that shows a recording, a scene that the page itself runs, or a live run, and loads no other files."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ SCRIPTS = {  # scripts of a page in loading order, by the source of its frames
 def page_text(
     recording: Recording, folder: Path | None = None, run: Callable[[int], dict[str, Any]] | None = None
 ) -> str:
-    """Return a recording as an HTML page, or an HTML page that runs the recording's scene.
+    """Return an HTML page that plays a recording or, with `run`, runs the recording's scene.
 
     Args:
         recording: Recording of a run.
-        folder: Folder of relative mesh paths; None for the scene's folder.
-        run: Function that returns the data for running the scene in the page, from the number of ticks per drawn frame;
-            None for a page that plays the recording.
+        folder: Folder to which mesh paths are relative; None for the scene's folder.
+        run: Function that takes the number of ticks per drawn frame and returns the data for running the scene in the
+            page; None for a page that plays the recording.
 
     Raises:
         InputError: If the recording has no ticks.
@@ -53,9 +53,9 @@ def document(story: Mapping[str, Any], source: Source = "recording", connects: s
     """Assemble the HTML document of a page.
 
     Args:
-        story: Data of the page, from `story_of`; for a page of a run, with the entry "run".
+        story: Data of the page, from `story_of`; a page that shows a run also needs the entry "run".
         source: Source of the page's frames.
-        connects: Address of the WebSocket that sends the frames, such as ws://127.0.0.1:8080; empty for none.
+        connects: Address of the WebSocket that sends the frames, such as ws://127.0.0.1:8080; empty for no WebSocket.
     """
     worker = f'"use strict";\n{_script("worker.js")}' if source == "own" else ""
     style, script = _read("page.css"), "\n".join(['"use strict";', *map(_script, SCRIPTS[source])])
@@ -76,7 +76,7 @@ def document(story: Mapping[str, Any], source: Source = "recording", connects: s
 def write_page(
     recording: Recording, path: str | PathLike[str], *, folder: Path | None = None, overwrite: bool = False
 ) -> Path:
-    """Write the page of a recording; see `Recording.to_html`, and `page_text` for `folder`."""
+    """Write a page that plays a recording; see `Recording.to_html`, and for `folder` see `page_text`."""
     return _write(path, lambda: page_text(recording, folder), overwrite=overwrite)
 
 
@@ -97,7 +97,7 @@ def write_running_page(
 
 
 def _write(path: str | PathLike[str], text: Callable[[], str], *, overwrite: bool) -> Path:
-    """Write a page, whose text is made after its path is known to be valid."""
+    """Check the path of a page, then compute the text of the page and write it."""
     target = require_page_name(path)
     if not overwrite:
         require_vacancy([target])
@@ -108,10 +108,10 @@ def _write(path: str | PathLike[str], text: Callable[[], str], *, overwrite: boo
 
 
 def require_page_name(path: str | PathLike[str]) -> Path:
-    """Require the path of an HTML file.
+    """Convert the path of an HTML file to a Path.
 
     Raises:
-        InputError: If the argument is not a path, or ends in neither .html nor .htm.
+        InputError: If the argument is not a path, or if the path does not end in .html or .htm.
     """
     target = recording_path(path, "path")
     if target.suffix.lower() not in (".html", ".htm"):
@@ -128,7 +128,7 @@ def in_script(data: Any) -> str:
 
 
 def _plain(data: Any) -> Any:
-    """Replace non-finite numbers by null."""
+    """Replace non-finite numbers in nested data by None."""
     if isinstance(data, dict):
         return {key: _plain(value) for key, value in data.items()}
     if isinstance(data, list | tuple):
@@ -137,10 +137,10 @@ def _plain(data: Any) -> Any:
 
 
 def _policy(style: str, script: str, *, runs: bool, connects: str) -> str:
-    """Return the content security policy: the page may run its own script and load nothing.
+    """Return the content security policy of a page.
 
-    A page that runs a scene may also start a worker from its own text, and compile the WebAssembly module that it
-    contains. A page of a live run may also open the WebSocket of the program that serves the page.
+    The page may run its own script and load nothing. If `runs`, the page may also start a worker from its own text and
+    compile the WebAssembly module in its data. The page may open the WebSocket `connects`, unless this is empty.
     """
     own = {
         f"{kind}-src": f"'sha256-{b64encode(sha256(text.encode()).digest()).decode()}'"

@@ -1,4 +1,4 @@
-"""Motion of a recording for playback: frames at up to 60 Hz, and charts with the envelope of all recorded rows."""
+"""Motion of a recording for playback: frames at up to 60 Hz, and the minimum and maximum of all rows for charts."""
 
 from __future__ import annotations
 
@@ -24,19 +24,23 @@ WHOLE = 1 << 25  # bytes of rows that are processed at once
 
 @dataclass
 class Motion:
-    """Frames of a recording at regular intervals.
+    """F frames of a recording with n fingers at regular intervals.
+
+    In `squeeze`, `push`, `margin` and `depth`, the last index distinguishes three numbers: the value at the frame, and
+    the minimum and the maximum over the rows from this frame to the next.
 
     Attributes:
         rows: Number of rows per frame.
         dimensions: Number of dimensions d of the scene.
-        fingertips, contacts: Positions (F, n, 3) [m].
-        states: Contact states (F, n), indices of `frame.STATES`.
-        force, internal, external: Forces (F, n, 3) [N]; None if not recorded.
+        fingertips, contacts: Positions of fingertips and of contact points (F, n, 3) [m].
+        states: Contact states (F, n), as indices into `frame.STATES`.
+        force, internal, external: Forces of the fingers, and their internal and external parts (F, n, 3) [N]; None if
+            not recorded.
         poses: Positions (F, 3) [m] and quaternions w, x, y, z (F, 4), by object.
-        squeeze: Mean squeeze at a frame, with minimum and maximum until the next frame (F, 3) [N], by object.
-        push: The same for the push along each axis (F, 3, 3) [N], by object.
-        margin: The same for the friction margin of the grip (F, 3) [N], by object; empty without friction.
-        depth: The same for the penetration depth of each finger (F, n, 3) [mm]; None if it was not recorded.
+        squeeze: Mean squeeze (F, 3) [N], by object.
+        push: Push along each axis (F, 3, 3) [N], by object.
+        margin: Friction margin of the grip (F, 3) [N], by object; empty if there is no friction.
+        depth: Penetration depth of each finger (F, n, 3) [mm]; None if not recorded.
     """
 
     rows: int
@@ -57,11 +61,11 @@ class Motion:
         return len(self.fingertips)
 
     def vectors(self) -> FloatArray:
-        """Return the frames as rows of numbers (F, w), in the order in which a running page reads them.
+        """Return the frames as rows of w numbers (F, w), in the order in which the page of a run reads them.
 
         The order is: fingertips, contacts, states, internal and external forces; position and quaternion of each
-        object; value, minimum and maximum of each line of the charts, which show squeeze, push and friction margin of
-        each object, and depths.
+        object; squeeze, push and friction margin of each object; depths. The last four each consist of value, minimum
+        and maximum.
         """
         count, n, d = len(self), self.fingertips.shape[1], self.dimensions
         nothing = np.full((count, 3 * n), np.nan)
@@ -77,13 +81,16 @@ class Motion:
 
 @dataclass
 class Envelope:
-    """Values at each frame's first row, with minimum and maximum over its rows (F, ..., 3)."""
+    """Value at the first row of each frame, and minimum and maximum over all rows of the frame (F, ..., 3)."""
 
     count: int
     values: dict[str, FloatArray] = field(default_factory=dict)
 
     def add(self, name: str, numbers: FloatArray, rows: NDArray[np.intp], every: int) -> None:
-        """Add values (r, ...) of rows (r,), with `every` rows per frame; NaN is ignored."""
+        """Add the values (r, ...) of the rows with the indices `rows` (r,); there are `every` rows per frame.
+
+        Minimum and maximum ignore NaN.
+        """
         whole = self.values.setdefault(name, np.full((self.count, *numbers.shape[1:], 3), np.nan))
         frames = rows // every
         starts = np.flatnonzero(np.r_[True, np.diff(frames) > 0])
@@ -94,11 +101,11 @@ class Envelope:
 
 
 def motion_of(recording: Recording, apart: float) -> Motion:
-    """Read the motion for playback.
+    """Compute the motion of a recording for playback.
 
     Args:
-        recording: Recording with at least one row; a long one is read in parts.
-        apart: Lateral distance between fingers on a line [m], `Scenery.apart`.
+        recording: Recording with at least one row; a long recording is read in parts.
+        apart: Lateral distance at which fingers of a one-dimensional scene are drawn [m] (`Scenery.apart`).
     """
     count, layout = len(recording), recording.layout
     rows = max(rows_per_frame(recording.row_period), ceil(count / MOST))
@@ -137,7 +144,7 @@ def rows_per_frame(period: float) -> int:
 
 
 def _margin(part: Recording, name: str) -> FloatArray:
-    """Return the friction margin of an object's grip (N,) [N]; NaN if unknown."""
+    """Return the friction margin of an object's grip (N,) [N]; NaN if it cannot be computed."""
     number = part.layout.objects.index(name)
     try:
         return part.grip_margin_of([i for i, own in enumerate(part.layout.finger_objects) if own == number])
@@ -146,7 +153,7 @@ def _margin(part: Recording, name: str) -> FloatArray:
 
 
 def _arrays(frames: Frames) -> dict[str, NDArray[Any]]:
-    """List the recorded arrays for playback."""
+    """Return the arrays for playback that are recorded, by name."""
     arrays: dict[str, NDArray[Any]] = {
         "fingertips": frames.fingertips, "contacts": frames.contacts, "states": frames.states,
     }  # fmt: skip
@@ -160,7 +167,7 @@ def _arrays(frames: Frames) -> dict[str, NDArray[Any]]:
 
 
 def _parts(recording: Recording) -> Iterator[Recording]:
-    """Yield the recording, or its parts if it is long."""
+    """Yield the whole recording or, if it is long, its parts."""
     if 8 * recording.layout.width * len(recording) <= WHOLE:
         yield recording
     else:

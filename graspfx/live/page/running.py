@@ -1,4 +1,4 @@
-"""Data of a page that runs a scene by itself: arena, layout of a row, sliders, handles, and certified limits."""
+"""Data of a page that itself runs a scene: memory of the scene, layout of rows, sliders, handles, stability limits."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ AGREEMENT = 1e-12  # relative difference up to which a number agrees with the fo
 
 
 def module() -> bytes:
-    """Return the WebAssembly module of `steps`; see `webassembly.module`."""
+    """Return the WebAssembly module that runs ticks; see `webassembly.module`."""
     return webassembly.module(step_program.program_key(), _program)
 
 
@@ -67,11 +67,11 @@ def running(scene: Scene, frames: int, presets: Mapping[str, Mapping[str, float]
     Args:
         scene: Scene whose hands have guides.
         frames: Number of ticks per drawn frame.
-        presets: Values of sliders, by the name of a button.
+        presets: Values of sliders that a button sets, by the name of the button.
 
     Raises:
-        InputError: If a part of the scene is plain Python, other software or hardware, or a preset has a key without a
-            slider or a value outside the slider's range.
+        InputError: If a part of the scene is plain Python, other software or hardware, if a key in a preset has no
+            slider, or if a value in a preset is outside the slider's range.
     """
     verdict, numbers, margins = _margins(scene)
     parts = resolve(scene)
@@ -99,20 +99,16 @@ def running(scene: Scene, frames: int, presets: Mapping[str, Mapping[str, float]
 
 
 def require_runnable(scene: Scene) -> None:
-    """Require a scene that runs with kernels of the package only.
-
-    Raises:
-        InputError: If the scene has other parts.
-    """
+    """Raise InputError if a part of the scene is not a kernel of this package."""
     with build(scene, engine="interpreted") as servo:
         _whole(servo)
 
 
 def _whole(servo: Servo) -> Arena:
-    """Return the arena of a scene that runs with kernels of the package only.
+    """Return the arena of a scene.
 
     Raises:
-        InputError: If the scene has other parts.
+        InputError: If a part of the scene is not a kernel of this package.
     """
     arena = servo.arena
     others = {
@@ -137,7 +133,10 @@ def _packed(content: bytes) -> str:
 
 
 def _arena(numbers: FloatArray) -> dict[str, str]:
-    """Pack an arena as its distinct numbers and the index of each entry; meshes have many duplicates."""
+    """Encode an arena as its distinct numbers and, for each entry, the index of the entry's number.
+
+    The text is short, because meshes contain many equal numbers.
+    """
     found, places = np.unique(numbers.astype("<f8").view("<u8"), return_inverse=True)
     kind = "<u2" if len(found) < 1 << 16 else "<u4"
     return {"numbers": _packed(found.tobytes()), "places": _packed(places.astype(kind).tobytes()), "kind": kind[1:]}
@@ -147,7 +146,7 @@ def _arena(numbers: FloatArray) -> dict[str, str]:
 
 
 def _row(layout: Layout, header: Header) -> dict[str, Any]:
-    """Return the positions of a frame's quantities in a row, as `live.frame` reads them."""
+    """Return the index in a row at which each quantity of `live.frame` starts; -1 if the row does not contain it."""
     columns = layout.columns
 
     def place(*names: str) -> int:
@@ -168,7 +167,7 @@ def _row(layout: Layout, header: Header) -> dict[str, Any]:
 
 
 def _grasps(servo: Servo, arena: Arena) -> list[dict[str, Any]]:
-    """Return the position of each grasp's state, with the fingers and the object of the grasp."""
+    """Return, for each grasp, the positions of its state in the arena, its fingers and its object."""
     names = servo.layout.objects
     return [
         {
@@ -180,7 +179,7 @@ def _grasps(servo: Servo, arena: Arena) -> list[dict[str, Any]]:
 
 
 def _faults(servo: Servo, arena: Arena) -> dict[str, Any]:
-    """Return the places of a tick's fault, and the meaning of its codes."""
+    """Return the positions in the arena at which a tick stores a fault, and the message for each fault code."""
     own = arena.place(arena.own)
     counts = {
         STATION: len(servo.parts.stations), OBJECT_: len(servo.objects), MOVER: len(servo.movers),
@@ -217,10 +216,10 @@ def _fault(servo: Servo, kind: int, index: int, code: int) -> str | None:
 
 
 def _preset(name: str, values: Mapping[str, float], numbers: Sequence[Slider]) -> dict[str, Any]:
-    """Return the sliders that a button sets.
+    """Return the sliders that a button sets, and their values.
 
     Raises:
-        InputError: If a key has no slider, or a value is outside its range.
+        InputError: If a key has no slider, or a value is outside the slider's range.
     """
     places = {each.key: i for i, each in enumerate(numbers)}
     for key, value in values.items():
@@ -235,12 +234,13 @@ def _preset(name: str, values: Mapping[str, float], numbers: Sequence[Slider]) -
 def _all_sliders(
     numbers: Sequence[Slider], scene: Scene, written: Writer, start: FloatArray, margins: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the entries that each slider writes, and those that two stiffnesses determine: gaps of an automatic fade.
+    """Return the entries of the arena that each slider writes, and the entries that two sliders determine together.
 
-    Each gap is max(floor, p + q c) with c = |1/kep - 1/kip|, as in `assembly.grasps.set_fade`.
+    The latter are the gaps of an automatic fade, which depend on the stiffnesses kep and kip: each gap is
+    max(floor, p + q c) with c = |1/kep - 1/kip| and constants floor, p and q, as in `assembly.grasps.set_fade`.
 
     Raises:
-        InputError: If a number depends on several sliders in another way.
+        InputError: If an entry depends on several sliders in another way.
     """
     found = [_slider(each, written, start) for each in numbers]
     owners: dict[int, list[int]] = {}
@@ -249,14 +249,15 @@ def _all_sliders(
             owners.setdefault(k, []).append(i)
     shared = {k: (who[0], who[1]) for k, who in owners.items() if len(who) == 2}
     if any(len(who) > 2 for who in owners.values()):
-        raise InputError("scene", scene.title, "one whose numbers depend on at most two sliders each")
+        raise InputError("scene", scene.title, "a scene in which each number depends on at most two sliders")
     together = []
     for a, b in sorted(set(shared.values())):
         entries = [k for k, pair in shared.items() if pair == (a, b)]
         fitted = _fit(numbers[a], numbers[b], entries, written)
         if fitted is None:
             both = f"{numbers[a].key} and {numbers[b].key}"
-            raise InputError("scene", scene.title, f"one without numbers that depend on both {both}, other than a fade")
+            expected = f"a scene in which only the gaps of a fade depend on both {both}"
+            raise InputError("scene", scene.title, expected)
         together.append({"sliders": [a, b], "entries": fitted})
     for each in found:
         if any(k in shared for k in each.get("entries", ())):
@@ -272,7 +273,10 @@ def _all_sliders(
 
 
 def _fit(one: Slider, other: Slider, entries: list[int], written: Writer) -> list[list[float]] | None:
-    """Return entry, floor, p and q of max(floor, p + q |1/x - 1/y|) for each entry; None if one does not fit it."""
+    """Fit max(floor, p + q |1/x - 1/y|) to each entry, as a function of the values x and y of two sliders.
+
+    The result is a list of entry, floor, p and q, or None if the formula does not fit an entry.
+    """
     if not all(each.key.endswith("stiffness") and each.least > 0.0 for each in (one, other)):
         return None
     places = [
@@ -290,9 +294,10 @@ def _fit(one: Slider, other: Slider, entries: list[int], written: Writer) -> lis
 
 
 def _slider(slider: Slider, written: Writer, start: FloatArray) -> dict[str, Any]:
-    """Return the entries that a slider writes into the arena: its value, or numbers tabulated at stops of its range.
+    """Return the entries of the arena that a slider writes.
 
-    The page writes the same bits as `Session.set`.
+    An entry is the slider's value itself, a constant, or a number that is tabulated at stops in the slider's range. A
+    slider with such numbers moves only to the stops. The page writes the same bits as `Session.set`.
     """
     low = slider.least if slider.least > 0.0 else slider.step
     probes = sorted({low, slider.value if slider.value > 0.0 else low, 0.5 * (slider.least + slider.most), slider.most})
@@ -311,7 +316,7 @@ def _slider(slider: Slider, written: Writer, start: FloatArray) -> dict[str, Any
 
 
 def _writer(numbers: Sequence[Slider], scene: Scene, servo: Servo, start: FloatArray) -> Writer:
-    """Return a function that computes the arena after sliders got values in a run; the servo is unchanged."""
+    """Return a function that computes the arena after sliders are set during a run; it leaves the servo unchanged."""
     memory = servo.arena.memory.floats[: start.size]
 
     def written(values: Mapping[str, float]) -> FloatArray:
@@ -320,7 +325,7 @@ def _writer(numbers: Sequence[Slider], scene: Scene, servo: Servo, start: FloatA
             if each.key in values:
                 changed |= values_of(each, numbers, own)
         steering = Steering(servo, scene, live_keys(numbers))
-        servo.ticks = 1  # pretends that the run has begun, so that moved parts keep their positions
+        servo.ticks = 1  # as in a run that has begun, so that moved parts keep their positions
         try:
             servo.write(steering.update(scene.replace(changed), changed))
             return memory.copy()
@@ -333,10 +338,10 @@ def _writer(numbers: Sequence[Slider], scene: Scene, servo: Servo, start: FloatA
 
 
 def _margins(scene: Scene) -> tuple[Verdict, list[Slider], dict[str, list[list[float]]]]:
-    """Compute the stable range of each slider, with the other sliders at their present values.
+    """Compute the values of each slider at which the scene is unstable, with the other sliders at their present values.
 
     Returns:
-        Certificate of the scene, its sliders, and the unstable intervals of each slider, by its key.
+        Stability of the scene, sliders of the scene, and unstable intervals of each slider, by the slider's key.
     """
     certifier = Certifier(scene)
     *_, verdict = certifier.stages({})
@@ -348,7 +353,7 @@ def _margins(scene: Scene) -> tuple[Verdict, list[Slider], dict[str, list[list[f
 
 
 def _unstable(certifier: Certifier, slider: Slider, others: Sequence[Slider]) -> list[list[float]] | None:
-    """List the unstable intervals of a slider's range; None if a value was not judged."""
+    """List the unstable intervals in a slider's range; return None if the stability of a value is unknown."""
     values = {each.key: each.value for each in others}
 
     def judge(value: float) -> bool | None:
@@ -360,7 +365,7 @@ def _unstable(certifier: Certifier, slider: Slider, others: Sequence[Slider]) ->
     stable = [judge(value) for value in places]
     if None in stable:
         return None
-    edges = [slider.least]  # of intervals that are stable and unstable by turns
+    edges = [slider.least]  # ends of intervals that are alternately stable and unstable
     for (a, is_a), (b, is_b) in pairwise(zip(places, stable, strict=True)):
         if is_a != is_b:
             low, high = a, b
@@ -375,7 +380,7 @@ def _unstable(certifier: Certifier, slider: Slider, others: Sequence[Slider]) ->
 
 
 def _handles(scene: Scene, parts: Parts, servo: Servo, arena: Arena) -> Iterator[dict[str, Any]]:
-    """List the guided hands: positions in the arena of the goals of fingers and squeeze."""
+    """Yield each guided hand with the positions in the arena of its fingers' goals and of its additional squeeze."""
     places = goal_places(servo)
     for keys, place in zip(guide_keys(scene, servo), places, strict=True):
         first = arena.place(place.memory)

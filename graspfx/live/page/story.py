@@ -1,4 +1,4 @@
-"""Data of a page for its script: scenery, motion, charts, values and texts as plain data, arrays as base64."""
+"""Data that a page gives to its script: scenery, motion, charts, values and texts, with arrays encoded as base64."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Packed(NamedTuple):
 
 
 def packed(values: ArrayLike, kind: str = "f4") -> dict[str, str]:
-    """Encode an array as base64 of little-endian numbers.
+    """Encode an array as little-endian numbers in base64.
 
     Args:
         values: Array of any shape; the shape is not stored.
@@ -56,7 +56,7 @@ def packed(values: ArrayLike, kind: str = "f4") -> dict[str, str]:
 
 
 def packed_solid(solid: Solid, number: int) -> dict[str, Any]:
-    """Encode an object or an obstacle; `number` is the index of the object with which it moves, -1 for none."""
+    """Encode an object or an obstacle; `number` is the index of the object with whose pose it moves, -1 if fixed."""
     mesh = with_normals(solid.vertices, solid.faces)
     return {
         "name": solid.name, "colour": solid.colour, "endless": solid.endless,
@@ -67,7 +67,7 @@ def packed_solid(solid: Solid, number: int) -> dict[str, Any]:
 
 
 def with_normals(vertices: FloatArray, faces: IntArray) -> Packed:
-    """Compute the vertex normals as for pictures, and merge equal vertices."""
+    """Compute vertex normals as in pictures, and merge equal vertices that have equal normals."""
     normals = corner_normals(vertices, faces).reshape(-1, 3)
     keys = np.column_stack([faces.reshape(-1), np.round(normals / SAME).astype(np.int64)])
     _, first, number = np.unique(keys, axis=0, return_index=True, return_inverse=True)
@@ -103,9 +103,10 @@ def story_of(recording: Recording, folder: Path | None = None, *, source: Source
 
     Args:
         recording: Recording of a run.
-        folder: Folder of relative mesh paths; None for the scene's folder.
-        source: Source of the page's frames: the recording; a run of its own; or a live run of the program that serves
-            the page. A run produces its own frames and charts, so the recording's motion is omitted.
+        folder: Folder to which mesh paths are relative; None for the scene's folder.
+        source: Source of the page's frames: "recording" for the recording, "own" for a run in the page, or "live" for a
+            run in the program that serves the page. A run produces its own frames and charts, so the motion in the
+            recording is then omitted.
 
     Raises:
         InputError: If the recording has no ticks.
@@ -178,7 +179,7 @@ def story_of(recording: Recording, folder: Path | None = None, *, source: Source
 
 
 def bare_story(title: str) -> dict[str, Any]:
-    """Return the data of a page without a scene, such as one with a question only."""
+    """Return the data of a page that shows no scene, such as a page that only asks a question."""
     nothing: tuple[str, ...] = (
         "about", "notes", "contacts_states", "states_seen", "fingers", "solids", "objects", "charts", "changes",
         "faults", "values", "apart",
@@ -193,7 +194,7 @@ def bare_story(title: str) -> dict[str, Any]:
 
 
 def _place(name: str | None, objects: Sequence[str]) -> int:
-    """Return the index of an object among those with a recorded position; -1 for none."""
+    """Return the index of an object among the objects with a recorded position; -1 if it is not among them."""
     return objects.index(name) if name in objects else -1
 
 
@@ -210,7 +211,7 @@ def _packed(values: FloatArray | None) -> dict[str, str] | None:
 
 
 def _bounds(scenery: Scenery, motion: Motion) -> tuple[FloatArray, FloatArray]:
-    """Compute the bounding box, two corners (3,) [m], of everything drawn at any time, without far outliers."""
+    """Compute two corners (3,) [m] of the box that contains everything drawn at any time, except distant outliers."""
     tips, room = motion.fingertips.reshape(-1, 3), ARROWS * scenery.extent
     corners = [tips - room, tips + room]
     for solid in scenery.solids:
@@ -229,9 +230,10 @@ def _bounds(scenery: Scenery, motion: Motion) -> tuple[FloatArray, FloatArray]:
 
 
 def _camera(motion: Motion, dimensions: int, reach: float) -> dict[str, Any]:
-    """Choose a camera that sees all of the motion: in space where the frame with the most contacts shows them best.
+    """Choose the direction to the camera.
 
-    Planar scenes are seen obliquely from the front.
+    In a three-dimensional scene, the direction is the one that best shows the contacts in the frame with the most
+    contacts. Other scenes are seen obliquely from the front.
     """
     towards = np.array(OBLIQUE) / np.linalg.norm(OBLIQUE)
     if dimensions == 3:
@@ -243,7 +245,7 @@ def _camera(motion: Motion, dimensions: int, reach: float) -> dict[str, Any]:
 
 
 def _grid(scenery: Scenery, low: FloatArray, middle: FloatArray, reach: float) -> dict[str, Any]:
-    """Place a grid on the ground, or behind a planar scene, with round cell sizes."""
+    """Place a grid with a round cell size on the ground or, if the scene is not three-dimensional, behind the scene."""
     cell = nice(reach / CELLS * 1.001)
     origin = np.round(middle / cell) * cell
     ground = [each.vertices[:, 2].mean() for each in scenery.solids if each.endless]
@@ -262,9 +264,10 @@ def _arrow_scale(motion: Motion, scenery: Scenery) -> float:
 
 
 def _charts(motion: Motion, scenery: Scenery, source: Source) -> list[dict[str, Any]]:
-    """List the charts: forces on each object, as in `graspfx plot`, and the penetration depth of the fingers.
+    """List the charts: forces on each object, as in `graspfx plot`, and penetration depths of the fingers.
 
-    A run has no values yet, so all lines are listed, in the order of `Motion.vectors`.
+    The lines of a recording contain values. A run has no values yet; all its lines are listed, in the order of
+    `Motion.vectors`.
     """
     is_recorded, is_one = source == "recording", len(motion.squeeze) == 1
     charts = [
@@ -285,7 +288,7 @@ def _chart(title: str, unit: str, lines: list[dict[str, Any]]) -> dict[str, Any]
 
 
 def _forces(name: str, motion: Motion, source: Source) -> list[dict[str, Any]]:
-    """List the lines of an object's forces: squeeze, push along each axis, friction margin of the grip."""
+    """List the lines in the chart of an object: squeeze, push along each axis, and friction margin of the grip."""
     squeeze, push, is_recorded = motion.squeeze[name], motion.push[name], source == "recording"
     largest = Modes(squeeze, np.fmax(np.abs(push[..., 1]), np.abs(push[..., 2])))
     axes = pushes([largest]) if is_recorded else range(motion.dimensions)
@@ -326,13 +329,13 @@ def _facts(recording: Recording, source: Source) -> str:
 
 
 def _description(recording: Recording, title: str) -> str:
-    """Describe the picture for screen readers."""
+    """Return a description of the picture for screen readers."""
     objects, fingers = ", ".join(recording.layout.objects), ", ".join(recording.layout.fingers)
     return f"{title}: the fingers {fingers} on {objects} in three dimensions, with their forces as arrows"
 
 
 def _versions(recording: Recording, source: Source) -> list[tuple[str, str]]:
-    """List the software that made the page of a run, where the scene runs, and how to open its recordings."""
+    """List the version of GraspFX, where the scene runs, and how to open recordings that the page writes."""
     lines = [
         ("GraspFX", recording.header.versions.get("graspfx", graspfx.__version__)),
         ("preset", recording.header.preset),
@@ -365,9 +368,9 @@ def _about(recording: Recording, motion: Motion) -> list[tuple[str, str]]:
 def _notes(recording: Recording, scenery: Scenery) -> list[str]:
     notes = [str(fault) for fault in recording.faults] + list(scenery.notes)
     if not recording.outcome.complete:
-        notes.append("the run was interrupted or killed, or is not finished: this is the recorded part")
+        notes.append("the run was interrupted or has not ended; the page shows the part that was recorded")
     if recording.layout.omitted:
-        notes.append(f"left out of the recording: {', '.join(recording.layout.omitted)}")
+        notes.append(f"columns that were not recorded: {', '.join(recording.layout.omitted)}")
     return notes
 
 
@@ -396,7 +399,10 @@ Table = Mapping[str, Any]
 
 
 def values_of(recording: Recording) -> list[dict[str, Any]]:
-    """List values as tables of `key`, `label`, `unit` and `values`, which are pairs of start time [s] and text."""
+    """List values of the scene with `key`, `label`, `unit` and `values`.
+
+    `values` are pairs of text and the time from which it applies [s].
+    """
     table = recording.header.scene_table
     rows = {key: (label, unit) for key, label, unit in _names(recording.layout.objects, table)}
     for change in recording.changes:
@@ -408,7 +414,7 @@ def values_of(recording: Recording) -> list[dict[str, Any]]:
 
 
 def _names(objects: Sequence[str], table: Table) -> Iterator[tuple[str, str, str]]:
-    """List the keys that the scene sets, with labels and units."""
+    """Yield key, label and unit of each gain and object parameter that the scene sets."""
     for key, (label, unit) in GAINS.items():
         if value_at(table, key) is not None:
             yield key, label, unit
@@ -429,7 +435,7 @@ def _over_time(recording: Recording, key: str, table: Table) -> list[tuple[float
 
 
 def value_at(table: Any, key: str) -> Any:
-    """Find a value in nested tables and lists by its dotted key; None if there is none."""
+    """Return the value at a dotted key in nested tables and lists; None if the key does not exist."""
     for part in key.split("."):
         if isinstance(table, list | tuple) and len(table) == 1 and not part.isdigit():
             table = table[0]
@@ -443,7 +449,7 @@ def value_at(table: Any, key: str) -> Any:
 
 
 def text_of(value: Any) -> str:
-    """Format a value briefly."""
+    """Format a value as a short text."""
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, list | tuple):
@@ -452,5 +458,5 @@ def text_of(value: Any) -> str:
 
 
 def shorten(text: str) -> str:
-    """Shorten a text to fit into a cell."""
+    """Shorten a text so that it fits into a table cell."""
     return text if len(text) <= LONGEST_TEXT else f"{text[: LONGEST_TEXT - 3]}..."

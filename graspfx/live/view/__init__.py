@@ -1,1 +1,1 @@
-"""Browser page of a running scene: display and controls."""
+"""Browser page that displays and controls a running scene."""

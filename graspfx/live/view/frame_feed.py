@@ -1,4 +1,4 @@
-"""Frames of a live run for pages, as rows of numbers; every frame covers the same number of ticks."""
+"""Frames of a live run for pages; all frames cover the same number of ticks."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from graspfx.recording.header import Header
 
 FloatArray = NDArray[np.float64]
-LONGEST = 0.5  # longest time that is caught up; older ticks are left out [s]
+LONGEST = 0.5  # longest time for which missed frames are read; older ticks are omitted [s]
 PATIENCE = 1.0  # timeout for the first row of a run [s]
 
 
@@ -29,7 +29,8 @@ class News(NamedTuple):
     Attributes:
         run: Number of the run, `LiveRun.run_number`.
         first: Number of the first frame, counted from the beginning of the run.
-        frames: Frames (k, w), from `Motion.vectors`; the last one may be repeated later with more of its ticks.
+        frames: Frames (k, w), from `Motion.vectors`. If not all ticks of the last frame have run, this frame is sent
+            again later.
     """
 
     run: int
@@ -38,7 +39,7 @@ class News(NamedTuple):
 
 
 class FrameFeed:
-    """Reader of a run's frames.
+    """Reader of the frames of a run.
 
     Args:
         run: Live run.
@@ -53,14 +54,14 @@ class FrameFeed:
         self._number, self._next, self._tick = -1, 0, -1
 
     def story(self) -> dict[str, Any]:
-        """Return the data of a page of this run, from its newest row if one arrives soon."""
+        """Return the data of a page that shows this run, from the newest row if a row arrives within a second."""
         run = self._run
         run.await_row(0, PATIENCE)
         tick, rows = run.rows(run.tick) if run.ticks else (0, np.full((1, run.layout.width), np.nan))
         return story_of(self._history(tick, rows), run.scene.source.folder, source="live")
 
     def news(self) -> News | None:
-        """Return the frames since the last call; None without a new row."""
+        """Return the frames since the last call; None if there is no new row."""
         run = self._run
         if run.run_number != self._number:
             self._number, self._next, self._tick = run.run_number, 0, -1
@@ -82,7 +83,7 @@ class FrameFeed:
         return tick // self.ticks * self.ticks
 
     def _history(self, tick: int, rows: FloatArray) -> Recording:
-        """Return rows as a recording of every tick, with the present values of the scene."""
+        """Return rows as a recording in which every tick is recorded, with the present values of the scene."""
         run = self._run
         if run.scene is not self._scene:
             self._scene, self._header = run.scene, _header(run)
@@ -90,5 +91,5 @@ class FrameFeed:
 
 
 def _header(run: LiveRun) -> Header:
-    """Return the header of a recording of every tick, with the present values of the scene."""
+    """Return the header of a recording in which every tick is recorded, with the present values of the scene."""
     return replace(run.header, every=1, scene_table=run.scene.to_dict())

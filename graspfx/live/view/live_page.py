@@ -1,4 +1,4 @@
-"""Page of a running scene: frames, state and certificate while a browser is connected, and the user's orders."""
+"""Page that shows the frames, the state and the stability of a running scene, and executes the user's orders."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ CLOSEST, WIDEST = 0.3, 0.15  # largest additional squeeze and opening of a hand,
 
 
 class Pace:
-    """Pace of a run relative to real time.
+    """Measurement of the pace of a run relative to real time.
 
     Args:
         period: Sampling period T [s].
@@ -54,7 +54,7 @@ class Pace:
         self._counts: deque[tuple[int, float]] = deque(maxlen=self.COUNT)
 
     def text(self, tick: int, now: float, *, is_running: bool) -> str:
-        """Return the pace as a text; empty until it is reliable."""
+        """Return the pace as a text; empty if the run does not run, or until a second has been measured."""
         last = self._counts[-1] if self._counts else (tick, now)
         if not is_running or tick < last[0] or now > last[1] + self.LONGEST:
             self._counts.clear()
@@ -73,13 +73,13 @@ class LivePage(Resource):
     Args:
         run: Live run.
         sliders: Sliders of the scene.
-        new_folder: Function that makes the folder of a recording.
-        port: Port on 127.0.0.1; None for the first free one from 8080, 0 for any.
+        new_folder: Function that returns the folder of a new recording.
+        port: Port number on 127.0.0.1; None for the first free port from 8080 on, 0 for any free port.
         tell: Function that prints a line on the terminal.
 
     Attributes:
         server: Server of the page.
-        sliders: Sliders of the page.
+        sliders: Sliders of the page, and the values requested by them.
         recording: File that is being recorded; None if nothing is recorded.
         last: File that was recorded last; None before the first recording.
     """
@@ -115,7 +115,7 @@ class LivePage(Resource):
             raise
 
     def close(self) -> None:
-        """Close all pages and end their computations; the run continues."""
+        """Close the page in all browsers and end the computation of stability; the run continues."""
         self.server.__exit__()
         self._executor.shutdown(wait=True, cancel_futures=True)
         self._end_certificates()
@@ -152,7 +152,7 @@ class LivePage(Resource):
     # What the page shows ------------------------------------------------------------------------------------------
 
     def document(self, path: str, host: str) -> str | None:
-        """Return the page of the run, or that of the last recording."""
+        """Return the page of the run for the path "/", and the page of the last recording for "/recording"."""
         if path == "/":
             return document(self._story, "live", f"ws://{host}")
         if path == "/recording" and self.last is not None:
@@ -203,12 +203,12 @@ class LivePage(Resource):
         return [{"offsets": offsets.tolist(), "squeeze": squeeze} for offsets, squeeze in goals]
 
     def _loose(self) -> dict[str, float]:
-        """Find the objects that no finger has touched recently, as in `Frames.loose`."""
+        """Return the objects that no finger has touched in the last half second, as in `Frames.loose`."""
         _, rows = self.run.rows(self.run.tick - int(HELD / self.run.period))
         return Frames(history_of(rows, self.run.layout, self.run.header)).loose
 
     def _watch(self) -> None:
-        """Detect faults and resets, with or without a page; print faults on the terminal."""
+        """Detect resets and faults, and print new faults on the terminal."""
         if self.run.run_number != self._runs:
             self._runs, self._fault = self.run.run_number, ""
         fault = self.run.fault
@@ -223,7 +223,7 @@ class LivePage(Resource):
     # Certificate --------------------------------------------------------------------------------------------------
 
     def _certify(self) -> None:
-        """Request the certificate of the run's values if they have changed; with hardware, the clamp requests it."""
+        """Request the stability for the run's values if they have changed; with hardware, `HardwareClamp` does this."""
         if self._margins is None:
             self._margins = Margins(self._first, self._take)
         scene = self.run.scene
@@ -237,7 +237,7 @@ class LivePage(Resource):
         self._changed()
 
     def _set(self, values: Mapping[str, Any]) -> Future[Any]:
-        """Set values of live keys; with hardware, set only certified values."""
+        """Request values of live keys; with hardware, only certified values are set."""
         order: Future[Any] = (self._clamp or self.run).set(values)
         order.add_done_callback(lambda _: self._changed())
         return order
@@ -245,7 +245,7 @@ class LivePage(Resource):
     # When the page changes ----------------------------------------------------------------------------------------
 
     def _sleep(self, began: float) -> None:
-        """Wait for the next frame, or for an order and the row that shows its effect."""
+        """Wait until the time of the next frame or, if an order arrives before, for the row that shows its effect."""
         left = FRAME - (time.monotonic() - began)
         if not self._wake.wait(max(0.0, left)):
             return
@@ -262,7 +262,7 @@ class LivePage(Resource):
     # Orders: in the server's thread, which keeps their sequence ---------------------------------------------------
 
     def order(self, order: Order) -> bool:
-        """Begin to execute an order of a page; return False for an order that does not apply."""
+        """Start the execution of an order from a page; return False if the order is not valid for this run."""
         if order.act == "set":
             if not self.sliders.accepts(order.number, order.value):
                 return False
@@ -277,7 +277,11 @@ class LivePage(Resource):
         return True
 
     def _actions(self, count: int) -> dict[str, Callable[[], object]]:
-        """Return the actions of the buttons; with hardware, buttons that move or stop a device are omitted."""
+        """Return the action of each button; with hardware, only the buttons for recording have actions.
+
+        Args:
+            count: Number of ticks of the action "step".
+        """
         recording: dict[str, Callable[[], object]] = {"record": self._record, "stop": self._stop}
         if self.run.has_hardware:
             return recording
@@ -286,7 +290,7 @@ class LivePage(Resource):
         }  # fmt: skip
 
     def _lead(self, order: Order) -> bool:
-        """Move a hand or one of its fingers, or change its squeeze, within the permitted range."""
+        """Move a hand or one of its fingers, or change a hand's squeeze; return False if a value is out of range."""
         run, extent = self.run, self._extent
         if order.number >= len(run.guides):
             return False
@@ -306,7 +310,7 @@ class LivePage(Resource):
         return True
 
     def _do(self, action: Callable[[], object]) -> None:
-        """Execute a button's action; show errors on the page."""
+        """Execute the action of a button, and show its error on the page."""
         try:
             action()
             self._say("")
@@ -335,7 +339,7 @@ class LivePage(Resource):
 
 
 def _squeezes(extent: float) -> tuple[float, float, float]:
-    """Return the range and the step of a hand's additional squeeze [mm], in round numbers."""
+    """Return smallest value, largest value and step of a hand's additional squeeze [mm], rounded."""
     size = 1e3 * extent
     step = 10.0 ** math.floor(math.log10(size / 200.0))
     least, most = (50.0 * step * round(share * size / (50.0 * step)) for share in (-WIDEST, CLOSEST))
@@ -348,17 +352,17 @@ AMPLE = 1.5  # margin below which a bar is a warning
 
 
 def margin_bars(verdict: Verdict | None, loose: Mapping[str, float]) -> dict[str, Any]:
-    """Return the boxes and the bars of a stability result.
+    """Return the boxes and the bars by which a page shows a stability result.
 
     Args:
-        verdict: Result for the grasp as held by its hands; None before the first.
-        loose: Objects that are not held, with the gap to the nearest finger [m], from `Frames.loose`; their results are
-            never green.
+        verdict: Stability of the scene with all objects held; None before the first result.
+        loose: Gap to the nearest finger [m] for each object that is not held, from `Frames.loose`. The results of these
+            objects are not shown in green.
     """
     boxes = []
     if loose:
         apart = ", ".join(_apart(*each) for each in loose.items())
-        boxes.append(_box("amber", f"NOT HELD: no finger touches {apart}", "touch it from both sides"))
+        boxes.append(_box("amber", f"NOT HELD: no finger touches {apart}", "touch the object from both sides"))
     rows: list[dict[str, Any]] = []
     if verdict is None:
         boxes.append(_box("grey", "Stability is being computed"))
@@ -369,11 +373,11 @@ def margin_bars(verdict: Verdict | None, loose: Mapping[str, float]) -> dict[str
         words = (
             "UNSTABLE: the grasp will shake"
             if not verdict.is_stable
-            else "stable once it is held"
+            else "stable when all objects are held"
             if loose
             else "stable"
         )
-        how = "provisional, the full result is being computed" if verdict.is_provisional else "full"
+        how = "provisional, the complete result is being computed" if verdict.is_provisional else "complete"
         boxes.append(_box(kind, words, f"{how}; spectral radius {verdict.spectral_radius:.5f}"))
         rows = [_row(row, "grey" if row.name in loose else "green") for row in verdict.rows]
     faint = verdict is not None and verdict.is_provisional
@@ -385,9 +389,9 @@ def _box(kind: str, words: str, note: str = "") -> dict[str, str]:
 
 
 def _apart(name: str, gap: float) -> str:
-    """Return the name of an object, with the distance of the nearest finger [m] if known."""
+    """Return the name of an object and, if known, the distance to the nearest finger as a text."""
     away = f"{gap:.3g} m" if gap >= 1.0 else f"{1e3 * max(gap, 0.0):.3g} mm"
-    return name + (f" (the nearest is {away} away)" if math.isfinite(gap) else "")
+    return name + (f" (the nearest finger is {away} away)" if math.isfinite(gap) else "")
 
 
 def _row(row: MarginRow, ample: str) -> dict[str, Any]:
@@ -407,18 +411,19 @@ def _share(margin: float) -> float:
 
 
 class SliderOrders:
-    """Values requested by the sliders, and the values of the run.
+    """Values that are requested by sliders, and values that are set in the run.
 
     Args:
         sliders: Sliders of the scene.
-        order: Function that sets values by live key; its future returns None, or an `Outcome` if other values may have
-            been set, or raises an exception.
-        remark: Function that shows a message; an empty message removes it.
+        order: Function that requests values by live key and returns a future. The result of the future is None if these
+            values were set, or an `Outcome` with the values that were set.
+        remark: Function that shows a message on the page; an empty text removes the message.
 
     Attributes:
         sliders: Sliders with their present ranges.
-        values: Values of the run, by the key of the slider.
-        shown: Values that the page shows: those of pending orders, else those that were set.
+        values: Values that are set in the run, by the key of the slider.
+        shown: Values that the page shows, by the key of the slider: the requested value while a request is pending,
+            otherwise the value that is set.
     """
 
     def __init__(
@@ -429,7 +434,7 @@ class SliderOrders:
         self._lock = threading.Lock()
         self.sliders = list(sliders)
         self.values = {slider.key: slider.value for slider in sliders}
-        self.shown = dict(self.values)  # with pending orders: factors on one stiffness are set together
+        self.shown = dict(self.values)  # with pending requests, because factors of one stiffness are set together
         self._newest = dict.fromkeys(self.values, 0)
 
     def told(self) -> list[tuple[float, float, float, float]]:
@@ -437,16 +442,16 @@ class SliderOrders:
         return [(self.shown[each.key], each.least, each.most, each.step) for each in self.sliders]
 
     def widen(self, verdict: Verdict) -> None:
-        """Extend the ranges beyond the limits of a full result."""
+        """Extend the ranges of the sliders beyond the stability limits, if the result is complete."""
         if not verdict.is_provisional:
             self.sliders = [widened(each, verdict) for each in self.sliders]
 
     def accepts(self, number: int, value: float) -> bool:
-        """Tell whether there is a slider with this number, and its range includes the value."""
+        """Return whether a slider has this number and its range includes the value."""
         return number < len(self.sliders) and self.sliders[number].least <= value <= self.sliders[number].most
 
     def set(self, key: str, value: float) -> None:
-        """Request a value; if the request is clamped or refused, the slider shows the actual value."""
+        """Request a value of a slider; if it is reduced or refused, the slider shows the value that is set."""
         slider = next(each for each in self.sliders if each.key == key)
         with self._lock:
             self._newest[key] += 1
@@ -456,7 +461,7 @@ class SliderOrders:
         self._order(order).add_done_callback(lambda future: self._settle(key, number, value, order, future))
 
     def _settle(self, key: str, number: int, value: float, order: Mapping[str, Any], future: Future[Any]) -> None:
-        """Process the result of an order; a newer pending order takes precedence."""
+        """Store the result of a request; the slider shows it unless a newer request for the slider is pending."""
         error = future.exception()
         outcome = None if error is not None else future.result() or Outcome(order)
         with self._lock:

@@ -1,4 +1,4 @@
-"""Server of pages on 127.0.0.1: the documents, and for a live run the WebSocket for frames and orders."""
+"""Server of pages on 127.0.0.1: HTML documents, and a WebSocket for the frames and orders of a live run."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ PLAIN = ("run", "pause", "reset", "record", "stop")  # orders without arguments
 
 
 class Order(NamedTuple):
-    """Valid order of a page.
+    """Order that a page sends.
 
     Attributes:
         act: One of `PLAIN`, or "step", "set", "lead", "squeeze" or "answer".
-        number: Number of the slider or of the hand; number of ticks of "step".
-        finger: Number of the finger within the hand; None for all of them.
-        offset: Offset of "lead" (d,) [m].
-        value: Value of "set"; squeeze of "squeeze" [m].
-        key: Key of "answer".
+        number: Number of ticks for "step", number of the slider for "set", number of the hand for "lead" and "squeeze".
+        finger: For "lead", number of the finger within the hand; None for all fingers of the hand.
+        offset: For "lead", operator offset (d,) [m].
+        value: For "set", value of the slider; for "squeeze", additional squeeze [m].
+        key: For "answer", key of the answer.
     """
 
     act: str
@@ -58,11 +58,7 @@ KEYS = {
 
 
 def read_page_order(data: bytes | str) -> Order | str:
-    """Parse a message of a page; return the reason (str) if it is invalid.
-
-    Args:
-        data: Content of the message.
-    """
+    """Parse a message from a page; if the message is invalid, return the name of the invalid part."""
     if not isinstance(data, str) or len(data) > LONGEST:
         return "length"
     try:
@@ -91,27 +87,29 @@ def _is_finite(value: object) -> bool:
 
 
 class Shown(Protocol):
-    """Content of a server. The methods are called in threads of the server."""
+    """Content that a server shows. The server calls the methods in its own threads."""
 
     def document(self, path: str, host: str) -> str | None:
-        """Return the document at a path, for a browser that addresses this machine as `host`; None for an unknown path.
+        """Return the HTML document at a path, or None if the path is unknown; the call may take long.
 
-        The method may be slow.
+        Args:
+            path: Path in the address.
+            host: Name and port by which the browser addresses this machine.
         """
 
     def order(self, order: Order) -> bool:
-        """Begin to execute an order, without blocking; return False for an order that does not apply."""
+        """Start the execution of an order without waiting for its end; return False if the order is not valid."""
 
 
 class PageServer(ClaimServer):
-    """Server of pages; listens from its creation, and serves within a `with` block.
+    """Server of pages, which listens when it is created and answers within a `with` block.
 
-    A slow browser does not delay other browsers: frames that it has not received are sent together later, without the
-    oldest ones.
+    A slow browser does not delay other browsers: frames that a slow browser has not yet received are sent together
+    later, and the oldest of them may be omitted.
 
     Args:
         shown: Content that the server shows.
-        port: Port on 127.0.0.1; None for the first free one from 8080, 0 for any.
+        port: Port number on 127.0.0.1; None for the first free port from 8080 on, 0 for any free port.
 
     Attributes:
         url: Address of the page.
@@ -131,11 +129,11 @@ class PageServer(ClaimServer):
         self._shown_run, self._newest = -1, 0
 
     def tell(self, state: Mapping[str, Any]) -> None:
-        """Send the state of the page to every browser; a slow browser gets the newest state when it is ready."""
+        """Send the state of the page to every browser; a slow browser later receives only the newest state."""
         self._post(self._set_state, json.dumps(state, separators=(",", ":"), allow_nan=False))
 
     def show(self, run: int, first: int, frames: FloatArray) -> None:
-        """Send frames of a run (k, w), numbered from `first`; a frame that was sent before is replaced."""
+        """Send frames (k, w) of a run; frames from the number `first` on that were sent before are replaced."""
         self._post(self._add, run, first, frames)
 
     # In the server's thread ---------------------------------------------------------------------------------------
@@ -176,7 +174,10 @@ class PageServer(ClaimServer):
         self._tell_all()
 
     def _message(self, client: Client) -> bytes:
-        """Return the new frames for a client: run, first number, count, and the frames; empty if there are none."""
+        """Return the frames that a client has not received, preceded by run, number of the first frame, and count.
+
+        The result is empty if there are no new frames.
+        """
         every = [each for each in self._frames if each[0] > client.sent]
         new = [each for k, each in enumerate(every) if each[1] == every[0][1] + k]  # up to a gap
         if not new:

@@ -1,4 +1,4 @@
-"""Page of a recording of any length, served in parts that fit into a browser."""
+"""Page of a recording of any length, served in parts that are small enough for a browser."""
 
 from __future__ import annotations
 
@@ -22,14 +22,15 @@ IDLE = 0.1  # interval between checks whether to stop [s]
 
 
 class RecordingPage(Resource):
-    """Page that plays a recording at up to 60 frames per second; a long recording has several parts, with links.
+    """Page that plays a recording at up to 60 frames per second.
 
-    Only the rows of the part that is shown are read.
+    A long recording has several parts, which are linked to each other; only the rows of the part that is shown are
+    read.
 
     Args:
         recording: Recording of any length.
-        folder: Folder of relative mesh paths; None for the scene's folder.
-        port: Port on 127.0.0.1; None for the first free one from 8080, 0 for any.
+        folder: Folder to which mesh paths are relative; None for the scene's folder.
+        port: Port number on 127.0.0.1; None for the first free port from 8080 on, 0 for any free port.
 
     Attributes:
         server: Server of the page.
@@ -49,7 +50,7 @@ class RecordingPage(Resource):
         self.server = PageServer(self, port).__enter__()
 
     def close(self) -> None:
-        """Close all pages."""
+        """Close the page in all browsers."""
         self.server.__exit__()
 
     def serve(self, stop: Callable[[], bool], seconds: float | None = None) -> None:
@@ -59,7 +60,7 @@ class RecordingPage(Resource):
             time.sleep(IDLE if end is None else min(IDLE, max(0.0, end - time.monotonic())))
 
     def document(self, path: str, host: str) -> str | None:
-        """Return a part of the recording: "/" is the first, "/2" the second."""
+        """Return the page of a part of the recording: "/" is the first part, "/2" the second part."""
         count, name = -(-len(self._recording) // self.rows), path.removeprefix("/") or "1"
         number = int(name) if name.isascii() and name.isdecimal() and len(name) < 9 else 0
         if not 1 <= number <= count:
@@ -70,5 +71,5 @@ class RecordingPage(Resource):
         return document(story_of(part, self._folder) | {"links": links})
 
     def order(self, order: Order) -> bool:
-        """Return False: the page plays the recording without orders to the server."""
+        """Return False, because this page sends no orders."""
         return False

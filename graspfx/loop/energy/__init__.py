@@ -1,1 +1,1 @@
-"""Energy of a grasp: its ledger, and the damping that dissipates generated energy."""
+"""Energy of a grasp: a ledger of its energy, and damping that dissipates generated energy."""

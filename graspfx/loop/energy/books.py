@@ -1,4 +1,4 @@
-"""The ledger of one object's energy, as records in a block: accounts, finger forces and report."""
+"""Memory of the ledger of one object's energy: accounts, forces of fingers, and energies for the recording."""
 
 from __future__ import annotations
 
@@ -10,19 +10,22 @@ from graspfx.spatial import Matrix, Vector, Vector4
 
 
 class PartForce(Record):
-    """Component of a force in one mode."""
+    """Component of a finger's force in one kind of motion."""
 
     force: Vector4  # [N]
 
 
 class ForceByMode(Record):
-    """Components Q_j'f of a force for internal motion, translation and rotation; their sum is the force."""
+    """Components of a finger's force for internal motion, translation and rotation; the force is their sum."""
 
     parts: Many[PartForce] = many("3")
 
 
 class FingerBooks(Contact):
-    """A finger's forces in the sample, and its steps, in the object's axes unless stated otherwise."""
+    """Forces of a finger in the sample and steps of the finger, in the object's axes unless stated otherwise.
+
+    The symbols are those of `graspfx.loop.energy.ledger`.
+    """
 
     place: Vector  # position of the fingertip, world [m]
     arm: Vector  # vector from the object's centre to the point of application, world [m]
@@ -43,7 +46,7 @@ class FingerBooks(Contact):
 
 
 class ModeLosses(Record):
-    """Losses of one mode by cause [J]."""
+    """Energies of one kind of motion by cause [J], as in `graspfx.loop.energy.ledger`."""
 
     damped: Sum
     braked: Sum
@@ -53,7 +56,10 @@ class ModeLosses(Record):
 
 
 class EnergyReport(Record):
-    """Energies for a recording [J]: those of each mode (internal, translation, rotation), then those of the object."""
+    """Energies for a recording [J].
+
+    Vectors contain one energy each for internal motion, translation and rotation. Floats belong to the whole object.
+    """
 
     work: Vector
     stored: Vector
@@ -75,21 +81,21 @@ class EnergyReport(Record):
 
 
 class LedgerState(Record):
-    """Ledger of one object, in a block of its own."""
+    """Ledger of one object."""
 
-    count: int  # n
-    components: int  # components of the forces if gains are matrices with cones, which needs h = K^-1 fe; else 0
+    count: int  # number of fingers n
+    components: int  # number of force components if h = K^-1 fe is solved for, with matrix gains and cones; otherwise 0
     control: bool  # the passivity controller damps modes that generate energy (`watch`)
-    guarded: bool  # a safety chain scales stiffness to gamma K and may withhold force after the brake
-    gain: float  # gamma of this sample, if there is a chain
+    guarded: bool  # a safety chain scales the stiffness to gamma K and may reduce forces after the brake
+    gain: float  # gamma of this sample, if there is a safety chain
     foreign: bool  # another integrator moves the object, so the work of obstacles is the remainder
     elapsed: float  # longest of the fingers' last steps [periods], at least 1
     drag: float  # smallest friction b_i/w_i of the devices [N s/m]
     mobility: float  # largest w_i/m_i of the devices [1/kg]
     split: Ref[ModeSplit]
     split_entries: int
-    curved: Vector  # a tenth of the elastic forces of pads times their depths now, by mode [J]
-    held_curved: Vector  # the same for the held forces [J]
+    curved: Vector  # a tenth of the elastic forces of pads times the depths of the pads, by mode [J]
+    held_curved: Vector  # `curved` of the sample whose forces are held [J]
     started: bool
     scale: float  # largest energy so far [J]
     accounts: Accounts

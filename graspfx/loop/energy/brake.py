@@ -1,4 +1,4 @@
-"""A sample of the energy observer, and its passivity controller: minimal damping in the mode that generates energy."""
+"""Sample of the energy observer, and passivity controller, which damps the kinds of motion that generate energy."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ ROUNDING = 1e-12  # fraction of the largest energy so far below which a debt cou
 
 @kernel
 def control(grasp: GraspState, ledger: LedgerState, T: float) -> bool:
-    """Add to this sample's forces the damping that repays each mode's debt if the next step equals the last one.
+    """Add damping to this sample's forces, so that generated energy is dissipated if the next step equals the last.
 
-    The damping is a W Q_j d/T (`leak.add_damping`) with a at most m/(2 T), where m is the smallest mass that a step of
-    any mode moves. Held for a sample, a = m/(2 T) removes half of a step's speed, and twice as much removes all of it.
-    Each finger's force is then projected back into its cone and within the limits. Return whether any force may have
-    changed.
+    The damping force is a W Q d/T for the step d of the fingers (`leak.add_damping`). The coefficient a is at most
+    m/(2 T), where m is the smallest mass that a step of any kind of motion moves: a damping force with a = m/(2 T),
+    held for a sample, halves the speed, and a force with a = m/T stops the motion. The force of each finger is then
+    projected into the cone and within the limits of the finger. The result is whether any force may have changed.
     """
     ledger.report.damping = ZERO
     least = ROUNDING * ledger.scale
@@ -46,10 +46,17 @@ def control(grasp: GraspState, ledger: LedgerState, T: float) -> bool:
 
 @kernel
 def bound(grasp: GraspState, T: float, mobility: float) -> float:
-    """Compute m/(2 T) [N s/m]; 1/m = max w_i/m_i + sum w_i/m_v + sum w_i |r_i|^2/I bounds every mode's mobility.
+    """Compute the largest damping coefficient m/(2 T) [N s/m] of the passivity controller.
 
-    m_i is the mass of finger i's device, and m_v and I are the object's mass and smallest moment of inertia; the terms
-    of an object without free translations or rotations are zero. r_i points from the object's centre to finger i.
+    1/m = max w_i/m_i + sum w_i/m_v + sum w_i |r_i|^2/I is an upper bound of the mobility of every kind of motion. For
+    finger i, w_i is the weight, m_i the mass of the device, and r_i the vector from the object's centre to the finger.
+    m_v is the mass and I the smallest moment of inertia of the object; if the object cannot translate or rotate, the
+    corresponding term is zero.
+
+    Args:
+        grasp: State of the grasp.
+        T: Sampling period [s].
+        mobility: max w_i/m_i [1/kg].
     """
     body = grasp.body
     total = squares = 0.0
@@ -69,7 +76,10 @@ def bound(grasp: GraspState, T: float, mobility: float) -> float:
 
 @kernel
 def push(grasp: GraspState, finger: FingerState, books: FingerBooks) -> None:
-    """Add a finger's brake force to its force within the cone, and store the added part as the brake force."""
+    """Add the brake force of a finger to the force of the finger, within the friction cone.
+
+    The brake force is then replaced by the change of the finger's force.
+    """
     if grasp.attached:
         finger.local = finger.local + books.brake
         return
@@ -101,9 +111,9 @@ def push(grasp: GraspState, finger: FingerState, books: FingerBooks) -> None:
 
 @kernel
 def watch(grasp: GraspState, ledger: LedgerState, T: float) -> int:
-    """Book the previous sample, apply the passivity controller, store the next sample's forces, and report; return 0.
+    """Add the previous sample to the ledger, apply the passivity controller, and store forces and energies; return 0.
 
-    The ledger must already contain the obstacles' wrench on the body in that sample (`Observer.met`).
+    The ledger must already contain the wrench of obstacles on the body in the previous sample (`Observer.met`).
     """
     book_sample(grasp, ledger, T)
     store_sample(grasp, ledger)
@@ -112,7 +122,7 @@ def watch(grasp: GraspState, ledger: LedgerState, T: float) -> int:
 
 @kernel
 def book_sample(grasp: GraspState, ledger: LedgerState, T: float) -> None:
-    """Book the previous sample and apply the passivity controller if enabled: the first half of `watch`."""
+    """Add the previous sample to the ledger and apply the passivity controller if it is enabled."""
     observe(grasp, ledger, T)
     if ledger.control:
         control(grasp, ledger, T)
@@ -120,6 +130,6 @@ def book_sample(grasp: GraspState, ledger: LedgerState, T: float) -> None:
 
 @kernel
 def store_sample(grasp: GraspState, ledger: LedgerState) -> None:
-    """Store the displayed forces for the next sample and report: the second half of `watch`."""
+    """Store the displayed forces, which the next sample needs, and write the energies for the recording."""
     hold(grasp, ledger)
     report(grasp, ledger)

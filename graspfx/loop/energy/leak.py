@@ -1,14 +1,15 @@
-"""Energy of a grasp in a run, by internal motion, translation and rotation, and the least damping that repays leaks.
+"""Work of the fingers by internal motion, translation and rotation, and damping that dissipates generated energy.
 
-All fingers' vectors are in one frame; torsion is the fourth entry of soft fingers, in units of the patch length. w_i
-is the weight of finger i in the metric W. Rigid modes are those of `graspfx.grasp.rigid_modes`: a fraction beta_k,
-then the components of q_k on displacements scaled by sqrt(w).
+The vectors of all fingers are in one frame. For soft fingers, the fourth entry of a vector is torsion, in units of the
+patch length. W is the diagonal matrix of the fingers' weights w_i. The rigid modes (`graspfx.grasp.rigid_modes`) are
+vectors q_k of displacements scaled by sqrt(w), with fractions beta_k. The matrix Q_k of mode k, and the work of forces
+f on steps D, are
 
     Q_k = W^-1/2 beta_k q_k q_k' W^1/2,   f'D = sum_k f'Q_k D + f'(I - sum_k Q_k) D
 
-A force held over a sample does exactly the work f'D on a port that moves by D, so these sums are exact. The step D
-selects the port. For the device port D is the fingers' step, and for the object port D is the object's motion at the
-contacts. For the coupling D is their difference, the change of e = p - c.
+where the last term is the work on internal motion. The work is exact, because the forces are held over a sample. D is
+the step of the fingers for the work at the devices, the step of the object at the contacts for the work on the object,
+and the difference of both, which is the change of e = p - c, for the work on the coupling.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ INTERNAL, TRANSLATION, ROTATION = 0, 1, 2  # indices of the accounts, in the ord
 
 
 class ModeSplit(Record):
-    """Rigid modes that split the accounts."""
+    """Rigid modes by which work is split into internal motion, translation and rotation."""
 
     fingers: int  # n
     width: int  # entries per finger: 3, or 4 with torsion
@@ -35,14 +36,14 @@ class ModeSplit(Record):
 
 
 class Sum(Record):
-    """A sum and its accumulated rounding error."""
+    """Sum, and its accumulated rounding error."""
 
     value: float
     carry: float
 
 
 class Account(Record):
-    """Energy that one kind of motion has received, dissipated and stored [J]."""
+    """Energy that one kind of motion has received, dissipated by friction, and stored in springs [J]."""
 
     work: Sum  # energy received so far
     spent: float  # lower bound of the energy dissipated by friction
@@ -51,7 +52,7 @@ class Account(Record):
 
 
 class Accounts(Record):
-    """Accounts of internal motion, translation and rotation, and the total work."""
+    """Accounts of internal motion, translation and rotation, and the work on all of them."""
 
     parts: Many[Account] = many("3")
     whole: Sum
@@ -59,7 +60,7 @@ class Accounts(Record):
 
 @kernel
 def reach(split: ModeSplit, contacts: Many[Contact], steps: Many[Vector4]) -> None:
-    """Compute beta_k q_k'W^1/2 D for each mode."""
+    """Compute beta_k q_k'W^1/2 D of steps D for each mode k and store it in `split.reach`."""
     width, modes = split.width, split.modes
     for k in range(split.count):
         total = 0.0
@@ -72,10 +73,11 @@ def reach(split: ModeSplit, contacts: Many[Contact], steps: Many[Vector4]) -> No
 
 @kernel
 def squares(split: ModeSplit, contacts: Many[Contact], steps: Many[Vector4]) -> Vector:
-    """Compute D'W Q D of the internal motion, translations and rotations [m^2], not negative.
+    """Compute D'W Q D of steps D for internal motion, translation and rotation [m^2]; the values are not negative.
 
-    At a displacement e, a spring of gain k stores k/2 times these squares. On a step D, friction b w_i at each finger
-    dissipates at least b/T times these squares.
+    Q is the sum of Q_k over the modes of the kind of motion, and the rest I - sum_k Q_k for internal motion. A spring
+    with the gain k and the displacement D stores k/2 times these values. Friction with the coefficient b w_i at each
+    finger dissipates at least b/T times these values on the step D.
     """
     reach(split, contacts, steps)
     width, modes = split.width, split.modes
@@ -100,9 +102,12 @@ def squares(split: ModeSplit, contacts: Many[Contact], steps: Many[Vector4]) -> 
 
 @kernel
 def spend(accounts: Accounts, drag: float, square: Vector) -> None:
-    """Add the energy that friction dissipates on a step with these squares [m^2].
+    """Add the energy that friction dissipates on a step to the accounts.
 
-    `drag` [N/m] is the coefficient of friction [N s/m] divided by the duration of the step.
+    Args:
+        accounts: Accounts of energy.
+        drag: Coefficient of friction divided by the duration of the step [N/m].
+        square: Result of `squares` for the step [m^2].
     """
     accounts.parts[INTERNAL].spent += drag * square.x
     accounts.parts[TRANSLATION].spent += drag * square.y
@@ -111,7 +116,7 @@ def spend(accounts: Accounts, drag: float, square: Vector) -> None:
 
 @kernel
 def book(account: Sum, energy: float) -> None:
-    """Add to a sum and its rounding error (Neumaier 1974), so that long runs stay as accurate as short ones."""
+    """Add an energy to a sum, and the rounding error of this addition to the accumulated error (Neumaier 1974)."""
     old = account.value
     new = old + energy
     if abs(old) >= abs(energy):
@@ -123,7 +128,10 @@ def book(account: Sum, energy: float) -> None:
 
 @kernel
 def balance(account: Account) -> float:
-    """Compute the work plus the friction losses minus the springs' gain [J]; negative if energy was generated."""
+    """Compute the dissipated energy: work plus friction losses minus the increase of the energy in springs [J].
+
+    A negative result is generated energy.
+    """
     work = account.work.value + account.work.carry
     gained = account.stored - account.opened
     return work + account.spent - gained
@@ -134,15 +142,23 @@ def add_damping(
     accounts: Accounts, split: ModeSplit, contacts: Many[Contact], forces: Many[Vector4], steps: Many[Vector4],
     T: float, most: float,
 ) -> Vector:  # fmt: skip
-    """Add a W Q_m D/T to the forces of each account m in debt, with the smallest a that repays it in one equal step.
+    """Add a damping force a W Q D/T to the forces for each kind of motion that has generated energy.
 
-    a = min(most, T debt/(D'W Q_m D)) [N s/m] (Hannaford and Ryu 2002, one controller per mode), so a debt of internal
-    motion adds no damping to motion of the object. If `most` limits a, the rest of the debt is carried over to the next
-    sample. `most` is required because the damping force is held over a sample; the passivity controller sets it to
-    m/(2 T) (`brake.bound`).
+    Q is the matrix of the kind of motion (`squares`) and D the last step. The coefficient a = min(most, T E/(D'W Q D))
+    [N s/m] dissipates the generated energy E if the next step equals D and a < `most` (Hannaford and Ryu 2002, with one
+    controller for each kind of motion). Energy that is not dissipated remains in the account for the next sample.
+
+    Args:
+        accounts: Energy of each kind of motion.
+        split: Rigid modes.
+        contacts: Contacts of the fingers.
+        forces: Forces to which damping is added [N].
+        steps: Last steps D of the fingers [m].
+        T: Sampling period [s].
+        most: Largest coefficient [N s/m], required because the damping force is held over a sample (`brake.bound`).
 
     Returns:
-        Damping coefficients a of the three accounts: internal motion, translation and rotation [N s/m].
+        Coefficients a for internal motion, translation and rotation [N s/m].
     """
     square = squares(split, contacts, steps)
     squeezing = damping_for(-balance(accounts.parts[INTERNAL]), square.x, T, most)
@@ -161,7 +177,14 @@ def add_damping(
 
 
 def damping_for(debt: float, square: float, T: float, most: float) -> float:
-    """Return the damping that dissipates `debt` [J] on a step with this square [m^2], at most `most` [N s/m]."""
+    """Return the damping coefficient that dissipates an energy on a step, at most `most` [N s/m].
+
+    Args:
+        debt: Energy to be dissipated [J].
+        square: D'W Q D of the step [m^2].
+        T: Sampling period [s].
+        most: Largest coefficient [N s/m].
+    """
     if debt <= 0.0 or square <= 0.0:
         return 0.0
     if debt * T >= most * square:

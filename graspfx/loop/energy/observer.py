@@ -1,4 +1,4 @@
-"""Observer of an object's energy, which books each sample and damps the modes that generate energy."""
+"""Observer of an object's energy, which adds each sample to a ledger and damps motion that generates energy."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ MET = start_of(LedgerState, "start") + start_of(SampleStart, "contact_force")
 
 
 class Observer:
-    """Ledger of one object and its passivity controller.
+    """Ledger of the energy of one object, and passivity controller of the object.
 
     Args:
-        grasped: Object and its coupling, whose law then separates elastic from damping forces.
-        body: Body of the object. The work of obstacles is computed for a native body, and is the remainder for other
-            bodies.
+        grasped: Object and its coupling; the observer lets the law of the coupling separate elastic and damping forces.
+        body: Body of the object. For a native body, the work of obstacles is computed from their forces; for another
+            body, it is the remainder of the energy balance.
         period: Sampling period T [s].
-        control: Whether modes that generate energy are damped.
+        control: Whether the passivity controller damps motion that generates energy.
         friction: Viscous friction of each finger's device (n,) [N s/m]; zero if unknown.
         mass: Mass of each finger's device (n,) [kg]; infinite if unknown.
         guarded: Whether the forces pass through a safety chain.
 
     Attributes:
-        buffer: Memory of the observer; `watch` uses it and the object's block.
-        met: Wrench (6,) [N, N m] of planes on a body in the previous sample, to be copied to `buffer[MET : MET + 6]`
-            before `watch`; None for a body without planes.
-        where: Entries of the buffer under the names used in recordings.
+        buffer: Memory of the ledger, `LedgerState`.
+        met: Wrench (6,) [N, N m] of planes on the body in the previous sample, which must be copied to
+            `buffer[MET : MET + 6]` before `watch`; None for a body without planes.
+        where: Indices of entries of the buffer, by the names of columns in recordings.
     """
 
     declaration = LedgerState
@@ -82,7 +82,7 @@ class Observer:
         }
 
     def sample(self) -> None:
-        """Book the previous sample, apply the passivity controller, and store the forces of the next sample."""
+        """Copy the wrench of planes, and then process one sample by `watch`."""
         if self.met is not None:
             self.buffer[MET : MET + 6] = self.met
         watch(self._grasp, self._ledger, self._T)

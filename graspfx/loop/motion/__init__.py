@@ -1,4 +1,4 @@
-"""Intended motions of a hand: translations, and turns about an axis."""
+"""Intended motions of a hand: translations, and rotations about an axis."""
 
 from __future__ import annotations
 

@@ -41,34 +41,43 @@ ROUNDING = 1e-12  # relative tolerance for equal times
 
 
 class Motion(Protocol):
-    """An offset from the rest position as a function of time; with d = 1 also an angle [rad] or a squeeze [m]."""
+    """Offset from the rest position as a function of time; a one-dimensional motion may also be an angle or a squeeze.
+
+    The unit is m, or rad for an angle.
+    """
 
     @property
     def dimensions(self) -> int | None:
-        """Number of dimensions d, or None for a motion that is valid in any d."""
+        """Number of dimensions d; None for a motion that is valid in any number of dimensions."""
         ...
 
     def at(self, time: float) -> tuple[FloatArray, FloatArray]:
-        """Offset (d,) [m] and its velocity (d,) [m/s] at a time [s]; (1,) for a motion that is valid in any d."""
+        """Return the offset (d,) [m] and the velocity (d,) [m/s] at a time [s]; the shape is (1,) if d is None."""
         ...
 
 
 class Part(NamedTuple):
-    """One term of a motion: a `MotionPart`, or a third-party motion."""
+    """Term of a motion: the block of a `MotionPart`, or a third-party motion."""
 
     entries: FloatArray
     source: Motion | None = None
 
 
 class CourseBlock(NamedTuple):
-    """A motion laid out as a `Course`."""
+    """Block of a motion, with the structure of `Course`."""
 
     entries: FloatArray
     structure: NDArray[np.intp]  # indices of constant entries that select the computation
     others: list[tuple[int, Motion]]  # third-party motions, each with the first entry of its `OtherPart`
 
     def ask(self, memory: FloatArray, start: int, time: float) -> None:
-        """Evaluate third-party motions at a time, and write their values to the course that begins at entry `start`."""
+        """Evaluate the third-party motions at a time [s], and write their values to the block of the motion.
+
+        Args:
+            memory: Memory that contains the block.
+            start: Entry of the memory at which the block starts.
+            time: Time [s].
+        """
         for at, motion in self.others:
             part = OtherPart(memory, start + at)
             d, (x, v) = part.dimensions, motion.at(time)
@@ -80,7 +89,7 @@ HEADER = entries_of(MotionPart, "kind", "entries", "count", "dimensions")
 
 
 def lay_out(parts: Sequence[Part], d: int) -> CourseBlock:
-    """Lay out a motion of these parts in d dimensions."""
+    """Make the block of the sum of these parts in d dimensions."""
     blocks = [part.entries if part.source is None else _other(d) for part in parts]
     first = start_of(Course, "parts")
     starts = [first + sum(map(len, blocks[:k])) for k in range(len(blocks))]
@@ -99,14 +108,17 @@ def _other(d: int) -> FloatArray:
 
 
 def parts_of(motion: Motion) -> Sequence[Part]:
-    """List the parts of a motion of this package; a third-party motion, or one that overrides `at`, is one part."""
+    """List the parts of a motion of this package.
+
+    A third-party motion is a single part, and so is an instance of a subclass that overrides `at`.
+    """
     if isinstance(motion, _Parts) and type(motion).at is _Parts.at:
         return motion.parts
     return [Part(np.zeros(0), motion)]
 
 
 class _Parts:
-    """Base class of this package's motions: their parts, and the kernel that sums them."""
+    """Base class of the motions of this package, which are sums of parts that a kernel computes."""
 
     def __init__(self, dimensions: int | None, parts: Sequence[Part]) -> None:
         self.dimensions = dimensions
@@ -116,7 +128,7 @@ class _Parts:
         self._block: FloatArray = self._course.entries.copy()
 
     def at(self, time: float) -> tuple[FloatArray, FloatArray]:
-        """Offset (d,) [m] and its velocity (d,) [m/s] at a time [s]."""
+        """Return the offset (d,) [m] and the velocity (d,) [m/s] at a time [s]."""
         d = self.dimensions or 1
         self._course.ask(self._block, 0, time)
         displace(Course(self._block.data), time, Displacement(self._now.data))
@@ -132,16 +144,16 @@ class Rest(_Parts):
 
 
 class Sine(_Parts):
-    """x(t) = a s((t - begin) / ramp) sin(2 pi f (t - begin)) along one direction, zero before `begin`.
+    """Sine x(t) = a s((t - begin) / ramp) sin(2 pi f (t - begin)) along one direction; zero before `begin`.
 
-    s is the minimum-jerk step. If `ramp` is zero, s = 1 and the velocity jumps by 2 pi f a at `begin`.
+    s is the minimum-jerk step. If `ramp` is zero, s = 1, and the velocity changes abruptly by 2 pi f a at `begin`.
 
     Args:
         amplitude: Amplitude a [m].
         frequency: Frequency f [Hz].
-        axis: Direction: a vector (d,) of any length above zero, or the number 0, 1 or 2 of an axis.
+        axis: Direction of the motion: a vector (d,) of any length above zero, or the number 0, 1 or 2 of an axis.
         begin: Start time [s].
-        ramp: Time over which the amplitude fades in [s].
+        ramp: Time during which the amplitude increases to a [s].
         dimensions: Number of dimensions d, required if `axis` is a number.
     """
 
@@ -168,7 +180,7 @@ class Sine(_Parts):
 
 
 class Reach(_Parts):
-    """x(t) = s((t - begin) / duration) displacement, with the minimum-jerk step s; constant after the step.
+    """Reach x(t) = s((t - begin) / duration) displacement, with the minimum-jerk step s.
 
     Args:
         displacement: Final offset (d,) [m].
@@ -187,16 +199,16 @@ class Reach(_Parts):
 
 
 class Path(_Parts):
-    """A recorded path: a monotone cubic interpolation of its points, constant before the first and after the last.
+    """Path through given points: a monotone cubic interpolation, constant before the first and after the last point.
 
-    Between its ends the velocity is continuous, and the path does not overshoot. The slopes are those of F. N. Fritsch
-    and J. Butland (A method for constructing local monotone piecewise cubic interpolants, SIAM J. Scientific and
-    Statistical Computing 5(2), 1984), as in SciPy's PchipInterpolator. If the path moves at an end, its velocity jumps
-    there.
+    Between the first and the last point, the velocity is continuous and the path does not overshoot. The slopes are
+    those of F. N. Fritsch and J. Butland (A method for constructing local monotone piecewise cubic interpolants, SIAM
+    J. Scientific and Statistical Computing 5(2), 1984), as in SciPy's PchipInterpolator. If the slope at the first or
+    last point is not zero, the velocity is discontinuous at this point.
 
     Args:
-        times: Increasing times (N,), at least two [s].
-        positions: Offsets from the rest position, (N, d), or (N,) for d = 1 [m].
+        times: Times of the points (N,), increasing, at least two [s].
+        positions: Offsets of the points from the rest position, (N, d), or (N,) for d = 1 [m].
     """
 
     def __init__(self, times: ArrayLike, positions: ArrayLike) -> None:
@@ -208,7 +220,7 @@ class Path(_Parts):
         if t.ndim != 1 or len(t) < 2 or not np.isfinite(t).all() or not (np.diff(t) > 0.0).all():
             raise InputError("times", times, "two or more finite times (N,), strictly increasing [s]")
         if x.ndim != 2 or len(x) != len(t) or not 1 <= x.shape[1] <= 3 or not np.isfinite(x).all():
-            raise InputError("positions", positions, f"finite positions (N, d) or (N,), N = {len(t)} as for times [m]")
+            raise InputError("positions", positions, f"finite positions (N, d) or (N,), N = {len(t)} as in `times` [m]")
         cubics = np.moveaxis(np.asarray(PchipInterpolator(t, x).c, dtype=float), 1, 0)  # (N - 1, 4, d)
         count, d = x.shape
         part = PathPart(np.zeros(size_for(PathPart, count=count, dimensions=d)))
@@ -220,14 +232,16 @@ class Path(_Parts):
 
     @classmethod
     def read(cls, file: str | PathLike[str], folder: FilePath | None = None) -> Path:
-        """Read a path from a CSV file whose first line names the columns t, x[, y[, z]], in s and m.
+        """Read a path from a CSV file whose first line contains the column names t, x[, y[, z]].
+
+        The times t are in s, the positions in m.
 
         Args:
-            file: Path of the file, absolute or relative to `folder`.
-            folder: Folder to which a relative path refers; the current folder if None.
+            file: Name of the file, absolute or relative to `folder`.
+            folder: Folder to which `file` is relative; None for the current folder.
 
         Raises:
-            InputError: If the file is missing, or is not such a table; for a wrong row the message names its line.
+            InputError: If the file does not exist or has another content; the message names the line of a wrong row.
         """
         path = to_path("path", file, folder=folder)
         require_file("path", str(file), path, EXPECTED)
@@ -244,15 +258,15 @@ class Path(_Parts):
 
 
 class Levels(_Parts):
-    """Levels in one dimension, reached by minimum-jerk steps and held until the next step; zero before the first.
+    """One-dimensional motion between levels, which are reached by minimum-jerk steps and held until the next step.
 
         x(t) = x_(k-1) + s((t - begin_k) / duration_k) (x_k - x_(k-1))    from begin_k to begin_(k+1)
 
-    s is the minimum-jerk step, and x_0 = 0.
+    with the minimum-jerk step s and x_0 = 0.
 
     Args:
-        steps: Rows of a level x_k [m, rad], begin_k [s] and duration_k [s], (N, 3). No step begins before the previous
-            one has ended. A step of zero duration is a jump with zero velocity.
+        steps: Rows of a level x_k [m, rad], begin_k [s] and duration_k [s], (N, 3). A step must not begin before the
+            previous step has ended. For a duration of zero, x changes abruptly while the velocity remains zero.
     """
 
     def __init__(self, steps: ArrayLike) -> None:
@@ -262,7 +276,7 @@ class Levels(_Parts):
         begin, duration = table[:, 1], table[:, 2]
         if (duration < 0.0).any() or any(map(overlap, begin, duration, begin[1:])):
             raise InputError(
-                "steps", steps, "durations of zero or more, and no step before the end of the previous one"
+                "steps", steps, "durations of zero or more, and steps that begin after the end of the previous step"
             )
         part = LevelsPart(np.zeros(size_for(LevelsPart, count=len(begin))))
         part.kind, part.entries, part.count, part.dimensions = LEVELS, len(part.buffer), len(begin), 1
@@ -274,7 +288,7 @@ class Levels(_Parts):
 
 
 def overlap(begin: float, duration: float, following: float) -> bool:
-    """Return whether a step overlaps the next one, which begins at `following`, by more than a rounding error."""
+    """Return whether the next step, which begins at `following`, begins before a step ends, apart from rounding."""
     end = begin + duration
     return following < end - ROUNDING * max(abs(begin), abs(end))
 
@@ -283,23 +297,28 @@ class Sum(_Parts):
     """Sum of motions.
 
     Args:
-        motions: One or more motions of the same number of dimensions.
+        motions: One or more motions with the same number of dimensions.
     """
 
     def __init__(self, motions: Sequence[Motion]) -> None:
         dimension_set = {motion.dimensions for motion in motions} - {None}
         if not motions or len(dimension_set) > 1:
             numbers = [motion.dimensions for motion in motions]
-            raise InputError("motions", numbers, "one or more motions of the same number of dimensions")
+            raise InputError("motions", numbers, "one or more motions with the same number of dimensions")
         dimensions = dimension_set.pop() if dimension_set else None
         super().__init__(dimensions, [part for motion in motions for part in parts_of(motion)])
 
 
 def direction(axis: int | ArrayLike, dimensions: int | None = None) -> FloatArray:
-    """Compute the unit vector (d,) along a nonzero vector, or along axis 0, 1 or 2 in `dimensions` dimensions."""
+    """Compute the unit vector (d,) along a direction.
+
+    Args:
+        axis: Vector (d,) other than zero, or the number 0, 1 or 2 of an axis.
+        dimensions: Number of dimensions d, required if `axis` is a number.
+    """
     if isinstance(axis, int | np.integer) and not isinstance(axis, bool):
         if dimensions is None:
-            raise InputError("axis", axis, "a vector (d,)", "with the number of an axis, also give `dimensions`")
+            raise InputError("axis", axis, "a vector (d,)", "if `axis` is a number, also give `dimensions`")
         if not 0 <= axis < dimensions:
             raise InputError("axis", axis, f"a number from 0 to {dimensions - 1}, or a vector ({dimensions},)")
         u = np.zeros(dimensions)
@@ -310,14 +329,14 @@ def direction(axis: int | ArrayLike, dimensions: int | None = None) -> FloatArra
         raise InputError("axis", axis, f"a vector of {dimensions} components")
     largest = np.abs(u).max()
     if largest == 0.0:
-        raise InputError("axis", axis, "a direction, not the zero vector")
-    u /= largest  # scaled first, so that squares neither overflow nor vanish
+        raise InputError("axis", axis, "a vector other than zero")
+    u /= largest  # scaled first, so that squares neither overflow nor underflow
     u /= math.hypot(*u)
     return u
 
 
 def floats(name: str, value: ArrayLike) -> FloatArray:
-    """Convert a value to an array of floats, or raise InputError."""
+    """Convert a value to an array of floats; raise InputError if this is not possible."""
     try:
         return np.array(value, dtype=float)
     except (TypeError, ValueError) as error:
@@ -325,7 +344,7 @@ def floats(name: str, value: ArrayLike) -> FloatArray:
 
 
 def _table(path: FilePath, rows: Any) -> tuple[int, list[list[float]]]:
-    """Return the number of dimensions of a CSV table, and its rows."""
+    """Return the number of dimensions and the rows of a CSV table."""
     names = [name.strip() for name in next(rows, [])]
     d = len(names) - 1
     if not 1 <= d <= 3 or names != ["t", *AXES[:d]]:

@@ -1,4 +1,4 @@
-"""Blocks of hands: motions and their parts, turns, single hands, guided hands, and joined hands."""
+"""Blocks of memory of hands: motions, rotations, single hands, guided hands, and joined hands."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ SINE, REACH, PATH, LEVELS, OTHER, TREMOR = range(1, 7)  # kinds of parts
 
 
 class Displacement(Record):
-    """A displacement and its rate at one time; a motion in d dimensions uses the first d components."""
+    """Displacement and rate of a motion at one time; a motion in d dimensions uses the first d components."""
 
     value: Vector  # x [m, rad]
     rate: Vector  # x' [m/s, rad/s]
 
 
 class MotionPart(Record):
-    """A term of a motion; the block of every kind of term begins with these fields."""
+    """Term of a motion; the blocks of all kinds of terms begin with these fields."""
 
     kind: int
     entries: int  # size of its block
@@ -25,7 +25,7 @@ class MotionPart(Record):
 
 
 class SinePart(MotionPart):
-    """a s((t - begin) / ramp) sin(w (t - begin)) u, with the minimum-jerk step s; zero before `begin`."""
+    """Term a s((t - begin) / ramp) sin(w (t - begin)) u, with the minimum-jerk step s; zero before `begin`."""
 
     amplitude: float  # a [m, rad]
     angular_frequency: float  # w = 2 pi f [rad/s]
@@ -35,7 +35,7 @@ class SinePart(MotionPart):
 
 
 class ReachPart(MotionPart):
-    """s((t - begin) / duration) times a displacement, with the minimum-jerk step s."""
+    """Term s((t - begin) / duration) displacement, with the minimum-jerk step s."""
 
     begin: float  # [s]
     duration: float  # [s]
@@ -43,7 +43,7 @@ class ReachPart(MotionPart):
 
 
 class PathPart(MotionPart):
-    """Cubics of the time since each time but the last; a row has d coefficients per power, from the third to 0."""
+    """Piecewise cubic path. Row k of `cubics` contains d coefficients of (t - times[k])^3, then ^2, ^1 and ^0."""
 
     times: Floats = floats("count")  # [s]
     cubics: Table = table("count - 1", "4 * dimensions")
@@ -51,7 +51,7 @@ class PathPart(MotionPart):
 
 
 class LevelsPart(MotionPart):
-    """Steps from level to level, in one dimension."""
+    """One-dimensional term with steps between levels."""
 
     begins: Floats = floats("count")  # [s]
     durations: Floats = floats("count")  # [s]
@@ -59,7 +59,7 @@ class LevelsPart(MotionPart):
 
 
 class TremorPart(MotionPart):
-    """Sines of random frequencies and phases, `count` on each axis."""
+    """Sum of `count` sines on each axis, with random frequencies and phases."""
 
     amplitude: float  # amplitude of each sine [m]
     begin: float  # [s]
@@ -69,13 +69,13 @@ class TremorPart(MotionPart):
 
 
 class OtherPart(MotionPart):
-    """A motion whose value at each time is written by the caller."""
+    """Third-party motion, whose present value is written by Python."""
 
     now: Displacement
 
 
 class Course(Record):
-    """A motion as the sum of its parts."""
+    """Motion as the sum of its terms."""
 
     count: int  # number of parts
     entries: int  # size of all parts
@@ -83,17 +83,17 @@ class Course(Record):
 
 
 class Turning(Record):
-    """A rotation of all targets about an axis through a point."""
+    """Rotation of all targets about an axis through a point."""
 
     course_entries: int
     centre: Vector  # c [m]
     axis: Vector  # u, of length one
-    now: Displacement  # angle now
-    angle: Course = room("course_entries")  # angle over time
+    now: Displacement  # present angle
+    angle: Course = room("course_entries")  # angle as a function of time
 
 
 class HandState(Record):
-    """A hand: n fingers in d dimensions; arrays are (n, d), finger by finger."""
+    """Hand with n fingers in d dimensions; arrays are (n, d), flattened finger by finger."""
 
     fingers: int  # n
     dimensions: int  # d
@@ -101,8 +101,8 @@ class HandState(Record):
     motion_entries: int
     turns: int  # number of turns
     turn_entries: int  # size of all turns
-    closing: Displacement  # squeeze now
-    shift: Displacement  # motion now
+    closing: Displacement  # present squeeze
+    shift: Displacement  # present motion
     position: Floats = floats("fingers * dimensions")  # r [m]
     velocity: Floats = floats("fingers * dimensions")  # r' [m/s]
     rest: Floats = floats("fingers * dimensions")  # [m]
@@ -113,7 +113,7 @@ class HandState(Record):
 
 
 class GuidedHandState(Record):
-    """A hand whose targets are offset by goals that change during a run, each smoothed by a follower."""
+    """Hand whose targets are displaced by goals, each smoothed by a follower."""
 
     fingers: int  # n
     dimensions: int  # d
@@ -121,7 +121,7 @@ class GuidedHandState(Record):
     lag: float  # time constant tau of the followers [s]
     time: float  # time of the followers [s]
     squeeze_goal: float  # [m]
-    squeeze: float  # state of its follower [m]
+    squeeze: float  # state of the follower of the squeeze [m]
     squeeze_rate: float  # [m/s]
     goal: Floats = floats("fingers * dimensions")  # goal of the offsets [m]
     lead: Floats = floats("fingers * dimensions")  # offsets, states of their followers [m]
@@ -130,12 +130,12 @@ class GuidedHandState(Record):
 
 
 class JoinedHandsState(Record):
-    """Several hands as one; their blocks follow this record."""
+    """Several hands as one hand; the blocks of the hands follow this record."""
 
     hands: int
     fingers: int  # total number n
     dimensions: int  # d
-    starts: Floats = floats("hands")  # offset of each block, negated if guided; 0 if the caller writes the targets
+    starts: Floats = floats("hands")  # offset of each block, negative for a guided hand; 0 for targets from Python
     position: Floats = floats("fingers * dimensions")  # r [m]
     velocity: Floats = floats("fingers * dimensions")  # r' [m/s]
     sources: Table = table("fingers", "2")  # offsets of each finger's r and r' from this record

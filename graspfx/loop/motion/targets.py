@@ -1,4 +1,4 @@
-"""Target positions of a hand's fingers: motions, squeeze and turns."""
+"""Kernels that compute the target positions of a hand's fingers from motions, squeeze and rotations."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from graspfx.spatial import ZERO, Matrix, Vector, cross
 
 
 def minimum_jerk(s: float) -> tuple[float, float]:
-    """Compute 10 s^3 - 15 s^4 + 6 s^5 and its derivative with respect to s; 0 for s < 0, 1 for s > 1.
+    """Compute the minimum-jerk step 10 s^3 - 15 s^4 + 6 s^5 and its derivative; the step is 0 for s < 0, 1 for s > 1.
 
-    Of all motions between two states of rest, this one has the smallest integral of squared jerk (T. Flash and N.
-    Hogan, The coordination of arm movements, J. Neuroscience 5(7), 1985).
+    Of all motions that start and end with zero velocity and acceleration, this motion has the smallest integral of the
+    squared jerk (T. Flash and N. Hogan, The coordination of arm movements, J. Neuroscience 5(7), 1985).
     """
     if s <= 0.0:
         return 0.0, 0.0
@@ -43,7 +43,14 @@ def minimum_jerk(s: float) -> tuple[float, float]:
 
 
 def step(since: float, duration: float) -> tuple[float, float]:
-    """Compute a minimum-jerk step from 0 to 1 and its rate [1/s], `since` [s] after its start; 1 for duration 0."""
+    """Compute a minimum-jerk step from 0 to 1 and its rate [1/s].
+
+    If the duration is zero, the step is 1 and the rate is 0.
+
+    Args:
+        since: Time since the start of the step [s].
+        duration: Duration of the step [s].
+    """
     if duration > 0.0:
         s, ds = minimum_jerk(since / duration)
         return s, ds / duration
@@ -52,7 +59,7 @@ def step(since: float, duration: float) -> tuple[float, float]:
 
 @kernel
 def count_until(times: Floats, count: int, t: float) -> int:
-    """Count the elements of increasing `times` that are <= t."""
+    """Count the times that are not later than t; `times` must be increasing."""
     low, high = 0, count
     while low < high:
         middle = (low + high) // 2
@@ -68,7 +75,7 @@ def count_until(times: Floats, count: int, t: float) -> int:
 
 @kernel
 def add_sine(part: SinePart, t: float, now: Displacement) -> None:
-    """Add the displacement and rate of a sine at time t."""
+    """Add the displacement and rate of a sine at the time t."""
     since = t - part.begin
     if since < 0.0:
         return
@@ -83,7 +90,7 @@ def add_sine(part: SinePart, t: float, now: Displacement) -> None:
 
 @kernel
 def add_reach(part: ReachPart, t: float, now: Displacement) -> None:
-    """Add the displacement and rate of a reach at time t."""
+    """Add the displacement and rate of a reach at the time t."""
     s, ds = step(t - part.begin, part.duration)
     for j in range(part.dimensions):
         now.value[j] += s * part.displacement[j]
@@ -92,7 +99,7 @@ def add_reach(part: ReachPart, t: float, now: Displacement) -> None:
 
 @kernel
 def add_path(part: PathPart, t: float, now: Displacement) -> None:
-    """Add a path: the cubic of the interval that contains t, or the nearer end."""
+    """Add the displacement and rate of a path at the time t; outside the path's times, the nearest end point."""
     count, d = part.count, part.dimensions
     times, cubics, last = part.times, part.cubics, part.last
     if t >= times[count - 1]:
@@ -113,7 +120,7 @@ def add_path(part: PathPart, t: float, now: Displacement) -> None:
 
 @kernel
 def add_levels(part: LevelsPart, t: float, now: Displacement) -> None:
-    """Add the level that was reached last, or the value and rate of the step that is under way."""
+    """Add the displacement and rate of steps between levels at the time t."""
     count, durations, levels = part.count, part.durations, part.levels
     k = count_until(part.begins, count, t) - 1
     level = levels[k + 1]
@@ -131,7 +138,7 @@ def add_levels(part: LevelsPart, t: float, now: Displacement) -> None:
 
 @kernel
 def add_tremor(part: TremorPart, t: float, now: Displacement) -> None:
-    """Add the displacement and rate of a tremor at time t."""
+    """Add the displacement and rate of a tremor at the time t."""
     since = t - part.begin
     if since < 0.0:
         return
@@ -150,7 +157,7 @@ def add_tremor(part: TremorPart, t: float, now: Displacement) -> None:
 
 @kernel
 def add_other(part: OtherPart, now: Displacement) -> None:
-    """Add a motion written by the caller."""
+    """Add the displacement and rate of a third-party motion, which Python has written."""
     for j in range(part.dimensions):
         now.value[j] += part.now.value[j]
         now.rate[j] += part.now.rate[j]
@@ -158,7 +165,7 @@ def add_other(part: OtherPart, now: Displacement) -> None:
 
 @kernel
 def displace(course: Course, t: float, now: Displacement) -> None:
-    """Compute the offset of a motion and its rate at the time t: the sum of its parts."""
+    """Compute the displacement and rate of a motion at the time t, as the sum of its terms."""
     now.value = ZERO
     now.rate = ZERO
     at = course.parts.offset
@@ -185,13 +192,13 @@ def displace(course: Course, t: float, now: Displacement) -> None:
 
 @inline
 def vector_at(components: Floats, i: int) -> Vector:
-    """Read vector i of an array of vectors in space."""
+    """Return vector i of an array of three-dimensional vectors."""
     return Vector(components[3 * i], components[3 * i + 1], components[3 * i + 2])
 
 
 @inline
 def axis_matrix(u: Vector, cos: float, sin: float) -> Matrix:
-    """Compute the rotation about the unit vector u: u u' + cos (I - u u') + sin [u]x."""
+    """Compute the rotation matrix u u' + cos (I - u u') + sin [u]x about the unit vector u."""
     x, y, z = u.x, u.y, u.z
     xx, yy, zz = x * x + cos * (1.0 - x * x), y * y + cos * (1.0 - y * y), z * z + cos * (1.0 - z * z)
     xy, xz, yz = x * y * (1.0 - cos), x * z * (1.0 - cos), y * z * (1.0 - cos)
@@ -201,7 +208,7 @@ def axis_matrix(u: Vector, cos: float, sin: float) -> Matrix:
 
 @kernel
 def turn_plane(turning: Turning, position: Floats, velocity: Floats, n: int) -> None:
-    """Rotate positions and velocities (n, 2) about z through the centre, by the present angle and its rate."""
+    """Rotate positions and velocities (n, 2) about the centre by the present angle and its rate."""
     angle, rate, c = turning.now.value.x, turning.now.rate.x, turning.centre
     sin, cos = elementary.sin_cos(angle)
     for i in range(n):
@@ -230,9 +237,11 @@ def turn_space(turning: Turning, position: Floats, velocity: Floats, n: int) -> 
 
 @kernel
 def turn(turning: Turning, t: float, position: Floats, velocity: Floats, n: int, d: int) -> int:
-    """Rotate positions and velocities (n, d) in place; return 0 if the angle and its rate are zero, else 1.
+    """Rotate positions r and velocities v (n, d) in place by the angle at the time t; return 1 if they change, else 0.
 
-    r -> c + R (r - c), v -> R v + angle' u x R (r - c), R = u u' + cos (I - u u') + sin [u]x.
+        r -> c + R (r - c),   v -> R v + angle' u x R (r - c),   R = u u' + cos (I - u u') + sin [u]x
+
+    for the centre c, the unit vector u along the axis, and cos and sin of the angle.
     """
     displace(turning.angle, t, turning.now)
     if turning.now.value.x == 0.0 and turning.now.rate.x == 0.0:
@@ -249,7 +258,7 @@ def turn(turning: Turning, t: float, position: Floats, velocity: Floats, n: int,
 
 @kernel
 def target(hand: HandState, t: float) -> None:
-    """Compute the target positions r of a hand and their rates r' at time t (`graspfx.loop.hand.Hand`)."""
+    """Compute the target positions r and velocities r' of a hand at the time t (`graspfx.loop.hand.Hand`)."""
     if hand.turns == 0 and hand.motion.count == 0 and hand.squeeze.count == 0:
         return  # r is constant and was written when the hand was made
     displace(hand.squeeze, t, hand.closing)
@@ -259,7 +268,7 @@ def target(hand: HandState, t: float) -> None:
 
 @kernel
 def arrange(hand: HandState, t: float) -> None:
-    """Compute r and r' of a hand at time t from the squeeze and the motion in its block."""
+    """Compute r and r' of a hand from the present squeeze and motion in the block, and rotations at the time t."""
     n, d, turns = hand.fingers, hand.dimensions, hand.turns
     closing, shift = hand.closing, hand.shift
     position, velocity, rest, along = hand.position, hand.velocity, hand.rest, hand.along
@@ -288,7 +297,7 @@ def arrange(hand: HandState, t: float) -> None:
 
 @kernel
 def follow_goals(guide: GuidedHandState, t: float) -> None:
-    """Advance the followers of a guided hand to time t, unless they have reached it."""
+    """Advance the followers of a guided hand to the time t; do nothing if t is not later than their present time."""
     h = t - guide.time
     if h <= 0.0:
         return
@@ -303,7 +312,7 @@ def follow_goals(guide: GuidedHandState, t: float) -> None:
 
 @kernel
 def guided_target(guide: GuidedHandState, t: float) -> None:
-    """Compute r and r' of a guided hand at time t (`graspfx.loop.guided_hand.GuidedHand`)."""
+    """Compute r and r' of a guided hand at the time t (`graspfx.loop.guided_hand.GuidedHand`)."""
     follow_goals(guide, t)
     hand = guide.hand
     displace(hand.squeeze, t, hand.closing)
@@ -321,7 +330,7 @@ def guided_target(guide: GuidedHandState, t: float) -> None:
 
 @kernel
 def joined_guided_target(joined: JoinedHandsState, t: float) -> None:
-    """Compute r and r' of joined hands, some of them guided (`graspfx.loop.hand.JoinedHands`)."""
+    """Compute r and r' of joined hands with guided hands at the time t (`graspfx.loop.hand.JoinedHands`)."""
     for h in range(joined.hands):
         start = int(joined.starts[h])
         if start < 0:
@@ -331,7 +340,10 @@ def joined_guided_target(joined: JoinedHandsState, t: float) -> None:
 
 @kernel
 def joined_target(joined: JoinedHandsState, t: float) -> None:
-    """Compute r and r' of joined hands, after those of its guided hands (`graspfx.loop.hand.JoinedHands`)."""
+    """Compute r and r' of joined hands at the time t (`graspfx.loop.hand.JoinedHands`).
+
+    The targets of guided hands must have been computed before.
+    """
     d = joined.dimensions
     for h in range(joined.hands):
         start = int(joined.starts[h])

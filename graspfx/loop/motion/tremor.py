@@ -1,4 +1,4 @@
-"""A tremor: sines in a narrow frequency band with random phases, reproducible by a seed."""
+"""Tremor of a hand: sines in a narrow frequency band with random phases that are determined by a seed."""
 
 from __future__ import annotations
 
@@ -20,21 +20,22 @@ SINES = 16  # number of sines of a tremor on one axis
 
 
 class Tremor(_Parts):
-    """x_a(t) = A s((t - begin)/ramp) sqrt(2/N) sum_k sin(2 pi f_ak t + phi_ak) on each axis a, zero before `begin`.
+    """Tremor x_a(t) = A s((t - begin)/ramp) sqrt(2/N) sum_k sin(2 pi f_ak t + phi_ak) on axis a; zero before `begin`.
 
-    s is the minimum-jerk step. One frequency is drawn from each of N = 16 equal parts of the band; the phases are
-    uniform. By the central limit theorem x is nearly Gaussian, with a flat spectrum over the band and a long-time root
-    mean square A (M. Shinozuka, Simulation of multivariate and multidimensional random processes, J. Acoustical Society
-    of America 49, 1971). x depends on time only, not on the sampling period.
+    s is the minimum-jerk step. The N = 16 frequencies f_ak are drawn at random, one from each of N equal parts of a
+    frequency band, and the phases phi_ak are drawn from a uniform distribution. By the central limit theorem, x_a is
+    nearly Gaussian. The spectrum is flat over the band, and the root mean square over a long time is A (M. Shinozuka,
+    Simulation of multivariate and multidimensional random processes, J. Acoustical Society of America 49, 1971). x_a
+    does not depend on the sampling period.
 
     Args:
         amplitude: Root mean square A on each axis [m].
-        frequency: Centre of the band [Hz].
-        width: Width of the band [Hz]; zero for a single sine.
+        frequency: Centre of the frequency band [Hz].
+        width: Width of the frequency band [Hz]; zero for a single sine.
         dimensions: Number of dimensions d.
-        seed: Seed of the random numbers, whole numbers of zero or more.
+        seed: Seed of the random numbers, a sequence of integers of zero or more.
         begin: Start time [s].
-        ramp: Time over which the tremor fades in by a minimum-jerk step [s].
+        ramp: Time during which the amplitude increases to A [s].
     """
 
     def __init__(
@@ -71,7 +72,7 @@ class Tremor(_Parts):
         super().__init__(dimensions, [Part(part.buffer)])
 
     def over(self, times: FloatArray) -> FloatArray:
-        """Compute the offsets at times (M,), (M, d) [m]; they equal those of `at` up to rounding."""
+        """Compute the offsets (M, d) [m] at times (M,) [s]; except for rounding, they equal the offsets of `at`."""
         part = TremorPart(self.parts[0].entries)
         frequency = part.array(TremorPart.frequency).reshape(part.dimensions, part.count)
         phase = part.array(TremorPart.phase).reshape(part.dimensions, part.count)
@@ -81,10 +82,10 @@ class Tremor(_Parts):
 
 
 def random_sines(seed: Sequence[int], low: float, high: float, count: int) -> tuple[FloatArray, FloatArray]:
-    """Draw one frequency [Hz] from each of `count` equal parts of a band, and phases [rad]: (count,) each.
+    """Draw one frequency [Hz] from each of `count` equal parts of a band, and as many phases [rad], (count,) each.
 
     Args:
-        seed: Seed, whole numbers of zero or more.
+        seed: Seed of the random numbers, a sequence of integers of zero or more.
         low, high: Ends of the band [Hz].
         count: Number of sines.
     """

@@ -1,4 +1,4 @@
-"""Turns of a hand: rotations of all its targets about a fixed axis by an angle that varies in time."""
+"""Rotation of all targets of a hand about a fixed axis by an angle that varies in time."""
 
 from __future__ import annotations
 
@@ -15,25 +15,29 @@ FloatArray = NDArray[np.float64]
 
 
 class Turn:
-    """r -> c + R (r - c) and r' -> R r' + angle' u x R (r - c), where R is the rotation by angle(t) about u.
+    """Rotation of the target positions r and velocities r' of a hand:
+
+        r -> c + R (r - c),   r' -> R r' + angle' u x R (r - c)
+
+    where c is the centre and R the rotation matrix by angle(t) about the axis u.
 
     Args:
         angle: Angle as a one-dimensional motion [rad].
         centre: Centre c, (2,) or (3,) [m].
-        axis: Direction u, (3,) of any length above zero, or the number 0, 1 or 2 of an axis; None in 2-D, where it is
-            z.
+        axis: Axis u, a vector (3,) of any length above zero, or the number 0, 1 or 2 of an axis. It must be None in two
+            dimensions, where the axis is z.
     """
 
     def __init__(self, angle: Motion, centre: ArrayLike, axis: int | ArrayLike | None = None) -> None:
         c = floats("centre", centre)
         if c.shape not in ((2,), (3,)) or not np.isfinite(c).all():
-            raise InputError("centre", centre, "finite components (2,) or (3,) of a point [m]")
+            raise InputError("centre", centre, "a point with finite components (2,) or (3,) [m]")
         if angle.dimensions not in (None, 1):
             raise InputError("angle", angle.dimensions, "a one-dimensional motion, the angle [rad]")
         self.dimensions = d = len(c)
         if d == 2:
             if axis is not None:
-                raise InputError("axis", axis, "no axis, because in 2-D it is always z")
+                raise InputError("axis", axis, "None, because the axis is always z in two dimensions")
             u = direction(2, 3)
         else:
             if axis is None:
@@ -48,15 +52,17 @@ class Turn:
 
     @property
     def laid_out(self) -> CourseBlock:
-        """The turn, laid out as a `Turning`."""
+        """Block of the rotation, with the structure of `Turning`."""
         _, structure, others = self._course
         start = start_of(Turning, "angle")
         fixed = np.append(start + structure, entries_of(Turning, "course_entries"))
         return CourseBlock(self._entries, fixed, [(start + at, angle) for at, angle in others])
 
     def turned(self, time: float, r: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Rotate positions (n, d) [m] and velocities (n, d) [m/s]; return the same arrays while the angle and its rate
-        are zero."""
+        """Return positions (n, d) [m] and velocities (n, d) [m/s] rotated by the angle at a time [s].
+
+        If the angle and its rate are zero, the given arrays are returned.
+        """
         block, position, velocity = self._entries.copy(), np.array(r, dtype=float), np.array(v, dtype=float)
         self._course.ask(block, start_of(Turning, "angle"), time)
         places = Floats(position.reshape(-1).data), Floats(velocity.reshape(-1).data)

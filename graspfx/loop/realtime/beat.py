@@ -1,8 +1,7 @@
-"""One turn of the native loop: wait, ask, read, compute, write, record. The Python loop takes the same steps.
+"""Turns of the native loop: wait, request readings, read, compute, write, record. The Python loop takes the same steps.
 
-`beat` runs turns of any scene whose devices offer C functions. It iterates over the ports of its `Beat`. The fields
-of the `Beat`, like those of its `World`, are indices into the scene's arena. The source of `beat` also runs
-interpreted.
+`beat` runs the turns of any scene whose devices have C functions. Fields of `Beat` that are places, like those of
+`World`, are indices into the arena of the scene. The source of `beat` can also be interpreted.
 """
 
 from __future__ import annotations
@@ -39,26 +38,26 @@ from graspfx.loop.world import NATIVE, NONE, ServoState, World, latch
 if TYPE_CHECKING:
     from graspfx.compile.native import Native
 
-# Words of a loop: whether it ends before the next tick, whether it must stop softly, whether forces are no longer
-# allowed, whether this call is the last, whether a call of the loop is in progress, and which device call occupies
-# its thread, counted as by `DevicePort.place`, 0 for none.
+# Words of a loop: whether the loop ends before the next tick, whether forces must decay and the loop then ends, whether
+# forces are no longer allowed, whether the loop is over for a vendor's thread, whether a call of the loop is in
+# progress, and the number of the device call in progress (`DevicePort.place`), 0 if there is none.
 HALT, STOP, QUIT, OVER, BUSY, CALLED = range(6)
 WORDS = 6
 HEAD, STOPPED, SKIPPED = Word.HEAD.value, Word.STOP.value, Word.SKIPPED.value  # places in the ring's words
 
 
 class Port(Record):
-    """A device in the loop."""
+    """Device in the loop."""
 
-    state: int  # place of its `PortState`
+    state: int  # place of the device's `PortState`
     functions: Floats = floats("8")  # ask, read, write, stop: bits of a function's address and context, not numbers
 
 
 class Beat(Record):
-    """Memory of a turn; unless stated otherwise, the fields are indices into the arena."""
+    """Memory of the loop; fields without another description are places in the arena."""
 
     tick: int  # next tick
-    span: int  # ticks that the ring holds
+    span: int  # number of ticks whose rows fit into the ring
     code: int  # address of `steps`
     nested: bool  # whether devices are written in the reverse order of asking
     rows: int
@@ -74,9 +73,9 @@ class Beat(Record):
 
 @kernel
 def beat(loop: Beat) -> int:
-    """Run one turn if a vendor's thread calls, else all turns until the loop ends.
+    """Run one turn if a vendor's thread calls the loop, otherwise all turns until the loop ends.
 
-    Return 0, without a turn, once the loop is over (`OVER`), else 1.
+    If the loop is over (`OVER`), no turn is run and the result is 0; otherwise the result is 1.
     """
     publish(loop.buffer, loop.own + BUSY, 1)
     again = 1
@@ -97,7 +96,7 @@ def beat(loop: Beat) -> int:
 
 @kernel
 def goes_on(loop: Beat) -> int:
-    """Return 1 if another tick is run, else 0."""
+    """Return 1 if another tick must be run, otherwise 0."""
     if peek(loop.buffer, loop.own + HALT) != 0:
         return 0
     servo = ServoState(loop.buffer, World(loop.buffer, loop.world).servo)
@@ -110,7 +109,7 @@ def goes_on(loop: Beat) -> int:
 
 @kernel
 def turn(loop: Beat, k: int) -> None:
-    """Run tick k."""
+    """Wait for the deadline of tick k, exchange with the devices, and run the tick."""
     world, clock = World(loop.buffer, loop.world), ClockState(loop.buffer, loop.clock)
     servo = ServoState(loop.buffer, world.servo)
     deadline = set_deadline(clock, now(loop.buffer))
@@ -140,7 +139,7 @@ def turn(loop: Beat, k: int) -> None:
     head = peek(loop.buffer, loop.ring + HEAD)
     sound = not servo.faulted
     run_tick(loop, k, head % loop.span)
-    if sound and servo.faulted:  # a computation that failed cannot continue: its forces end now
+    if sound and servo.faulted:  # the computation failed and cannot continue, so forces end now
         stop_all(loop, k)
     publish(loop.buffer, loop.ring + HEAD, head + 1)
     publish(loop.buffer, loop.ring + SKIPPED, clock.skipped)
@@ -149,13 +148,13 @@ def turn(loop: Beat, k: int) -> None:
 
 @kernel
 def run_tick(loop: Beat, k: int, row: int) -> None:
-    """Run tick k up to the point where devices are written, or the rest of the tick."""
+    """Run a part of tick k: in the first call, up to the writing of devices; in the second call, the rest."""
     run_steps(loop.buffer, loop.code, loop.rows, loop.world, k, row)
 
 
 @kernel
 def read_all(loop: Beat, servo: ServoState, k: int, periods: int) -> None:
-    """Ask all devices, then read them; a failed device is neither asked nor read again."""
+    """Request a reading of each device that has not failed, then read all these devices."""
     memory, world = Floats(loop.buffer, 0), World(loop.buffer, loop.world)
     devices, pace = world.devices, Pace(loop.buffer, world.pace)
     misses = pace.misses
@@ -189,7 +188,7 @@ def read_all(loop: Beat, servo: ServoState, k: int, periods: int) -> None:
 
 @kernel
 def note_fresh(loop: Beat, world: World, i: int, fresh: float) -> None:
-    """Record whether a device's fingers have a new sample."""
+    """Record whether the fingers of device i have a new sample."""
     if loop.times != NONE:
         device, entries = world.devices[i], LoopState(loop.buffer, loop.times).fresh
         for c in range(device.first, device.first + device.count):
@@ -198,9 +197,10 @@ def note_fresh(loop: Beat, world: World, i: int, fresh: float) -> None:
 
 @kernel
 def display(loop: Beat, servo: ServoState, k: int) -> None:
-    """Write forces until a device fails; after a fault, stop all devices.
+    """Write the forces to the devices until a device fails; then stop all devices.
 
-    If Python has stopped the devices because a function did not return, they are stopped again when it returns.
+    If Python has stopped the devices because a device function did not return, and this function returns later, all
+    devices are stopped again.
     """
     if not servo.faulted:
         began = now(loop.buffer)
@@ -217,7 +217,7 @@ def display(loop: Beat, servo: ServoState, k: int) -> None:
 
 @kernel
 def stop_all(loop: Beat, k: int) -> None:
-    """Stop all devices, those without a fault first; repeat a failed stop once."""
+    """Stop all devices, beginning with the devices that have not failed; if a stop fails, repeat it once."""
     for j in range(loop.port_count):
         i = closing(loop, j)
         state = PortState(loop.buffer, loop.ports[i].state)
@@ -237,10 +237,10 @@ def stop_all(loop: Beat, k: int) -> None:
 
 @kernel
 def stop_port(loop: Beat, state: PortState, i: int) -> int:
-    """Stop a device and return the code of its function.
+    """Stop a device and return the code that its function returns.
 
-    In a vendor's thread a device that has not been asked is asked first: `ask` opens a frame, `write` and `stop` close
-    it, and a force can be set only in a frame.
+    In a vendor's thread, a force can only be set in a frame, which `ask` opens and `write` or `stop` closes. If the
+    frame is not open, `ask` is therefore called first.
     """
     if loop.nested and not state.is_asked:
         call_port(loop, loop.ports[i], i, 0, state.raw.offset)
@@ -250,13 +250,13 @@ def stop_port(loop: Beat, state: PortState, i: int) -> int:
 
 @kernel
 def closing(loop: Beat, j: int) -> int:
-    """Return the index of the device that is the j-th to be written and stopped."""
+    """Return the index of the j-th device in the order in which devices are written and stopped."""
     return loop.port_count - 1 - j if loop.nested else j
 
 
 @kernel
 def write(loop: Beat, servo: ServoState, i: int, k: int) -> None:
-    """Write a device's forces, reduced to its limit; a force that is not finite is a fault and is not written."""
+    """Write the forces of device i, reduced to the device's limit; a non-finite force is a fault and is not written."""
     port, device = loop.ports[i], World(loop.buffer, loop.world).devices[i]
     state = PortState(loop.buffer, port.state)
     half = state.entries
@@ -274,7 +274,15 @@ def write(loop: Beat, servo: ServoState, i: int, k: int) -> None:
 
 @kernel
 def call_port(loop: Beat, port: Port, i: int, which: int, block: int) -> int:
-    """Call a device's function (ask, read, write or stop, by number), and record that it occupies the thread."""
+    """Call a function of device i, and publish the number of this call while it is in progress.
+
+    Args:
+        loop: Memory of the loop.
+        port: Device i.
+        i: Index of the device.
+        which: 0 for ask, 1 for read, 2 for write, 3 for stop.
+        block: Place of the block that is passed to the function.
+    """
     publish(loop.buffer, loop.own + CALLED, 1 + 4 * i + which)
     return call_device(loop.buffer, port.functions.offset + 2 * which, block)
 
@@ -290,7 +298,7 @@ def now(buffer: Any) -> float:
 
 @bound_late
 def sleep_until(buffer: Any, deadline: float) -> int:
-    """Wait until the clock reaches a time."""
+    """Wait until a time of the monotonic clock [s]."""
     while (left := deadline - now(buffer)) > 0.0:
         time.sleep(left)
     return 0
@@ -298,26 +306,26 @@ def sleep_until(buffer: Any, deadline: float) -> int:
 
 @bound_late
 def call_device(buffer: Any, words: int, block: int) -> int:
-    """Call a C function with its context and the address of a block; return 0 if there is no function."""
+    """Call a C function with its context and the address of a block; return its code, 0 if there is no function."""
     function, context = _bits(buffer[words]), _bits(buffer[words + 1])
     return int(_CALLED(function)(context, buffer.address(block))) if function else 0
 
 
 @bound_late
 def run_steps(buffer: Any, code: int, rows: int, world: int, k: int, row: int) -> int:
-    """Run `steps` for tick k, up to the point where devices are written, or for the rest of the tick."""
+    """Run a part of tick k by `steps` (see `run_tick`)."""
     return int(buffer.steps(k, 1, row))
 
 
 @bound_late
 def peek(buffer: Any, place: int) -> int:
-    """Read a word that another thread may write."""
+    """Return a word that another thread may write."""
     return _bits(buffer[place])
 
 
 @bound_late
 def publish(buffer: Any, place: int, number: int) -> int:
-    """Write a word; a thread that reads the new value also sees everything written before it."""
+    """Write a word; a thread that reads the new value also sees everything that was written before."""
     buffer[place] = struct.unpack("d", struct.pack("q", number))[0]
     return 0
 
@@ -331,11 +339,11 @@ def _bits(number: float) -> int:
 
 
 class Reach(Scattered):
-    """All memory of a loop as one buffer, for kernels that run interpreted.
+    """All memory of a loop as one buffer, for interpreted kernels.
 
     Args:
         memory: Memory of the scene.
-        arrays: Arrays outside of that memory.
+        arrays: Arrays that are not in this memory.
         steps: Function that runs ticks, like `Engine.run`.
     """
 
@@ -350,7 +358,7 @@ class Reach(Scattered):
 
 @cache
 def program() -> Native:
-    """Load the program of all loops, or compile it once per version and machine."""
+    """Load the compiled program of the native loop; if it is not found, compile and store it."""
     from graspfx.compile import library
     from graspfx.compile.native import compiled
 
@@ -358,5 +366,5 @@ def program() -> Native:
 
 
 def source() -> str:
-    """Return the Python source of the program of all loops: run(arena, loop)."""
+    """Return the Python source of the program run(arena, loop) of the native loop."""
     return program_source("def run(loop):\n    return beat(arena, loop)", {"beat": beat}, ["arena"])

@@ -1,4 +1,4 @@
-"""Life cycle of hardware in a run: choice of the loop, opening, the check that devices are at rest, and closing."""
+"""Life cycle of hardware in a run: choice of the loop, opening, the check that fingers are at rest, and closing."""
 
 from __future__ import annotations
 
@@ -25,25 +25,22 @@ from graspfx.progress import waiting
 
 FloatArray = NDArray[np.float64]
 
-DURATION = 0.2  # shortest time for which devices are read before a run [s]
-LEAST = 20  # and smallest number of readings
-FRESH = 0.95  # fraction of the readings that must bring a new sample
-STILL = 0.1  # largest speed of a finger at rest, from its velocity and from its positions [m/s]
-SPAN = 0.01  # shortest time between two of these positions, which are at least four new samples apart [s]
-DRIFT = 0.001  # largest displacement while a recording is opened [m]
-SAME = 1e-6  # tolerance of a rate times the period
+DURATION = 0.2  # shortest time during which devices are read before a run [s]
+LEAST = 20  # smallest number of readings before a run
+FRESH = 0.95  # fraction of the readings that must contain a new sample
+STILL = 0.1  # largest speed of a finger at rest, from reported velocities and from positions [m/s]
+SPAN = 0.01  # shortest time between two compared positions, which are at least four new samples apart [s]
+DRIFT = 0.001  # largest displacement of a finger while a recording is opened [m]
+SAME = 1e-6  # tolerance of the product of rate and period
 HAS_NATIVE = sys.platform.startswith("linux")  # whether the system supports the loop without Python
 DO = "hold the device still inside its workspace, and start again"
 
 
 def require_simulations(hardware: Sequence[str]) -> None:
-    """Reject hardware in a run that is not in real time.
+    """Raise InputError if a scene that is not run in real time has hardware.
 
     Args:
-        hardware: Names of the scene's devices that are not simulations.
-
-    Raises:
-        InputError: If there is a device other than a simulation.
+        hardware: Names of the devices in the scene that are not simulated.
     """
     if hardware:
         raise InputError(
@@ -58,14 +55,14 @@ def require_simulations(hardware: Sequence[str]) -> None:
 def why_python(
     stations: Sequence[DeviceWiring], fingers: Sequence[str], engine: str, period: float, arena: Arena | None
 ) -> str:  # fmt: skip
-    """Return the reason why Python runs between two ticks in real time; empty if machine code runs alone.
+    """Return the reason why Python runs between the ticks of a real-time run; empty if only machine code runs.
 
     Args:
         stations: Devices of the scene.
         fingers: Names of the fingers.
         engine: Name of the engine.
         period: Sampling period T [s].
-        arena: Arena of the scene; None to consider the devices only.
+        arena: Arena of the scene; None to consider only the devices.
     """
     hardware = [each for each in stations if is_hardware(each.device)]
     if not hardware:
@@ -81,7 +78,7 @@ def why_python(
         if why:
             return f"{device_name(station, fingers)} {why}"
     if len({each.device.thread for each in hardware if isinstance(each.device, DrivingDevice)}) > 1:
-        return "two of its devices are driven by different vendors' threads"
+        return "two of its devices are called by the threads of different vendors' libraries"
     return "" if arena is None else _why_arena(arena, stations, fingers)
 
 
@@ -90,9 +87,9 @@ def _why_device(station: DeviceWiring, period: float) -> str:
     if not isinstance(device, CallsDevice):
         return "offers no C functions (`calls`)"
     if isinstance(device, LimitedDevice):
-        return "has a position-dependent force limit, which C functions cannot report"
+        return "has a force limit that depends on position, which C functions cannot report"
     if fitting.deadman is not None or fitting.every > 1:
-        return "has a deadman switch or a lower rate in the scene, which C functions do not support"
+        return "has a deadman switch or a rate below that of the scene, which C functions do not support"
     if isinstance(device, RawDevice) or device.features.switches:
         return "reports switches or raw values, which C functions cannot report"
     rate = device.features.rate
@@ -111,15 +108,15 @@ def _why_arena(arena: Arena, stations: Sequence[DeviceWiring], fingers: Sequence
         if plain:
             return f"{part} is moved by plain Python or other software"
     if foreign_kernels({str(i): each.kernel for i, each in enumerate(arena.foreign)}):
-        return "third-party kernels are checked in the first ticks"
+        return "third-party kernels are interpreted and checked in the first ticks"
     return ""
 
 
 def loop_text(why: str, stations: Sequence[DeviceWiring]) -> str:
-    """Return a description of the loop of a real-time run and the reason for it.
+    """Return the kind of the loop of a real-time run, and the reason why this kind is used.
 
     Args:
-        why: Reason why Python runs in the loop; empty if it does not.
+        why: Reason why Python runs between the ticks; empty if only machine code runs.
         stations: Devices of the scene.
     """
     if why:
@@ -134,12 +131,12 @@ def loop_text(why: str, stations: Sequence[DeviceWiring]) -> str:
 
 @contextmanager
 def opened(devices: DeviceExchange, period: float) -> Iterator[None]:
-    """Open devices one after another; on exit, stop all of them, then close all of them.
+    """Open the devices one after another; on exit, first stop all devices, then close all devices.
 
-    If a device cannot be closed, a warning is logged; its `stop` was called before.
+    If a device cannot be closed, a warning is issued.
 
     Raises:
-        DeviceError: If a device does not open; it and those opened before it are stopped and closed.
+        DeviceError: If a device cannot be opened; this device and all devices that are open are stopped and closed.
     """
     begun = DeviceExchange([])
     begun.exits = devices.exits
@@ -168,12 +165,12 @@ def opened(devices: DeviceExchange, period: float) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Rest:
-    """State of hardware that was found at rest.
+    """State of hardware whose fingers are at rest.
 
     Attributes:
-        positions: Position (d,) of each finger of hardware, by the finger's index in the scene [m].
-        round_trip: Median time to read and write all devices [s].
-        fresh: Smallest fraction, over the devices, of readings with a new sample.
+        positions: Position (d,) [m] of each finger that hardware moves, by the index of the finger in the scene.
+        round_trip: Median of the time to read and write all devices [s].
+        fresh: Fraction of readings that contain a new sample, of the device for which it is smallest.
     """
 
     positions: dict[int, FloatArray]
@@ -182,11 +179,11 @@ class Rest:
 
 
 def settle(devices: DeviceExchange, period: float, clock: Clock) -> Rest:
-    """Read devices at zero force, for at least 0.2 s and 20 readings, and require that they are at rest.
+    """Read the devices at zero force for at least 0.2 s and 20 readings, and check that all fingers are at rest.
 
     Raises:
-        DeviceError: If a reading or a writing fails, a finger moves or is outside its workspace, there are too few
-            new samples, or a deadman switch is released.
+        DeviceError: If a device cannot be read or written, a finger moves or is outside its workspace, too few readings
+            contain a new sample, or a deadman switch is released.
         Interruption: If a signal arrives.
     """
     pacer, trips = Pacer(period, clock), list[float]()
@@ -220,10 +217,15 @@ def settle(devices: DeviceExchange, period: float, clock: Clock) -> Rest:
 
 
 def look_again(devices: DeviceExchange, rest: Rest, periods: int) -> dict[int, FloatArray]:
-    """Read devices once more, `periods` periods after they came to rest, and return their fingers' positions.
+    """Read the devices again, and return the positions of their fingers, by index.
+
+    Args:
+        devices: Devices, whose fingers were at rest.
+        rest: Result of `settle`.
+        periods: Number of sampling periods since the last reading.
 
     Raises:
-        DeviceError: If a reading is faulty, a deadman switch is released, or a finger has moved by more than 1 mm.
+        DeviceError: If a reading is invalid, a deadman switch is released, or a finger has moved by more than 1 mm.
     """
     _require(devices.read(periods))
     _require([_up(each) for each in devices.ports])
@@ -237,7 +239,7 @@ def look_again(devices: DeviceExchange, rest: Rest, periods: int) -> dict[int, F
 
 
 def positions(devices: DeviceExchange) -> dict[int, FloatArray]:
-    """Return the last position of each finger in the scene (d,) [m], by the finger's index."""
+    """Return the last position (d,) [m] of each finger in the scene's coordinates, by the index of the finger."""
     return {
         finger: each.places[channel].copy()
         for each in devices.ports
@@ -253,7 +255,7 @@ def _require(faults: list[str]) -> None:
 
 
 def _speed(track: list[tuple[int, FloatArray]], period: float) -> float:
-    """Compute the largest speed along an axis [m/s] from positions and their times, ignoring reported velocities."""
+    """Compute the largest speed along an axis [m/s] from pairs of positions and times [periods]."""
     pairs = zip(track, track[max(4, math.ceil(SPAN / period)) :], strict=False)
     return max((float(np.abs(q - p).max()) / ((m - k) * period) for (k, p), (m, q) in pairs), default=0.0)
 

@@ -1,4 +1,4 @@
-"""Columns that a real-time run records besides the motion: each tick's times, device states and new samples."""
+"""Columns that only a real-time run records: times of ticks, new samples, and switches and raw values of devices."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ FloatArray = NDArray[np.float64]
 
 
 class LoopState(Record):
-    """Block that a loop fills in each tick, and that is then copied to the tick's row.
+    """Block that a real-time loop fills in each tick before it is copied to the row of the tick.
 
-    The exchange with Python devices fills `switches` and `raw`; a device without raw values has no entries in `raw`.
-    `largest` stays infinite, because a reported force limit is copied to the row from the memory of its device.
+    `switches` and `raw` are filled only with Python devices; a device without raw values has no entries in `raw`.
+    `largest` remains infinite; the largest force that a device reports is copied to the row from the device's memory.
     """
 
     fingers: int  # n
     devices: int
     raws: int  # number of raw values of all devices, in the order of the devices
     wall: float  # time since the first tick [s]
-    late: float  # time after its deadline [s]
-    io_read: float  # duration of asking and reading all devices [s]
-    io_write: float  # duration of writing all devices [s]
-    skipped: int  # periods skipped before the tick
+    late: float  # time of the tick after its deadline [s]
+    io_read: float  # duration of reading from all devices, including requests [s]
+    io_write: float  # duration of writing to all devices [s]
+    skipped: int  # number of periods skipped before the tick
     fresh: Floats = floats("fingers")  # 1 if the reading contained a new sample
     largest: Floats = floats("fingers")  # force limit without a report of the device: infinite [N]
     switches: Floats = floats("devices")  # switches as bits
@@ -41,7 +41,7 @@ class LoopState(Record):
 
 @kernel
 def note_times(loop: LoopState, clock: ClockState) -> None:
-    """Record the times of a tick."""
+    """Copy the times of a tick from the clock."""
     loop.wall = clock.wall
     loop.late = clock.late
     loop.skipped = clock.left_out
@@ -49,7 +49,7 @@ def note_times(loop: LoopState, clock: ClockState) -> None:
 
 
 def loop_memory(layout: Layout) -> FloatArray:
-    """Allocate the memory of a loop whose ticks are recorded in rows of a layout."""
+    """Allocate the memory of a loop whose rows have this layout."""
     whole = {"fingers": len(layout.fingers), "devices": len(layout.devices), "raws": sum(n for _, n, _ in layout.raw)}
     memory = zeros(size_for(LoopState, **whole))
     state = LoopState(memory)
@@ -61,14 +61,14 @@ def loop_memory(layout: Layout) -> FloatArray:
 
 
 class PortLog:
-    """One device's parts of a loop's memory.
+    """Entries of one device in the memory of a loop.
 
     Args:
         memory: Memory of the loop, `LoopState`.
-        layout: Layout of its rows.
+        layout: Layout of the recorded rows.
         device: Device whose values are recorded.
         number: Index of the device in the scene.
-        fingers: Index of the finger of each channel, -1 for none.
+        fingers: Index of the finger that each channel moves; -1 if it moves none.
     """
 
     def __init__(
@@ -87,19 +87,19 @@ class PortLog:
             first += count
 
     def clear(self) -> None:
-        """Mark that there is no new sample until one arrives."""
+        """Record that there is no new sample."""
         for each in self._fresh:
             each[0] = 0.0
 
     def take(self, device: Device, *, is_fresh: bool) -> str:
-        """Copy the values that a device reports with a reading; return an error message, or an empty string."""
+        """Copy the switches and raw values of a reading; return an error message, which is empty on success."""
         for each in self._fresh:
             each[0] = float(is_fresh)
         if self._count:
             assert isinstance(device, SwitchedDevice)
             bits: object = device.switches
             if isinstance(bits, bool) or not isinstance(bits, int | np.integer) or not 0 <= bits < 1 << self._count:
-                return f"returned {abbreviate(bits)} for its switches, expected an integer of {self._count} bits"
+                return f"returned {abbreviate(bits)} for its switches, expected an integer with {self._count} bits"
             self._switches[0] = bits
         if self._raw is not None:
             assert isinstance(device, RawDevice)

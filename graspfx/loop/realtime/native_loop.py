@@ -1,4 +1,4 @@
-"""Loop without Python: machine code runs the ticks in its own thread, and Python monitors it."""
+"""Real-time loop in which machine code runs the ticks in a separate thread, while Python monitors the thread."""
 
 from __future__ import annotations
 
@@ -29,38 +29,38 @@ IntArray = NDArray[np.int64]
 
 POLL = 0.005  # time between two checks [s]
 PATIENCE = 0.1  # longest wait for a running tick before devices are stopped from outside [s]
-STALLED = 50  # checks without a tick, while no device function runs, after which the loop counts as stalled
-STALLED_PERIODS = 20  # or this number of periods, if it takes longer
+STALLED = 50  # number of checks without a tick and without a device call, after which the loop counts as stalled
+STALLED_PERIODS = 20  # number of periods after which the loop counts as stalled, if this is longer
 ACTIONS = {NO_ASK: "cannot be asked", NO_READ: "cannot be read", NO_WRITE: "cannot be written"}
 _LOST: list[object] = []  # memory of loops that did not end: a vendor's function may still write to it
 
 
 @runtime_checkable
 class Writer(Protocol):
-    """A `stop` function that sometimes writes to the memory of a run."""
+    """Function `stop` of `NativeLoop.run` that may also write to the memory of the run."""
 
     @property
     def has_news(self) -> bool:
-        """Whether the function has something to write."""
+        """Whether the function must be called to write to the memory."""
         ...
 
     def __call__(self) -> bool: ...
 
 
 class NativeLoop:
-    """Loop for scenes whose devices all offer C functions; no Python code runs between two ticks.
+    """Loop for scenes whose devices all have C functions, so that no Python code runs between two ticks.
 
     Args:
         arena: Arena of the scene.
-        code: Program of the scene.
-        devices: Exchange with all devices, in the scene's order.
+        code: Compiled program that runs ticks.
+        devices: Exchange with all devices, in the order of the scene.
         parts: Parts of the scene.
-        guards: Guards of hardware.
+        guards: Limits beyond which a run with hardware ends in a fault.
 
     Attributes:
         beat: Memory of the loop.
-        words: Words of the loop, HALT to CALLED.
-        hang: Description of the device call that did not return; empty if all calls returned.
+        words: Words of the loop, HALT to CALLED (`graspfx.loop.realtime.beat`).
+        hang: Message about a device call or a tick that takes too long; empty if there is none.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class NativeLoop:
         self._calls: list[Calls] = []
         self._noted = [False] * len(self._ports)  # whether it was recorded that a device could not be stopped
         self._drained = 0  # ticks whose rows the recorder has
-        self._seen, self._looks = (-1, 0), 0  # ticks and call at the last check; number of checks since either changed
+        self._seen, self._looks = (-1, 0), 0  # ticks and call at the last check; number of checks since the last change
         self.hang = ""
 
     def run(
@@ -100,23 +100,24 @@ class NativeLoop:
         look: Callable[[int], None],
         mode: int = PACED,
     ) -> int:
-        """Run ticks from k on and return how many were run.
+        """Run ticks from tick k on; return the number of ticks that were run.
 
-        If a device function does not return, the loop ends and `hang` describes it; the caller then stops the devices.
+        If a device function does not return, the loop ends and `hang` contains a message; the caller must then stop the
+        devices.
 
         Args:
             k: First tick.
             ticks: Largest number of ticks to run.
             recorder: Recorder of the rows.
-            stop: Function called every few milliseconds; it returns whether forces must decay and the loop must end. A
-                `Writer` that has news is also called while the loop pauses between two ticks.
-            pacer: Pacer of the run; afterwards its state is as if it had waited for each tick.
-            look: Function called every few milliseconds with the number of ticks so far.
+            stop: Function called every few milliseconds; it returns whether forces must decay and the loop must end. If
+                it is a `Writer` with `has_news`, it is called while the loop pauses between two ticks.
+            pacer: Pacer of the run; afterwards, its state is the same as if it had waited for each tick.
+            look: Function called every few milliseconds with the number of ticks that have been run.
             mode: PACED, or FREE for ticks without waiting; ignored if a vendor's thread calls the loop.
 
         Raises:
-            DeviceError: If a device has no functions, or a device of an earlier run still occupies the loop.
-            Interruption: If forces must be zero at once, without decay.
+            DeviceError: If a device has no C functions, or a device function has not returned since an earlier run.
+            Interruption: If a signal requires that forces are zero immediately, without decay.
         """
         ring = recorder.ring if isinstance(recorder, RingRecorder) else self._ring
         self._begin(k, k + ticks, ring, pacer, DRIVEN if self._driver is not None else mode)
@@ -137,7 +138,7 @@ class NativeLoop:
         finally:
             self.words[HALT] = 1
             if not worker.end(0.0 if self.hang else PATIENCE):
-                self.words[QUIT] = 1  # no force follows once the function returns
+                self.words[QUIT] = 1  # no force is written after the function returns
                 _LOST.append((self, ring, recorder, worker))
             done = self._drain(recorder, ring) - k
             pacer.mode = PACED
@@ -146,7 +147,7 @@ class NativeLoop:
         return done
 
     def _worker(self, k: int) -> _Worker | _Driven:
-        """Create the thread that runs ticks from k on."""
+        """Create the thread that runs ticks from tick k on."""
         self.beat.tick, place = k, self._place(self.beat.buffer)
         if self._driver is None:
             return _Worker(lambda: self._bound.long(place))
@@ -155,7 +156,7 @@ class NativeLoop:
     def _between_ticks(
         self, worker: _Worker | _Driven, stop: Writer, ring: Ring, look: Callable[[int], None]
     ) -> _Worker | _Driven:  # fmt: skip
-        """Let `stop` write to the memory of the paused loop, then continue in another thread."""
+        """Pause the loop between two ticks, call `stop`, and continue the loop in the thread that is returned."""
         self.words[HALT] = 1
         if not worker.pause(PATIENCE):
             self.hang = self._hang_text(PATIENCE)
@@ -169,9 +170,9 @@ class NativeLoop:
         return worker
 
     def _standstill(self, ring: Ring) -> str:
-        """Return a description of a call or tick that takes too long; empty otherwise.
+        """Return a message about a device call or a tick that takes too long; empty if there is none.
 
-        Checks are counted instead of time, because the whole machine may pause.
+        The duration is the number of checks times their interval, because the whole machine may pause.
         """
         seen = int(ring.words[Word.HEAD]), int(self.words[CALLED])
         self._looks = 0 if seen != self._seen else self._looks + 1
@@ -185,21 +186,21 @@ class NativeLoop:
 
     @property
     def name(self) -> str:
-        """Name of the loop: "driven" if a vendor's thread calls it, else "native"."""
+        """Name of the loop: "driven" if a vendor's thread calls it, otherwise "native"."""
         return "native" if self._driver is None else "driven"
 
     @property
     def last(self) -> int:
-        """The tick before which the loop ends."""
+        """Tick before which the loop ends."""
         return self._end.last
 
     @property
     def _exits(self) -> Exits:
-        return self._devices.exits  # exits of the current run, created after this object
+        return self._devices.exits  # of the present run, which are created after this object
 
     @property
     def stop_faults(self) -> list[RunFault]:
-        """New faults of devices that could not be stopped."""
+        """Faults of devices that could not be stopped, without faults that were returned before."""
         faults = []
         for i, port in enumerate(self._ports):
             state = port.readings.state
@@ -209,13 +210,18 @@ class NativeLoop:
         return faults
 
     def why(self, index: int, code: int) -> str:
-        """Return the message for a device's fault code; the index after the last device stands for the clock."""
+        """Return the message for a fault.
+
+        Args:
+            index: Index of the device; the number of devices if ticks came too late.
+            code: Fault code of the device.
+        """
         if index == len(self._ports):
             return self._pacer.late_text
         return port_text(self._ports[index], self._calls[index], code)
 
     def _begin(self, k: int, last: int, ring: Ring, pacer: Pacer, mode: int) -> None:
-        """Prepare the native loop to continue from the state of the Python loop."""
+        """Prepare the ticks k, ..., last - 1."""
         if self.words[QUIT]:
             raise DeviceError(self.hang or "a device's C function has not returned since the previous run")
         self._calls = [_calls(each) for each in self._ports]
@@ -238,11 +244,11 @@ class NativeLoop:
         self._seen, self._looks, self.hang = (-1, 0), 0, ""
 
     def _place(self, memory: Any) -> int:
-        """Return the index of an array in the scene's arena."""
+        """Return the place of an array in the arena of the scene."""
         return self._arena.memory.place(np.asarray(memory).reshape(-1).view(np.float64))
 
     def _drain(self, recorder: RowTaker, ring: Ring) -> int:
-        """Pass new rows to the recorder and return the number of ticks so far."""
+        """Pass new rows to the recorder; return the number of ticks that have been run."""
         head = int(ring.words[Word.HEAD])
         if isinstance(recorder, RingRecorder):
             recorder.ticks = head  # a reader of the ring already has them
@@ -267,7 +273,7 @@ class NativeLoop:
 
 
 class _Worker:
-    """Thread in which the loop runs."""
+    """Thread of GraspFX in which the loop runs."""
 
     def __init__(self, loop: Callable[[], object]) -> None:
         priority = scheduling.real_time_policy()
@@ -291,7 +297,7 @@ class _Worker:
         return self._thread.is_alive()
 
     def end(self, wait: float) -> bool:
-        """Wait up to `wait` seconds for the thread to end; return whether it has ended."""
+        """Wait at most `wait` seconds for the end of the thread; return whether it has ended."""
         if self._thread.ident is not None:
             self._thread.join(wait)
         if self._error is not None:
@@ -302,11 +308,11 @@ class _Worker:
 
 
 class _Driven:
-    """Vendor's thread, which calls the loop once per period.
+    """Thread of a vendor's library, which calls the loop once per period.
 
     Args:
-        loop: Loop to be called.
-        table: Table of the program's arguments.
+        loop: Loop that the thread calls.
+        table: Arguments of the program.
         driver: Device whose vendor's thread calls the loop.
     """
 
@@ -321,7 +327,7 @@ class _Driven:
         return self._loop.beat.tick < self._loop.last and self._driver.drives
 
     def pause(self, wait: float) -> bool:
-        """Wait up to `wait` seconds until no tick of a halted loop is running; return whether this is so."""
+        """Wait at most `wait` seconds until no tick of the halted loop is in progress; return whether none is."""
         end = time.monotonic() + wait
         while self._loop.words[BUSY]:
             if time.monotonic() > end:
@@ -330,7 +336,7 @@ class _Driven:
         return True
 
     def end(self, wait: float) -> bool:
-        """End the thread's calls of the loop; return whether the last call ended within `wait` seconds."""
+        """End the calls of the loop by the thread; return whether the last call ended within `wait` seconds."""
         self._loop.words[OVER] = 1
         return self._driver.release(wait)
 
@@ -346,7 +352,7 @@ def _calls(port: DevicePort) -> Calls:
 
 
 def port_text(port: DevicePort, calls: Calls, why: int) -> str:
-    """Return the message for a device's fault."""
+    """Return the message for a device's fault with the cause `why`."""
     state = port.readings.state
     if why in ACTIONS:
         return f"{port.name} {ACTIONS[why]}: {call_text(port, calls, state.code)}; {ZERO}"
@@ -356,15 +362,16 @@ def port_text(port: DevicePort, calls: Calls, why: int) -> str:
 def stop_text(port: DevicePort, calls: Calls) -> str:
     """Return the message for a device that cannot be stopped."""
     return (
-        f"{port.name} cannot be stopped and may keep its force; switch it off: "
+        f"{port.name} cannot be stopped, and its force may remain; switch the device off: "
         f"{call_text(port, calls, port.readings.state.stop_code)}; {ZERO}"
     )
 
 
 def call_text(port: DevicePort, calls: Calls, code: int) -> str:
-    """Return the meaning of an error code from the `fault_text` of the device or its adapter, or the code itself."""
+    """Return a text for a code that a C function has returned, from `fault_text` of the device or its adapter."""
     if code > 0:
-        return f"its C function returned {code}, expected {FRESH} (new sample), {REPEAT} (none) or below 0 (fault)"
+        expected = f"{FRESH} (new sample), {REPEAT} (no new sample) or below 0 (fault)"
+        return f"its C function returned {code}, expected {expected}"
     for owner in (port.device, calls.keep):
         text = getattr(owner, "fault_text", None)
         if callable(text):

@@ -1,6 +1,6 @@
 """Real-time ticks: absolute deadlines, lateness, and the decay of forces at the end of a run.
 
-The rules are kernels on records, used by both the Python loop and the native loop.
+The computations are kernels on records, which both the Python loop and the native loop use.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from graspfx.compile.records import Floats, Record, floats, size_of
 from graspfx.loop.columns import REST, RowTaker
 from graspfx.loop.safety.trust import DECAY
 
-FREE, PACED, DRIVEN = range(3)  # ticks run at once, at absolute deadlines, or when a vendor's thread calls
-BINS = 4096  # bins of one microsecond; the last one also counts all longer times
+FREE, PACED, DRIVEN = range(3)  # ticks run without waiting, at absolute deadlines, or when a vendor's thread calls
+BINS = 4096  # number of bins of one microsecond; the last bin also counts all longer times
 SHARES = {"p50": 0.5, "p99": 0.99, "p99.9": 0.999}
 SLICE = 0.005  # longest uninterrupted sleep [s]; a run can be stopped between two slices
-SLACK = 1e-9  # tolerance in periods: rounding adds no tick to the decay
+SLACK = 1e-9  # tolerance in periods, so that rounding adds no tick to the decay
 
 
 class Clock(Protocol):
-    """Protocol of the clock that paces a loop."""
+    """Protocol of the clock by which a loop waits for its deadlines."""
 
     def now(self) -> float:
-        """Return the time, which never decreases [s]."""
+        """Return the present time [s], which never decreases."""
         ...
 
     def sleep(self, duration: float) -> None:
@@ -39,7 +39,7 @@ class Clock(Protocol):
 
 
 class WallClock:
-    """The system's monotonic clock."""
+    """Monotonic clock of the system."""
 
     def now(self) -> float:
         return time.perf_counter()
@@ -52,7 +52,7 @@ class WallClock:
 
 
 class Lateness(Record):
-    """A histogram of times, such as the lateness of ticks; its memory does not grow with a run."""
+    """Histogram of times, such as the lateness of ticks; it has a fixed number of bins."""
 
     most: float  # maximum [s]
     counts: Floats = floats("4096")
@@ -66,9 +66,9 @@ class Lateness(Record):
 
     @property
     def figures(self) -> Mapping[str, float]:
-        """Return quantiles and maximum [s] by name; empty if no time was counted.
+        """Quantiles and maximum [s] by name; empty if no time was counted.
 
-        A quantile beyond the bins is the maximum.
+        If a quantile is in the last bin, the maximum replaces it.
         """
         sums, most = list(accumulate(self.array(Lateness.counts).tolist())), self.most
         if not sums[-1]:
@@ -80,7 +80,7 @@ class Lateness(Record):
 
 @kernel
 def count_in(times: Lateness, time: float) -> None:
-    """Count a time [s] in its bin."""
+    """Count a time [s] in a histogram."""
     place = 0
     if time > 0.0:
         place = BINS - 1
@@ -95,33 +95,33 @@ def count_in(times: Lateness, time: float) -> None:
 
 
 class ClockState(Record):
-    """The clock of a loop: tick k has the deadline t_0 + k T, however long earlier ticks took.
+    """Clock of a loop with deadlines t_0 + k T, where t_0 is the time of the first tick and T the sampling period.
 
-    A late tick skips the whole periods that have passed. Later deadlines stay on the same grid, so lateness does not
-    accumulate.
+    If a tick is late by one or more whole periods, these periods are skipped. The deadlines of later ticks do not
+    depend on lateness, so lateness does not accumulate.
     """
 
     mode: int
     is_begun: bool
     is_early: bool  # whether the loop waited for this tick's deadline
-    most: int  # number of successive periods that may be skipped
+    most: int  # largest permitted number of successive skipped periods
     period: float  # sampling period T [s]
     deadline: float  # deadline of this tick [s]
     start: float  # time of the first tick [s]
     late: float  # time of this tick after its deadline [s]
     wall: float  # time of this tick since the first [s]
-    latest: float  # largest lateness so far [s]
-    left_out: int  # periods skipped before this tick
-    skipped: int  # total number of periods skipped
-    row: int  # successive periods skipped since the last tick in time
-    fatal: int  # number of successive skipped periods that exceeded `most`
+    latest: float  # largest lateness of all ticks [s]
+    left_out: int  # number of periods skipped before this tick
+    skipped: int  # total number of skipped periods
+    row: int  # number of periods skipped since the last tick that was not late
+    fatal: int  # value of `row` when it first exceeded `most`, otherwise 0
     lateness: Lateness  # lateness of all ticks but the first, including skipped periods
     duration: Lateness  # duration of ticks in machine code, from reading to row
 
 
 @kernel
 def set_deadline(clock: ClockState, time: float) -> float:
-    """Return the time to wait for: t_0 + k T, or now if there is nothing to wait for."""
+    """Set the deadline of the next tick, and return the time until which to wait; `time` is the present time [s]."""
     if clock.mode != PACED or not clock.is_begun:
         clock.is_early = True
         if clock.is_begun:
@@ -136,7 +136,7 @@ def set_deadline(clock: ClockState, time: float) -> float:
 
 @kernel
 def arrive(clock: ClockState, time: float) -> int:
-    """Begin a tick at this time; return the number of periods skipped before it."""
+    """Start a tick at the present time [s]; return the number of periods that are skipped before the tick."""
     if not clock.is_begun:
         clock.is_begun = True
         clock.deadline, clock.start = time, time
@@ -163,14 +163,14 @@ def arrive(clock: ClockState, time: float) -> int:
     if clock.late > clock.latest:
         clock.latest = clock.late
     clock.wall = clock.deadline + clock.late - clock.start
-    if clock.mode == DRIVEN:  # the caller's clock is independent of this one
+    if clock.mode == DRIVEN:  # the clock of the vendor's thread is independent of this clock
         clock.deadline = time
     return skipped
 
 
 @kernel
 def is_late(clock: ClockState) -> int:
-    """Return 1 if too many successive periods were skipped, else 0."""
+    """Return 1 if more than `most` successive periods were skipped, otherwise 0."""
     if clock.row <= clock.most:
         return 0
     if clock.fatal == 0:
@@ -179,12 +179,12 @@ def is_late(clock: ClockState) -> int:
 
 
 class Pacer(ClockState):
-    """Wait for the deadline of each tick.
+    """Pacer, which lets each tick of a loop wait for its deadline.
 
     Args:
         period: Sampling period T [s].
-        clock: Clock to use; the system's monotonic clock if None.
-        machine: Whether machine code computes the deadlines; it is compiled unless cached.
+        clock: Clock of the loop; None for the monotonic clock of the system.
+        machine: Whether the deadlines are computed by machine code, which is compiled if it is not cached.
     """
 
     def __init__(self, period: float, clock: Clock | None = None, *, machine: bool = False) -> None:
@@ -201,16 +201,16 @@ class Pacer(ClockState):
 
     @property
     def outcome(self) -> dict[str, Any]:
-        """Return entries of the run's `Outcome`: skipped periods and lateness of ticks."""
+        """Entries of the run's `Outcome`: number of skipped periods and lateness of ticks."""
         return {"skipped": self.skipped, "late": self.lateness.figures}
 
     def wait(self, stop: Callable[[], bool] | None = None) -> int:
-        """Wait for the next tick's deadline; return how many periods are skipped.
+        """Wait for the deadline of the next tick; return the number of skipped periods.
 
-        The first tick begins at once and defines the grid.
+        The first tick starts without waiting and defines t_0.
 
         Args:
-            stop: Function called every few milliseconds; the wait ends if it returns True.
+            stop: Function called every few milliseconds; if it returns True, the wait ends before the deadline.
         """
         now = self.clock.now()
         if self.is_begun:
@@ -218,7 +218,7 @@ class Pacer(ClockState):
         return int(self._arrive(0, now))
 
     def finish(self) -> None:
-        """Wait for the rest of the time to the deadline after `stop` ended the wait."""
+        """Wait for the deadline after `stop` has ended the wait early."""
         self.late = self._sleep(self.deadline, None) - self.deadline
         self.wall = self.deadline + self.late - self.start
 
@@ -228,11 +228,11 @@ class Pacer(ClockState):
 
     @property
     def late_text(self) -> str:
-        """Return the message that ticks came too late for hardware."""
+        """Message for a run with hardware whose ticks came too late."""
         return late_text(self.fatal, self.period, self.most)
 
     def _sleep(self, deadline: float, stop: Callable[[], bool] | None) -> float:
-        """Wait for a deadline; return the time afterwards [s], which may be much later."""
+        """Wait for a deadline, or until `stop` returns True; return the time after the wait [s]."""
         clock = self.clock
         while (now := clock.now()) < deadline and not (stop is not None and stop()):
             clock.sleep(min(max(deadline - clock.now(), 0.0), SLICE))  # `stop` may have taken time
@@ -241,7 +241,7 @@ class Pacer(ClockState):
 
 @cache
 def _rehearse() -> None:
-    """Run the rules once, so that the set-up time of a kernel's first call does not delay a tick."""
+    """Call the kernels once, because the first call of a kernel takes longer and would delay a tick."""
     clock = ClockState(np.zeros(size_of(ClockState)).data)
     clock.mode, clock.period = PACED, 1.0
     for now in (1.0, 4.5):
@@ -253,12 +253,12 @@ def _rehearse() -> None:
 
 
 def late_text(row: int, period: float, most: int) -> str:
-    """Return the message that ticks came too late for hardware.
+    """Return the message for a run with hardware whose ticks came too late.
 
     Args:
-        row: Number of successive periods skipped.
+        row: Number of successive skipped periods.
         period: Sampling period T [s].
-        most: Largest permitted number.
+        most: Largest permitted number of successive skipped periods.
     """
     return (
         f"{row} successive periods of {period:g} s were skipped, expected at most {most}: the machine was too slow "
@@ -272,22 +272,24 @@ def late_text(row: int, period: float, most: int) -> str:
 class EndState(Record):
     """State of the end of a loop."""
 
-    decay: int  # ticks in which forces decay; 0 if the loop ends at once
+    decay: int  # number of ticks in which forces decay; 0 if the loop ends without decay
     last: int  # tick before which the loop ends
     is_stopped: bool  # whether the loop was stopped early
-    is_begun: bool  # whether forces decay
-    start: int  # tick at which the decay began
+    is_begun: bool  # whether the decay of forces has begun
+    start: int  # first tick of the decay
 
 
 @kernel
 def go_on(end: EndState, k: int, stop: int, faulted: float) -> int:
-    """Return 1 if tick k is run, else 0.
+    """Return 1 if tick k must be run, otherwise 0; start the decay of forces when it is due.
+
+    The decay starts early enough that the forces are zero when the loop ends.
 
     Args:
-        end: State of the loop's end; forces begin to decay early enough to be zero by then.
+        end: State of the end of the loop.
         k: Index of the tick.
         stop: Nonzero if the loop must stop.
-        faulted: Nonzero after a fault, when no force is left to decay.
+        faulted: Nonzero after a fault; all forces are then already zero.
     """
     if stop != 0:
         if end.decay == 0 or faulted != 0.0:
@@ -306,20 +308,20 @@ def go_on(end: EndState, k: int, stop: int, faulted: float) -> int:
 
 
 class Chain(Protocol):
-    """The safety chain, whose gain decays at the end of a run."""
+    """Protocol of a safety chain, whose gain decays at the end of a run."""
 
     def rest(self) -> None: ...
 
 
 class SoftEnd(EndState):
-    """The last ticks of a run with hardware, in which forces decay.
+    """End of a run with hardware, at which forces decay to zero.
 
-    The gain of the safety chain decays, and so do the forces on operator and object. These are the last ticks of the
-    run's duration, or as many further ticks after a stop. A run whose decay would take fewer than two ticks ends at
-    once.
+    The gain of the safety chain decays, and with it the forces on operator and object. The decay takes the last ticks
+    of the run or, after a stop, the same number of further ticks. If the decay would take fewer than two ticks, the run
+    ends without decay.
 
     Args:
-        chain: Chain whose gain decays; None for a run that ends at once, such as one without hardware.
+        chain: Safety chain whose gain decays; None for a run that ends without decay, such as a run without hardware.
         period: Sampling period T [s].
         last: Tick before which the run ends if it is not stopped earlier.
     """
@@ -332,11 +334,11 @@ class SoftEnd(EndState):
         self._is_told = False
 
     def goes_on(self, k: int, *, stop: bool, faulted: bool) -> bool:
-        """Return whether tick k is run."""
+        """Return whether tick k must be run."""
         return bool(source_function(go_on)(self.buffer, self.offset, k, int(stop), float(faulted)))
 
     def tell(self, recorder: RowTaker | None) -> None:
-        """Start the decay of forces when it is due, and record its first tick."""
+        """If the decay of forces is due, start it in the safety chain and record the first tick of the decay."""
         if self.is_begun and not self._is_told:
             assert self._chain is not None
             self._is_told = True
@@ -346,5 +348,5 @@ class SoftEnd(EndState):
 
 
 def decay_ticks(period: float) -> int:
-    """Return the number of ticks in which forces decay; in the last of these ticks they are zero."""
+    """Return the number of ticks in which forces decay; in the last of these ticks, the forces are zero."""
     return max(1, math.ceil(DECAY / period - SLACK))

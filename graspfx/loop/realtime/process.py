@@ -1,4 +1,4 @@
-"""Services of the operating system for hardware: signals that end a run with zero force, priority and locked memory."""
+"""Services of the operating system for runs with hardware: signals, real-time priority and locked memory."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ REMEDY = (
 
 
 class Interruption(BaseException):
-    """Immediate end of a run by a signal, without decay of forces; a driver's call in progress is interrupted."""
+    """Exception that ends a run immediately after a signal, without decay of forces; it may interrupt a driver."""
 
 
 class Exits:
-    """Signals that ask a run to end, in the order of arrival.
+    """Signals that request the end of a run, in the order of arrival.
 
-    Between calls of drivers a signal is only recorded, and forces decay in the following ticks. A driver's call may
-    block for long, so an exception interrupts it.
+    If no call of a driver is in progress, a signal is only recorded, and forces decay in the following ticks. A call of
+    a driver may take long, and is therefore interrupted by an exception.
 
     Attributes:
-        inside: Whether a driver's call is in progress.
-        heed: Function called at once with the number of each signal, or None.
-        at_once: Whether forces must be zero at once, because a signal interrupted a driver's call or a second signal
-            arrived.
+        inside: Whether a call of a driver is in progress.
+        heed: Function that is called immediately with the number of each signal; None for no function.
+        at_once: Whether forces must be zero immediately, because a signal interrupted a call of a driver or a second
+            signal arrived.
     """
 
     def __init__(self) -> None:
@@ -52,7 +52,7 @@ class Exits:
         return signal.Signals(self.numbers[0]).name if self.numbers else ""
 
     def ask(self, number: int, frame: FrameType | None) -> None:
-        """Handle a signal: record it, and interrupt a driver's call that is in progress."""
+        """Handle a signal: record it, and raise Interruption if a call of a driver is in progress."""
         self.numbers.append(number)
         if self.heed is not None:
             self.heed(number)
@@ -63,13 +63,14 @@ class Exits:
 
 @contextmanager
 def signals_end() -> Iterator[Exits]:
-    """Let signals end the block in an orderly way, and pass them on to their previous handlers afterwards.
+    """Record signals during the block, so that the block can end in an orderly way; then raise the signals again.
 
-    Python calls handlers in the main thread only, so a block in another thread receives no signals. Ignored signals
-    remain ignored.
+    Python calls signal handlers only in the main thread, so a block in another thread receives no signals. Ignored
+    signals remain ignored.
 
     Raises:
-        KeyboardInterrupt: If a signal interrupted the block, and its previous handler let the process continue.
+        KeyboardInterrupt: If a signal interrupted the block, and the previous handler of the signal did not end the
+            process.
     """
     exits, handlers = Exits(), {}
     if threading.current_thread() is threading.main_thread():
@@ -99,10 +100,10 @@ class RealTimeWarning(UserWarning):
 
 
 def take_priority() -> dict[str, Any]:
-    """Request real-time priority and locked memory for this thread and process; return what the system granted.
+    """Request real-time priority for this thread and locked memory for this process, and disable garbage collection.
 
-    Garbage collection is disabled from then on. The entries are `policy`, `memory`, `slack` [s] if the system grants
-    exact timers, and the processor's `governor` if it is known.
+    The result contains what the system granted: `policy`, `memory`, `slack` [s] if exact timers were granted, and the
+    frequency `governor` of the processor if it is known.
     """
     memory = scheduling.lock_memory()
     scheduling.leave_no_core()
@@ -129,9 +130,9 @@ def _governor() -> str:
 
 @contextmanager
 def frozen_memory() -> Iterator[None]:
-    """Exclude all present objects from garbage collection, which would take tens of ms for them.
+    """Exclude all present objects from garbage collection during the block, because it would take tens of milliseconds.
 
-    Present garbage is collected after the block, because a collection before the loop would take as long.
+    Objects that are already unreachable are collected after the block.
     """
     gc.freeze()
     try:

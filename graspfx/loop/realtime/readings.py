@@ -1,6 +1,6 @@
-"""Validation of device readings before they are used, and the other checks of hardware during a run.
+"""Validation of device readings and of forces before they are used in a run.
 
-The rules are kernels on `PortState`, used by both the Python loop and the native loop.
+The computations are kernels on `PortState`, which both the Python loop and the native loop use.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ FAST, FAR, ZEROS, STALE, NOT_FINITE, FORCE, NO_ASK, NO_READ, NO_WRITE, LATE = ra
 QUANTITIES = ("positions", "velocities")
 
 MOST_STILL = 1.0  # longest stall of a loop [s]
-STILL_PERIODS = 20  # or this number of periods, if it is longer
-HANGS = 0.1  # least time granted to a device's call [s]
-WATCHDOGS = 3  # or this multiple of the scene's watchdog time, if it is longer
+STILL_PERIODS = 20  # number of periods of the longest stall, if this is longer
+HANGS = 0.1  # shortest time within which a device call must return [s]
+WATCHDOGS = 3  # multiple of the watchdog time within which a device call must return, if this is longer
 
 
 # Guards ---------------------------------------------------------------------------------------------------------------
@@ -41,10 +41,10 @@ class Guards:
     """Limits beyond which a run with hardware ends in a fault.
 
     Attributes:
-        speed: Largest plausible speed of a fingertip along an axis [m/s]; a hand reaches 5 m/s.
-        hold: Number of successive readings without a new sample that are tolerated.
-        late: Number of successive periods that may be skipped.
-        soft_start: Time over which an initial penetration gradually takes effect [s].
+        speed: Largest plausible speed of a fingertip along an axis [m/s]; a human hand reaches 5 m/s.
+        hold: Largest number of successive readings without a new sample.
+        late: Largest number of successive skipped periods.
+        soft_start: Time during which the effect of an initial penetration increases gradually [s].
     """
 
     speed: float = 10.0
@@ -56,20 +56,19 @@ class Guards:
         if not (math.isfinite(self.speed) and self.speed > 0.0):
             raise InputError("speed", self.speed, "a finite speed above zero [m/s]")
         if self.hold < 0 or self.late < 0:
-            raise InputError("hold", (self.hold, self.late), "`hold` and `late` of zero or more")
+            raise InputError("hold, late", (self.hold, self.late), "numbers of zero or more")
         if not (math.isfinite(self.soft_start) and self.soft_start >= 0.0):
             raise InputError("soft_start", self.soft_start, "a finite time of zero or more [s]")
 
 
 def patience(period: float, watchdog: float) -> float:
-    """Return the time within which a device's function must return while forces are displayed [s].
+    """Return the time within which a device call must return while forces are displayed [s].
 
-    This time is three times the watchdog time, but at least 0.1 s, and at most the longest stall of a loop: 1 s or 20
-    periods, whichever is longer.
+    The time is three times the watchdog time and at least 0.1 s. It is at most 1 s or, if this is longer, 20 periods.
 
     Args:
         period: Sampling period T [s].
-        watchdog: Lateness that the watchdog permits [s].
+        watchdog: Watchdog time, the largest permitted lateness [s].
     """
     return min(max(MOST_STILL, STILL_PERIODS * period), max(HANGS, WATCHDOGS * watchdog))
 
@@ -81,31 +80,31 @@ GUARDS = Guards()
 
 
 class PortState(Record):
-    """State of a device's exchange with the tick."""
+    """State of a device, and of the exchange of readings and forces between the device and the tick."""
 
     fingers: int  # k
     dimensions: int  # d
     entries: int  # k d
-    hold: int  # number of successive readings without a new sample that are tolerated
+    hold: int  # largest number of successive readings without a new sample
     period: float  # sampling period T [s]
     speed: float  # largest speed of a finger along an axis [m/s]
     force: float  # largest force of a finger [N]
     is_begun: bool  # whether there has been a sample
-    is_gone: bool  # whether a call has failed; the device is then not read again
-    is_asked: bool  # whether the device was asked, and since then neither written to nor stopped
-    is_fresh: bool  # whether the last reading brought a sample
-    samples: int
-    repeats: int  # readings without a new sample
-    row: int  # successive readings without a new sample
+    is_gone: bool  # whether a call has failed or a reading was invalid; the device is then not read again
+    is_asked: bool  # whether the device was asked, and neither written to nor stopped afterwards
+    is_fresh: bool  # whether the last reading contained a new sample
+    samples: int  # number of readings with a new sample
+    repeats: int  # number of readings without a new sample
+    row: int  # number of successive readings without a new sample
     periods: int  # periods since the last sample
-    why: int  # cause of the fault, 0 without one
+    why: int  # cause of the fault, 0 without a fault
     code: int  # value returned by the function that failed, or another number for the message
-    figure: float  # value that exceeded a bound
-    bound: float  # that bound
+    figure: float  # value that was compared with `bound`
+    bound: float  # largest permitted value
     stop_code: int  # value returned by a `stop` that failed although the device answered; 0 otherwise
     stop_tick: int  # tick in which `stop` failed
-    ramp: float  # time over which the initial depth takes effect [s]
-    ramp_ticks: int  # ticks of that time so far
+    ramp: float  # time during which the effect of the initial depth increases [s]
+    ramp_ticks: int  # number of readings since the start of this time
     step: float  # time between readings [s]
     is_framed: bool  # whether the device has its own axes (`Frame`)
     scale: float  # metres in the scene per metre of the device
@@ -121,7 +120,7 @@ class PortState(Record):
 
 @kernel
 def fail(port: PortState, why: int, code: int) -> int:
-    """Record the first failure of a device, which is not read again; return its cause."""
+    """Record that a device has failed, so that it is not read again; return the cause `why`."""
     port.is_gone = True
     if port.why == 0:
         port.why = why
@@ -131,16 +130,16 @@ def fail(port: PortState, why: int, code: int) -> int:
 
 @kernel
 def take_sample(port: PortState, code: int, periods: int) -> int:
-    """Accept a reading as a whole or reject it; return the cause of a fault, 0 for none.
+    """Accept or reject a complete reading; return the cause of a fault, 0 without a fault.
 
-    A position may change by at most `speed` T m along an axis, where m is the number of periods since the last sample.
-    A velocity may be at most `speed` along an axis. A reading of zeros alone must be within 1 mm of the last sample.
-    Without a new sample the last sample is kept, up to `hold` times in succession.
+    Along an axis, a velocity may be at most `speed`, and a position may change by at most `speed` m T, where m is the
+    number of periods since the last sample. If all numbers are zero, the last position must be within 1 mm of zero. If
+    there is no new sample, the last sample is kept, for at most `hold` successive readings.
 
     Args:
         port: State of the device, with the reading in `raw`.
-        code: Value returned by `read`.
-        periods: Periods since the previous reading.
+        code: Value that `read` returned.
+        periods: Number of periods since the previous reading.
     """
     if code < 0 or code > REPEAT:
         return fail(port, NO_READ, code)
@@ -188,12 +187,12 @@ def take_sample(port: PortState, code: int, periods: int) -> int:
 
 @kernel
 def enter(port: PortState) -> int:
-    """Transform the last sample into the scene's axes (`Frame`), and subtract the depth that is not yet in effect.
+    """Transform the last sample to the scene's axes (`Frame`), and let an initial depth take effect gradually.
 
     A finger that is inside an object when a run begins has an initial depth e, the vector from the nearest point
-    without contact to its position p. It is placed at p - (1 - w) e with velocity v + dw/dt e, where w = u^2 (3 - 2 u),
-    u = t/T_s, and t is the time of the ticks so far. The force of the first tick is zero; from T_s on the whole depth
-    is in effect. Damping uses the velocity of the place.
+    without contact to the position p of the finger. At the time t since the start, p and the velocity v are replaced by
+    p - (1 - w) e and v + dw/dt e, with w = u^2 (3 - 2 u) and u = t/T_s, until the time T_s. The force of the first tick
+    is therefore zero.
     """
     last, placed, half, d = port.sample, port.placed, port.entries, port.dimensions
     for i in range(2 * half):
@@ -219,9 +218,9 @@ def enter(port: PortState) -> int:
 
 @kernel
 def limit_forces(port: PortState) -> int:
-    """Transform `orders` into the device's axes, reduce forces to their limit, and return the cause of a fault.
+    """Transform the forces `orders` to the device's axes, and reduce forces above the limit of a finger to the limit.
 
-    The cause is 0 if the forces may be displayed.
+    The result is the cause of a fault, or 0 if the forces may be displayed.
     """
     forces, orders, d = port.forces, port.orders, port.dimensions
     for i in range(port.entries):
@@ -253,24 +252,23 @@ GONE, IS_FRESH, SAMPLES = (start_of(PortState, name) for name in ("is_gone", "is
 
 
 class Readings:
-    """The readings of one device, each accepted as a whole or rejected.
+    """Validation of the readings of one device.
 
-    A reading is a tuple of positions [m] and velocities [m/s], two finite float64 arrays (k, d), and the time [s] at
-    which they were taken. The arrays are copied before they are checked, because a device may change them at any time.
-
-    For hardware, time must not decrease and values must not jump (`take_sample`). An unchanged time means that there is
-    no new sample.
+    A reading is a tuple of positions [m] and velocities [m/s], two finite float64 arrays (k, d), and the time of the
+    measurement [s]. The arrays are copied before they are checked, because a device may change them at any time. The
+    times of hardware must not decrease, and the values must satisfy the conditions of `take_sample`. If the time is
+    unchanged, there is no new sample.
 
     Args:
-        shape: Shape (k, d) of the positions: fingers and dimensions.
+        shape: Shape (k, d) of the positions, with the number of fingers k and of dimensions d.
         period: Sampling period T [s].
-        guards: Guards of hardware; None for a simulation, whose clock is the tick counter.
-        frame: Frame of the device in the scene; None for the scene's frame.
+        guards: Limits of hardware; None for a simulation, whose times are not checked.
+        frame: Frame of the device in the scene; None for the frame of the scene.
 
     Attributes:
         memory: State of the device, `PortState`.
-        position, velocity: Position [m] and velocity [m/s] of the last sample (k, d).
-        placed: Both in the scene's axes (2 k d,), the input of the tick.
+        position, velocity: Positions [m] and velocities [m/s] of the last sample (k, d).
+        placed: Positions, then velocities, of the last sample in the scene's axes (2 k d,), the input of the tick.
         time: Time of the last sample [s].
     """
 
@@ -320,7 +318,7 @@ class Readings:
 
     @property
     def is_gone(self) -> bool:
-        """Whether a call of the device has failed."""
+        """Whether a call of the device has failed or a reading was invalid."""
         return bool(self._numbers[GONE] != 0.0)
 
     @is_gone.setter
@@ -331,28 +329,28 @@ class Readings:
         self.state.is_gone = is_it
 
     def compile(self) -> None:
-        """Check readings by machine code from now on, which takes a third of the time."""
+        """Check the following readings by machine code, which takes a third of the time."""
         from graspfx.compile.machine import compiled
 
         self._take = compiled(take_sample).on(self.memory)
 
     def let_in(self, depth: FloatArray, duration: float, step: float) -> None:
-        """Let the initial depth take effect gradually (`enter`).
+        """Let initial depths take effect gradually (`enter`).
 
         Args:
-            depth: Initial depth of each finger (k, d) [m].
-            duration: Duration T_s [s].
+            depth: Initial depth e of each finger (k, d) [m].
+            duration: Time T_s until the whole depth takes effect [s].
             step: Time between readings [s].
         """
         self.state.ramp, self.state.ramp_ticks, self.state.step = duration, 0, step
         self.state.array(PortState.depth)[:] = depth.ravel()
 
     def take(self, reading: object, periods: int = 1) -> str:
-        """Accept or reject a reading; return a description of the error, or an empty string.
+        """Accept or reject a reading; return an error message, which is empty if the reading is accepted.
 
         Args:
-            reading: Reading as returned by `Device.read`.
-            periods: Periods since the previous reading.
+            reading: Result of `Device.read`.
+            periods: Number of periods since the previous reading.
         """
         if not isinstance(reading, tuple) or len(reading) != 3:
             return f"returned {abbreviate(reading)} for a reading, expected positions, velocities and a time"
@@ -367,7 +365,7 @@ class Readings:
         if not isinstance(time, float) or not isfinite(time):
             return f"returned {abbreviate(time)} for the time of a reading, expected a finite number [s]"
         if time < self.time:
-            return f"returned a reading of {time:.9g} s after one of {self.time:.9g} s: its clock ran backwards"
+            return f"returned a reading with the time {time:.9g} s after {self.time:.9g} s: its clock ran backwards"
         code = FRESH if time > self.time else REPEAT
         why = self._take(0, code, periods)
         if why:
@@ -376,7 +374,7 @@ class Readings:
         return ""
 
     def _simulated(self) -> str:
-        """Accept the values of a simulation if they are finite."""
+        """Accept a reading of a simulation if the values are finite."""
         if not all(map(isfinite, self._flat.tolist())):
             return reading_text(self.state, NOT_FINITE)
         self._numbers[IS_FRESH] = 1.0
@@ -391,7 +389,7 @@ class Readings:
 
 @cache
 def _rehearse() -> None:
-    """Run the rules once, so that the set-up time of a kernel's first call does not delay a tick."""
+    """Call the kernels once, because the first call of a kernel takes longer and would delay a tick."""
     memory = np.zeros(size_for(PortState, entries=1, dimensions=1))
     port = PortState(memory.data)
     port.fingers = port.dimensions = port.entries = 1
@@ -402,12 +400,12 @@ def _rehearse() -> None:
 
 
 def reading_text(state: PortState, why: int, time: float | None = None) -> str:
-    """Return a description of a faulty reading, with the values in the device's memory.
+    """Return the message for an invalid reading or force, with the values in the state of the device.
 
     Args:
         state: State of the device.
-        why: Cause given by `take_sample`.
-        time: Time of the reading [s]; None if there is none.
+        why: Cause returned by `take_sample` or `limit_forces`.
+        time: Time of the reading [s]; None if it has no time.
     """
     if why == NOT_FINITE:
         raw = state.array(PortState.raw).reshape(2, state.fingers, state.dimensions)
@@ -419,18 +417,18 @@ def reading_text(state: PortState, why: int, time: float | None = None) -> str:
     if why == FAST:
         return f"returned a velocity of {state.figure:.4g} m/s, expected at most {state.bound:g} m/s"
     if why == ZEROS:
-        return f"returned only zeros, {state.figure:.4g} m from the last position: a failed reading"
+        return f"returned only zeros, {state.figure:.4g} m from the last position, which is a failed reading"
     if why == FORCE:
         forces = state.array(PortState.forces).reshape(state.fingers, state.dimensions)
-        return f"was given {forces.tolist()} N, which is not finite"
+        return f"was given forces of {forces.tolist()} N, which are not finite"
     return (
-        f"returned a position {state.figure:.4g} m from the last one, expected at most {state.bound:.4g} m "
+        f"returned a position {state.figure:.4g} m from the last position, expected at most {state.bound:.4g} m "
         f"({state.speed:g} m/s over {state.code} x {state.period:g} s)"
     )
 
 
 def _described(value: object) -> str:
-    """Describe a value given instead of an array."""
+    """Return a text that describes a value which is not the expected array."""
     if isinstance(value, np.ndarray):
         return f"a {type(value).__name__} {value.shape} of {value.dtype}"
     return f"{abbreviate(value)} ({type(value).__name__})"

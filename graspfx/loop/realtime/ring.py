@@ -1,8 +1,8 @@
-"""Memory shared by a servo and the recording process, without locks: rows, notes, letters (new values) and goals.
+"""Memory that a servo shares with the recording process, without locks: rows, notes, new values (letters) and goals.
 
-The memory begins with integers, each in its own cache line (`Word`). Notes and letters follow, then the rows, then
-the goals of guided hands and their log. The writer of rows publishes `HEAD` after each row, so a reader that sees the
-new value also sees the row.
+The memory begins with integers, each in a separate cache line (`Word`). They are followed by notes, letters, rows, the
+goals of guided hands, and a log of applied goals. The writer of rows publishes `HEAD` after each row, so a reader that
+sees the new value of `HEAD` also sees the row.
 """
 
 from __future__ import annotations
@@ -33,41 +33,41 @@ NOTES = 1 << 18  # bytes of notes
 LETTERS = 1 << 18  # bytes of each of the two letters
 NOTE_SIZE = 4  # bytes of the length before a note
 LETTER_HEAD = 3  # 8-byte integers before the parts: number of parts, objects and plants
-IN_ORDER = platform.machine().lower() in ("x86_64", "amd64", "i386", "i686")  # processors that keep stores in order
+IN_ORDER = platform.machine().lower() in ("x86_64", "amd64", "i386", "i686")  # processors that do not reorder stores
 
 
 class Word(IntEnum):
     """Positions of the integers at the start of the memory, in units of 8 bytes."""
 
-    HEAD = 0  # ticks whose rows are written; set by the servo
-    TAIL = 8  # ticks whose rows were read; set by the recorder
-    STOP = 16  # nonzero: let forces decay; set by the recorder's side
+    HEAD = 0  # number of ticks whose rows have been written; set by the servo
+    TAIL = 8  # number of ticks whose rows have been read; set by the recorder
+    STOP = 16  # nonzero if forces must decay; set by the recorder's process
     BEAT = 24  # time.monotonic_ns of the guard's last heartbeat
     PHASE = 32  # phase of the servo, a `Phase`
-    NOTES = 40  # bytes of notes written so far; set by the servo
-    MAIL = 48  # number of the last letter; set by the recorder's side
-    SKIPPED = 56  # periods skipped; set by the servo
-    DONE = 64  # number of the last letter applied; set by the servo
-    TICK = 72  # tick at which it was applied; set by the servo
-    HALT = 80  # nonzero: 1 + the tick before which simulations pause; set by the recorder's side
-    GOAL = 88  # number of the last goals of guided hands; set by the recorder's side
+    NOTES = 40  # total number of bytes of notes written; set by the servo
+    MAIL = 48  # number of the last letter; set by the recorder's process
+    SKIPPED = 56  # number of skipped periods; set by the servo
+    DONE = 64  # number of the last letter that was applied; set by the servo
+    TICK = 72  # tick at which this letter was applied; set by the servo
+    HALT = 80  # 1 + the tick before which a simulation pauses, or 0; set by the recorder's process
+    GOAL = 88  # number of the last goals of guided hands; set by the recorder's process
     GOALS = 96  # number of times that goals were applied; set by the servo
-    NOTED = 104  # bytes of notes read so far; set by the recorder
-    CALL = 112  # Python device call in progress, as `DevicePort.place`; 0 for none; set by the servo
+    NOTED = 104  # total number of bytes of notes read; set by the recorder
+    CALL = 112  # number of the Python device call in progress (`DevicePort.place`), or 0; set by the servo
 
 
 class Phase(IntEnum):
-    """Phases of a servo in its own process."""
+    """Phases of a servo that runs in a separate process."""
 
     STARTING = 0
-    OPEN = 1  # hardware is being opened or settles, at zero force
+    OPEN = 1  # hardware is being opened or checked, at zero force
     RUNNING = 2  # hardware displays forces
-    RESTED = 3  # every device was set to zero and receives no other force
+    RESTED = 3  # the forces of all devices have been set to zero and remain zero
     CLOSED = 4
 
 
 def fence() -> None:
-    """Make earlier stores visible to every thread that sees a later store."""
+    """Ensure that every thread that sees a later store also sees all earlier stores."""
     if not IN_ORDER:
         for _ in range(2):
             with _LOCK:
@@ -78,22 +78,20 @@ _LOCK = Lock()
 
 
 class Notes:
-    """A ring buffer of notes, each published when it is complete; a note that does not fit is dropped.
-
-    Bytes that have been read are reused, so the buffer suffices for runs of days.
+    """Ring buffer of notes; a note becomes visible when it is complete, and is discarded if it does not fit.
 
     Args:
-        buffer: Buffer of the notes.
+        buffer: Memory of the notes.
         words: Shared integers.
-        place: Position of the count of bytes written so far.
-        read: Position of the count of bytes read so far.
+        place: Index in `words` of the total number of bytes written.
+        read: Index in `words` of the total number of bytes read.
     """
 
     def __init__(self, buffer: memoryview, words: NDArray[np.int64], place: int, read: int) -> None:
         self._buffer, self._words, self._place, self._read = buffer, words, place, read
 
     def add(self, note: Any) -> None:
-        """Add a note, which consists of plain values."""
+        """Add a note, which must be picklable."""
         text = pickle.dumps(note)
         text = len(text).to_bytes(NOTE_SIZE, "little") + text
         first, size = int(self._words[self._place]), len(self._buffer)
@@ -106,7 +104,7 @@ class Notes:
         self._words[self._place] = first + len(text)
 
     def news(self) -> list[Any]:
-        """Return the notes since the last call."""
+        """Return the notes that were added since the last call."""
         first, end, notes = int(self._words[self._read]), int(self._words[self._place]), []
         while first < end:
             size = int.from_bytes(self._bytes(first, NOTE_SIZE), "little")
@@ -121,21 +119,21 @@ class Notes:
 
 
 class Ring:
-    """Memory that a servo and its recorder share.
+    """Memory that a servo shares with the recorder.
 
     Args:
         file: Descriptor of the memory, from `create`.
-        width: Number of values of each row.
-        every: Ticks per row.
+        width: Number of values in a row.
+        every: Number of ticks from one row to the next.
         goals: Number G of values in the goals of guided hands.
 
     Attributes:
-        words: Integers (512,), at the positions of `Word`.
-        rows: Rows (SLOTS, width). If `every` divides k, tick k has row k / every modulo SLOTS.
+        words: Integers (512,), with the indices of `Word`.
+        rows: Rows (SLOTS, width). If `every` divides k, tick k is recorded in row k / every modulo SLOTS.
         notes: Notes of the servo.
         letters: Memory of the two letters, as bytes.
         goals: Goals (2, G); the k-th goals are in row k modulo 2.
-        goal_log: Log of applied goals (SLOTS, 1 + G): first tick and values of each.
+        goal_log: Log of applied goals (SLOTS, 1 + G); a row contains the first tick and the values of goals.
     """
 
     def __init__(self, file: int, width: int, every: int = 1, goals: int = 0) -> None:
@@ -155,26 +153,28 @@ class Ring:
 
     @property
     def span(self) -> int:
-        """Return the number of ticks after which a row is overwritten."""
+        """Number of ticks after which a row is overwritten."""
         return SLOTS * self.every
 
 
 def size_of(width: int, goals: int = 0) -> int:
-    """Return the size of a ring [bytes]."""
+    """Return the size of the memory of a ring [bytes]."""
     beside = 8 * (2 * goals + SLOTS * (1 + goals)) if goals else 0
     return PAGE + NOTES + 2 * LETTERS + 8 * SLOTS * width + beside
 
 
 def create(width: int, goals: int = 0) -> int:
-    """Allocate the memory of a ring, freed with the last process that uses it; return its descriptor."""
+    """Allocate the memory of a ring and return its descriptor; it is freed when no process uses it any more."""
     return shared_memory.create("graspfx-ring", size_of(width, goals))
 
 
 class RingRecorder:
-    """A recorder of ticks into a ring. The recorder never waits; if the reader is slow, the oldest rows are lost.
+    """Recorder that writes the rows of ticks to a ring, without waiting for the reader.
+
+    If the reader is too slow, the oldest rows are overwritten.
 
     Args:
-        ring: Ring to write into.
+        ring: Ring to which rows are written.
     """
 
     def __init__(self, ring: Ring) -> None:
@@ -183,28 +183,28 @@ class RingRecorder:
 
     @property
     def ring(self) -> Ring:
-        """The ring. A caller that writes to the ring directly must set `ticks`."""
+        """Ring of the recorder; a caller that writes rows directly to the ring must also set `ticks`."""
         return self._ring
 
     @property
     def row(self) -> FloatArray:
-        """The last row that a tick wrote."""
+        """Row that was written last."""
         row: FloatArray = self._ring.rows[(max(self.ticks, 1) - 1) // self._ring.every % SLOTS]
         return row
 
     def space(self) -> tuple[FloatArray, int, int]:
-        """Return the rows, the next tick's index in the ring [ticks], and the number of ticks up to the ring's end."""
+        """Return all rows, the index of the next tick in the ring, and the number of ticks to the end of the ring."""
         place = self.ticks % self._ring.span
         return self._ring.rows, place, self._ring.span - place
 
     def take(self, count: int) -> None:
-        """Publish the rows of `count` further ticks."""
+        """Publish the rows of the next `count` ticks."""
         self.ticks += count
         fence()
         self._words[Word.HEAD] = self.ticks
 
     def drain(self) -> None:
-        """Do nothing: the reader fetches the rows."""
+        """Do nothing, because the reader reads the rows from the ring."""
 
     def fault(self, k: int, message: str) -> None:
         self._ring.notes.add(("fault", k, message))
@@ -215,18 +215,18 @@ class RingRecorder:
 
 # Letters --------------------------------------------------------------------------------------------------------------
 
-# Each letter is applied as a whole between two ticks. There are two places for letters, used alternately. A letter is
-# published by its number when it is complete, and the next one is written after the servo has applied it. The servo
-# never waits and never sees an incomplete letter.
+# All values of a letter are applied between the same two ticks. The memory has space for two letters, which are used
+# alternately. The number of a letter is published when the letter is complete, and the next letter is written after the
+# servo has applied this letter. The servo never waits and never sees an incomplete letter.
 
 
 class Letter(NamedTuple):
-    """New values of memory entries.
+    """New values of entries in the memories of parts.
 
     Attributes:
-        entries: Entries and values of each memory, by the index of the memory.
-        objects: Indices of the objects whose derived values must be updated.
-        plants: Indices of the plants that must reattach their hands.
+        entries: Index of a memory, indices of entries in this memory, and new values of the entries.
+        objects: Indices of the objects whose derived values must be computed again.
+        plants: Indices of the plants whose method `hold` must be called again.
     """
 
     entries: Sequence[tuple[int, Index, FloatArray]]
@@ -235,10 +235,10 @@ class Letter(NamedTuple):
 
 
 def write_letter(letter: Letter, place: memoryview) -> None:
-    """Write a letter to its memory.
+    """Write a letter to a memory.
 
     Raises:
-        InputError: If the letter is longer than its memory.
+        InputError: If the letter is longer than the memory.
     """
     head: list[int] = [len(letter.entries), len(letter.objects), len(letter.plants), *letter.objects, *letter.plants]
     for memory, places, _ in letter.entries:
@@ -253,7 +253,7 @@ def write_letter(letter: Letter, place: memoryview) -> None:
 
 
 def read_letter(place: memoryview) -> Letter:
-    """Read a letter from its memory, and return a copy."""
+    """Return a copy of the letter in a memory."""
     whole = np.frombuffer(place, np.int64)
     parts, objects, plants = whole[:LETTER_HEAD].tolist()
     first = LETTER_HEAD + objects
@@ -275,7 +275,11 @@ def read_letter(place: memoryview) -> Letter:
 
 
 def pack_error(error: BaseException) -> bytes:
-    """Pack an exception for `unpack_error`; if its attributes cannot be pickled, only its message is packed."""
+    """Convert an exception to bytes for `unpack_error`.
+
+    Attributes that cannot be pickled are replaced by the names of their types. If this is not possible, the bytes
+    contain a GraspFXError with the type and the message of the exception.
+    """
     error = error.with_traceback(None)
     with suppress(Exception):  # exceptions of other libraries may contain anything
         text = _written(error)
@@ -289,7 +293,7 @@ def pack_error(error: BaseException) -> bytes:
 
 
 def unpack_error(text: bytes) -> BaseException:
-    """Restore an exception that `pack_error` packed."""
+    """Restore an exception from the bytes of `pack_error`."""
     try:
         content = pickle.loads(text)
     except Exception as error:  # noqa: BLE001 - a type that is only there in the other process
@@ -304,7 +308,7 @@ def unpack_error(text: bytes) -> BaseException:
 
 
 def _written(error: BaseException) -> bytes:
-    """Pickle an exception by its own `__reduce__`; packages such as dask register a method that loses attributes."""
+    """Pickle an exception by its method `__reduce__`, because methods registered by packages may omit attributes."""
     text = BytesIO()
     pickler = pickle.Pickler(text, pickle.HIGHEST_PROTOCOL)
     pickler.dispatch_table = {}
@@ -313,7 +317,7 @@ def _written(error: BaseException) -> bytes:
 
 
 def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    """Replace attributes that cannot be pickled by the names of their types."""
+    """Replace each attribute that cannot be pickled by a text with the name of the attribute's type."""
     plain = {}
     for name, value in values.items():
         try:

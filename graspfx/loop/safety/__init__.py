@@ -1,1 +1,1 @@
-"""The safety chain between coupling law and devices; its reduced forces also act on the object."""
+"""Safety chain between coupling law and devices; the forces that it reduces also act, reduced, on the object."""

@@ -1,4 +1,4 @@
-"""The safety chain of a scene: limits, memory buffers and fault messages."""
+"""Safety chain of a scene: limits, memory and fault messages."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ MOVES = ("kep_moves", "ked_moves", "kip_moves", "kid_moves")
 
 @dataclass(frozen=True, eq=False)
 class SafetyLimits:
-    """The limits of a scene's fingers.
+    """Limits of the safety chain for n fingers; infinity means that there is no limit.
 
     Attributes:
         force: Largest force of each finger (n,) [N].
-        rate: Largest rate of increase of each force (n,) [N/s]. As with the other limits, infinity means no limit.
+        rate: Largest rate of increase of each finger's force (n,) [N/s].
         speed: Largest speed of each finger (n,) [m/s].
-        lower, upper: Lower and upper corners of the workspaces (n, d) [m].
-        hold: Number of successive samples without a new reading that are tolerated.
+        lower, upper: Lower and upper corner of each finger's workspace (n, d) [m].
+        hold: Largest number of successive samples without a new reading.
         soft_start: Duration of the soft start [s].
     """
 
@@ -49,20 +49,20 @@ class SafetyLimits:
 
 
 class SafetyChain:
-    """Memory of the chain: one buffer for the scene, and one for each object.
+    """Memory of the safety chain of a scene: one buffer for the scene, and one for each object.
 
     Args:
         limits: Limits of all fingers.
-        grasped: Objects with the indices of their fingers. The objects' blocks are marked as guarded by a chain.
+        grasped: Objects, each with the indices of its fingers; `GraspState.guarded` of each object is set.
         devices: Number of devices.
         period: Sampling period T [s].
         live: Names of the fields of `GraspState` that may change during a run.
 
     Attributes:
         limits: Limits of all fingers.
-        pace: Memory of the scene's chain, `Pace`.
-        buffers: Memory of each object's chain, `SafetyState`.
-        where: Indices of entries in an object's memory, by the names used in recordings.
+        pace: Memory for the scene, `Pace`.
+        buffers: Memory for each object, `SafetyState`.
+        where: Indices of entries in the memory of an object, by the names of columns in recordings.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class SafetyChain:
         live: Collection[str] = (),
     ) -> None:
         self.limits = limits
-        self.silence = 0.0  # host's longest silence before forces fade [s]
+        self.silence = 0.0  # longest time without data from the host before forces decay [s]
         self.pace = zeros(size_for(Pace, devices=devices))
         pace = Pace(self.pace)
         pace.devices, pace.hold, pace.trust, pace.elapsed = devices, float(limits.hold), 1.0, 1.0
@@ -109,11 +109,11 @@ class SafetyChain:
         return buffer
 
     def rest(self) -> None:
-        """Let forces decay from the next tick on, because the run ends."""
+        """Let the forces decay from the next tick on, because the run ends."""
         Pace(self.pace).resting = True
 
     def is_steered(self, i: int) -> bool:
-        """Return whether a scalar gain of object i may change during a run."""
+        """Return whether scalar gains of object i may change during a run."""
         safety = SafetyState(self.buffers[i])
         return any(getattr(safety, name) for name in MOVES)
 
@@ -133,9 +133,9 @@ class SafetyChain:
 
 
 def fill_tank(grasped: GraspedObject, safety: SafetyState) -> None:
-    """Fill the tank with sum L_i^2/(2 k) [J], the energy of springs at the force limits; k is `least_stiffness`.
+    """Fill the energy tank, and set the target gains to the present gains, so that no gain is changing.
 
-    The goal becomes the present gains, so that no gain is changing.
+    The energy is sum L_i^2/(2 k) [J], the energy of springs with the smallest stiffness k at the force limits L_i.
     """
     stiffness = least_stiffness(grasped)
     forces = grasped.array(FingerState.limit)
@@ -148,7 +148,7 @@ def fill_tank(grasped: GraspedObject, safety: SafetyState) -> None:
 
 
 def least_stiffness(grasped: GraspedObject) -> float:
-    """Return the smallest positive stiffness of kep and kip in any direction [N/m]; 0 without one."""
+    """Return the smallest positive eigenvalue of the stiffnesses kep and kip [N/m]; 0 if there is none."""
     values = []
     for part in (grasped.law.external, grasped.law.internal):
         gain = np.asarray(part.stiffness, dtype=float)
@@ -159,17 +159,17 @@ def least_stiffness(grasped: GraspedObject) -> float:
 
 
 def goal_entries() -> list[int]:
-    """List the entries of an object's memory that contain the target gains."""
+    """Return the indices of the target gains in the memory of an object."""
     return entries_of(Goal, *GAINS, at=SafetyState(np.zeros(size_for(SafetyState, count=0))).goal.offset)
 
 
 def changing_entry() -> list[int]:
-    """List the entry of an object's memory that marks changing gains."""
+    """Return the index, as a list, of the entry in the memory of an object that says whether gains are changing."""
     return entries_of(SafetyState, "changing")
 
 
 def steered_entries(grasped: GraspedObject) -> list[int]:
-    """List the entries of a block that the chain writes while scalar gains change."""
+    """Return the indices of the entries in the block of an object that the chain writes while scalar gains change."""
     grasp = grasped.state
     entries = entries_of(GraspState, *GAINS, *CHOICES)
     return [*entries, compliant_entry(grasp.damping_problem)] if has_problems(grasp) else entries

@@ -1,7 +1,8 @@
-"""End of the safety chain: limits on the rate, workspace and size of each finger's force, by scaling the whole force.
+"""Last part of the safety chain: limits of rate, workspace and size of the force of each finger.
 
-Finger i exerts s_i f_i with 0 <= s_i <= 1, so no force leaves its cone. The wrench and the energy ledger use s_i f_i.
-The set of forces that a rule admits is star-shaped about zero, so the smallest s_i of all rules satisfies every rule.
+The force f_i of finger i is replaced by s_i f_i with 0 <= s_i <= 1, so it does not leave the friction cone. The wrench
+on the object and the energy ledger use s_i f_i. If a limit admits a force, it also admits every smaller force in the
+same direction; the smallest s_i of all limits therefore satisfies all limits.
 """
 
 from __future__ import annotations
@@ -20,7 +21,10 @@ BAND = 0.005  # distance to a wall of the workspace within which the outward for
 
 @kernel
 def restrain(grasp: GraspState, safety: SafetyState, pace: Pace) -> int:
-    """Bring the final forces within all limits; return NOT_FINITE if they or their inputs are not finite, else 0."""
+    """Scale the forces so that they satisfy all limits.
+
+    The result is NOT_FINITE if a force or an input of the forces is not finite, otherwise 0.
+    """
     if not all_finite(grasp, safety):
         for own in safety.fingers:
             own.last = ZERO
@@ -49,7 +53,7 @@ def restrain(grasp: GraspState, safety: SafetyState, pace: Pace) -> int:
 
 @kernel
 def all_finite(grasp: GraspState, safety: SafetyState) -> bool:
-    """Return whether the forces of a sample and their inputs are finite and the limits are valid."""
+    """Return whether forces and inputs of a sample are finite, and limits and gain are valid."""
     bad = 0.0
     for i, finger in enumerate(grasp.fingers):
         own = safety.fingers[i]
@@ -63,7 +67,7 @@ def all_finite(grasp: GraspState, safety: SafetyState) -> bool:
 
 @kernel
 def share_of(grasp: GraspState, finger: FingerState, own: FingerLimits) -> float:
-    """Return the largest scale of a finger's force, at most 1, that respects the limits on rate, workspace and size."""
+    """Return the largest factor s <= 1 of a finger's force that satisfies the limits of rate, workspace and size."""
     f = finger.force
     size = math.sqrt(dot(f, f))
     if size == 0.0:
@@ -74,11 +78,16 @@ def share_of(grasp: GraspState, finger: FingerState, own: FingerLimits) -> float
 
 @kernel
 def growth_share(f: Vector, last: Vector, growth: float) -> float:
-    """Find the largest s <= 1 for which s f is at most `growth` from the segment between the last force and zero.
+    """Compute the largest s <= 1 for which the distance of s f from the segment between zero and `last` is allowed.
 
-    A force may decrease without limit; from any point of the segment it may grow or turn by `growth`. The admitted set
-    is a capsule that contains zero. The ray along f leaves it once: through its side, the cap around the last force or,
-    if f does not point along the last force, the cap around zero.
+    A force may decrease by any amount, so the distance from the segment, not from the last force, is limited. The set
+    of allowed forces is a capsule that contains zero. The ray along f leaves the capsule once: through the side,
+    through the cap around the last force or, if f'last <= 0, through the cap around zero.
+
+    Args:
+        f: Force of this sample [N].
+        last: Force of the last sample [N].
+        growth: Largest distance from the segment [N].
     """
     a, b, along = dot(f, f), dot(last, last), dot(f, last)
     t = 0.0
@@ -99,10 +108,11 @@ def growth_share(f: Vector, last: Vector, growth: float) -> float:
 
 @kernel
 def wall_share(grasp: GraspState, finger: FingerState, own: FingerLimits) -> float:
-    """Find the largest scale s <= 1 at which the force does not push the finger out of its workspace.
+    """Compute the largest s <= 1 for which the force does not push the finger out of its workspace.
 
-    The operator feels -f. At the distance x from a wall, the component towards the wall is at most L x/BAND, where L
-    is the finger's largest force; beyond the wall the component is zero.
+    The force on the operator is -f. Near a wall of the workspace, the component of this force towards the wall is
+    limited to L x/BAND, where x is the distance from the wall and L the largest force of the finger; outside the wall,
+    the component must be zero.
     """
     share = 1.0
     for a in range(grasp.dimensions):

@@ -7,31 +7,31 @@ from graspfx.spatial import Vector, Vector4
 
 
 class Pace(Record):
-    """State of the scene's chain: soft start, and trust in the readings."""
+    """State of the safety chain for a scene: soft start, and trust in the readings."""
 
     devices: int
-    ramp: float  # length of the soft start [ticks]
-    hold: float  # number of successive samples without a new reading that are tolerated
+    ramp: float  # duration of the soft start [ticks]
+    hold: float  # largest number of successive samples without a new reading
     fading: float  # decrease of the trust per sample
-    soft: float  # factor of the soft start, which rises from 0 to 1
-    trust: float  # 1, or less while forces decay
-    cause: int  # cause of the decay, 0 without one
-    host: int  # 1 + reason why the forces of another program fade, 0 if they do not fade
-    resting: bool  # forces decay because the run ends, which is no fault
+    soft: float  # factor of the soft start, which increases from 0 to 1
+    trust: float  # factor of the trust: 1, or less while forces decay
+    cause: int  # cause of the decay of forces, 0 if there is none
+    host: int  # 1 + reason why the forces of another program decay, 0 if they do not decay
+    resting: bool  # forces decay because the run ends, which is not a fault
     elapsed: float  # periods since the last tick, 1 unless ticks were skipped
     misses: Floats = floats("devices")  # successive samples without a new reading
 
 
 class Tank(Record):
-    """Energy available to increase stiffness; without it, stiffening a loaded spring would generate energy."""
+    """Energy tank: the energy that is available for increases of stiffness."""
 
     level: float  # energy E [J]
     most: float  # capacity [J]
-    booked: float  # energy dissipated by damping and brakes so far, from the ledger [J]
+    booked: float  # total energy dissipated by damping and brakes when the tank was last filled, from the ledger [J]
 
 
 class Goal(Record):
-    """Target values of scalar gains."""
+    """Target values of the scalar gains of an object."""
 
     external_stiffness: float  # kep [N/m]
     external_damping: float  # ked [N s/m]
@@ -40,52 +40,52 @@ class Goal(Record):
 
 
 class Scale(Record):
-    """Factors by which a sample scales the law's force."""
+    """Factors by which the force of the law is multiplied in a sample."""
 
     soft: float  # soft start, limited by the energy in the tank
     trust: float  # trust in the readings
-    squeeze: float  # lambda, on the internal force only
-    outer: float  # smallest factor on the whole force of a finger
+    squeeze: float  # factor lambda of the internal force
+    outer: float  # smallest factor of the whole force of a finger
 
 
 class PastReading(Record):
-    """A finger's past position and the time of its reading."""
+    """Past position of a finger, and the time at which the position was read."""
 
     position: Vector  # [m]
     time: float  # [periods]
 
 
 class FingerLimits(Record):
-    """A finger's limits and its last force."""
+    """Limits and last force of a finger."""
 
     number: int  # index of the finger in the scene
     force: float  # largest force [N]
-    growth: float  # largest growth of a force in one sample [N]
+    growth: float  # largest growth of the force in one sample [N]
     speed: float  # largest speed [m/s]
-    stride: float  # distance covered at that speed in one period [m]
-    lower: Vector  # corners of the box out of which no force pushes the finger, infinite without a box [m]
-    upper: Vector
+    stride: float  # largest distance in one period, speed T [m]
+    lower: Vector  # lower corner of the workspace, infinite without a limit [m]
+    upper: Vector  # upper corner of the workspace, infinite without a limit [m]
     largest: float  # largest force in this sample, including the device's limit [N]
-    last: Vector  # force on the object in the last sample, W [N]
-    withheld: Vector4  # negative of the force removed after the brake, O [N]
-    time: float  # time so far [periods]
-    elapsed: float  # duration of the last step [periods], 0 without a step
-    track: Many[PastReading] = many("4")  # its most recent new readings, latest first
+    last: Vector  # force on the object in the last sample, in world axes [N]
+    withheld: Vector4  # negative of the force that the chain removed after the brake, in the object's axes [N]
+    time: float  # time since the start [periods]
+    elapsed: float  # time between the last two new readings [periods]; 0 if the last reading was not new
+    track: Many[PastReading] = many("4")  # last four new readings, latest first
 
 
 class SafetyState(Record):
-    """State of one object's chain, stored next to its block."""
+    """State of the safety chain for one object."""
 
-    count: int  # n
-    posed: bool  # the block contains friction problems
-    apart: bool  # frictionless fingers can only push: unequal gains give forces along rays
+    count: int  # number of fingers n
+    posed: bool  # the object's block contains friction problems
+    apart: bool  # fingers are frictionless and can only push, so unequal gains give forces along rays
     kep_moves: bool  # kep may change during a run
     ked_moves: bool
     kip_moves: bool
     kid_moves: bool
     changing: bool  # gains are changing to `goal`
     gain: float  # gamma, factor of stiffness and damping in this sample
-    elapsed: float  # longest of the fingers' last steps, at least 1 [periods]
+    elapsed: float  # largest `elapsed` of the fingers, at least 1 [periods]
     tank: Tank
     goal: Goal
     scale: Scale

@@ -1,7 +1,8 @@
-"""Scaling of stiffness and damping by gamma for soft start and trust, applied in the coupling and thus to both sides.
+"""Scaling of stiffness K and damping D by a factor gamma, for the soft start and for the trust in the readings.
 
-Because cones are invariant to scaling, the force of gains gamma K and gamma D is gamma times the force of K and D. With
-the limit |f_i| <= L_i it is gamma times the force of K and D limited to L_i/gamma, so the step `limit` uses L_i/gamma.
+The coupling applies gamma, so the forces on operator and object are both scaled. Because friction cones are invariant
+to scaling, the forces for gamma K and gamma D are gamma times the forces for K and D. With the force limits L_i, they
+are gamma times the forces for K and D with the limits L_i/gamma, so the step `limit` uses L_i/gamma.
 """
 
 from __future__ import annotations
@@ -18,7 +19,10 @@ from graspfx.spatial import dot
 
 @kernel
 def soften(grasp: GraspState, safety: SafetyState, pace: Pace, code: int) -> int:
-    """Compute gamma of this sample, check the fingers' speeds, and let `limit` use L_i/gamma; return `code`."""
+    """Compute gamma of this sample, set the force limits to L_i/gamma, and check the speeds of the fingers.
+
+    The result is `code`, the cause returned by `keep_pace`; if it is not zero, gamma does not change.
+    """
     if code == 0:
         grow(grasp, safety, pace.soft * pace.trust)
     gain = safety.gain
@@ -36,12 +40,13 @@ def soften(grasp: GraspState, safety: SafetyState, pace: Pace, code: int) -> int
 
 @kernel
 def is_quick(finger: FingerState, own: FingerLimits, elapsed: float) -> bool:
-    """Return whether a finger exceeds its largest speed, by the velocity that its driver reports or by its positions.
+    """Return whether a finger exceeds its largest speed, according to the reported velocity or to positions.
 
-    A reported velocity may be delayed, filtered or always zero. Each new position is therefore also compared with the
-    positions two, three and four new readings earlier. Successive readings are not compared, because their difference
-    may be due to the sensor's resolution. An oscillation that repeats over one or two of these spans does not repeat
-    over all three. A reading is new if its position has changed.
+    The velocity that a driver reports may be delayed, filtered or always zero. Each new position is therefore also
+    compared with the positions of the second, third and fourth last new readings. Successive readings are not compared,
+    because their difference may be due to the resolution of the sensor. Three intervals are used, because the positions
+    of an oscillation may be equal after one or two of these intervals, but not after all three. A reading is new if the
+    position has changed.
     """
     quick = dot(finger.velocity, finger.velocity) > own.speed * own.speed
     track = own.track
@@ -68,7 +73,7 @@ def is_quick(finger: FingerState, own: FingerLimits, elapsed: float) -> bool:
 
 @kernel
 def apply_gain(grasp: GraspState, safety: SafetyState) -> None:
-    """Scale the limited, elastic and law forces by gamma, and restore the limits L_i."""
+    """Multiply limited forces, elastic forces and forces of the law by gamma, and restore the limits L_i."""
     gain = safety.gain
     for i, finger in enumerate(grasp.fingers):
         finger.limit = safety.fingers[i].largest

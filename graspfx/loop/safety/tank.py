@@ -1,10 +1,12 @@
-"""Energy tank that pays for increases of stiffness, which would otherwise generate energy under load.
+"""Energy tank that supplies the energy for increases of stiffness.
 
-At the displacement w = K^-1 f of a spring's force f (w = e + s, with the displacement e and the slip s of the contact),
-a change dK costs dV = 1/2 w'dK w. The tank loses dV, or only the part of dK that it can pay for is applied. The tank
-gains the energy that is released when gains decrease, and the energy that damping and the passivity controller
-dissipate; a decrease of gamma adds nothing. The tank holds at most sum L_i^2/(2 k), the energy of springs of the
-smallest stiffness k at the force limits. Friction of the devices is not counted.
+An increase of stiffness generates energy if the spring is under load. If the stiffness K with the spring force f
+changes by dK, the energy in the spring increases by dV = 1/2 w'dK w, with the displacement w = K^-1 f = e + s of the
+spring, the displacement e of the finger and the slip s of the contact. dV is taken from the tank; if the tank does not
+contain dV, only a fraction of dK is applied. The tank receives the energy that is released by decreases of gains, and
+the energy that damping and the passivity controller dissipate, but not the energy that is released by decreases of
+gamma or dissipated by friction of the devices. The capacity of the tank is sum L_i^2/(2 k), the energy of springs with
+the smallest stiffness k at the force limits L_i.
 """
 
 from __future__ import annotations
@@ -18,15 +20,15 @@ from graspfx.loop.energy.brake import book_sample, store_sample
 from graspfx.loop.energy.ledger import total_of
 from graspfx.loop.safety.safety_state import SafetyState, Tank
 
-SLIP = 1.25  # factor for contacts that slide by Coulomb's law, for which dV was seen to exceed 1/2 w'dK w by a fifth
+SLIP = 1.25  # factor for contacts that slide by Coulomb's law, where the energy exceeded 1/2 w'dK w by up to a fifth
 
 
 @kernel
 def grow(grasp: GraspState, safety: SafetyState, target: float) -> None:
-    """Change gamma of the stiffness gamma K towards its target, as far as the energy in the tank allows.
+    """Change the factor gamma of the stiffness towards a target value, as far as the energy in the tank allows.
 
-    f = gamma K w costs dV = 1/2 w'K w dgamma. The bound 1/2 f'e/gamma replaces 1/2 w'K w, because slipping only reduces
-    the latter. The bound is at most the tank's capacity divided by gamma^2, because forces are limited.
+    An increase dgamma needs dV = 1/2 w'K w dgamma. 1/2 f'e/gamma is used as an upper bound of 1/2 w'K w, because slip
+    only reduces w'K w. Another upper bound is the capacity of the tank divided by gamma^2, because forces are limited.
     """
     gain, tank = safety.gain, safety.tank
     if target > gain:
@@ -46,7 +48,7 @@ def grow(grasp: GraspState, safety: SafetyState, target: float) -> None:
 
 @kernel
 def adjust(grasp: GraspState, safety: SafetyState) -> None:
-    """Apply the part of a change of the gains that the tank can pay for."""
+    """Change the gains towards their target values, as far as the energy in the tank allows."""
     if not safety.changing:
         return
     tank, goal = safety.tank, safety.goal
@@ -69,19 +71,22 @@ def adjust(grasp: GraspState, safety: SafetyState) -> None:
 
 @inline
 def affordable(tank: Tank, cost: float) -> float:
-    """Return the fraction of a change that the tank can pay for: 1 for a change without cost, 0 for an empty tank."""
+    """Return the fraction of a change for which the tank contains the energy; `cost` is the energy needed [J]."""
     return 1.0 if cost <= tank.level or cost <= 0.0 else max(tank.level, 0.0) / cost
 
 
 @kernel
 def price_of_change(grasp: GraspState, safety: SafetyState) -> float:
-    """Compute dV = gamma/2 w'dK w of the whole change, at w of the last sample [J].
+    """Compute the energy dV = gamma/2 w'dK w [J] for the whole change of the gains, with w of the last sample.
 
-    In modes, w'dK w = dkip/kip^2 (f'W^-1 f - sum_k z_k^2) + sum_k dkappa_k/kappa_k^2 z_k^2 with z_k = q_k'W^-1/2 f and
-    kappa_k = kip + (kep - kip) beta_k. W is the matrix of the fingers' weights, q_k and beta_k are the rigid modes and
-    their fractions (`graspfx.grasp.rigid_modes`). Equal gains have no modes, and f does not determine w if a gain is
-    zero. In both cases the bound max(dkep, dkip) w'W w is used; if a gain is zero, the displacement e replaces w in the
-    bound.
+    The gains kep and kip change by dkep and dkip. Then
+
+        w'dK w = dkip/kip^2 (f'W^-1 f - sum_k z_k^2) + sum_k dkappa_k/kappa_k^2 z_k^2,   z_k = q_k'W^-1/2 f,
+        kappa_k = kip + (kep - kip) beta_k
+
+    where W is the matrix of the fingers' weights, q_k are the rigid modes and beta_k the fractions of the modes
+    (`graspfx.grasp.rigid_modes`). If kep = kip, the modes are not computed, and the upper bound max(dkep, dkip) w'W w
+    is used. If a gain is zero, f does not determine w, and this bound is used with the displacement e instead of w.
     """
     if safety.gain <= 0.0:
         return 0.0
@@ -109,7 +114,7 @@ def price_of_change(grasp: GraspState, safety: SafetyState) -> float:
 
 @kernel
 def price_by_modes(grasp: GraspState, dkep: float, dkip: float, total: float) -> float:
-    """Compute w'dK w from `total` = f'W^-1 f and the modes of the last sample."""
+    """Compute w'dK w from the rigid modes of the last sample and from `total` = f'W^-1 f (`price_of_change`)."""
     kep, kip, width = grasp.external_stiffness, grasp.internal_stiffness, grasp.width
     price = 0.0
     for k in range(grasp.mode_count):
@@ -128,7 +133,7 @@ def price_by_modes(grasp: GraspState, dkep: float, dkip: float, total: float) ->
 
 @kernel
 def write_gains(grasp: GraspState, safety: SafetyState, kep: float, ked: float, kip: float, kid: float) -> None:
-    """Write the gains that may change."""
+    """Set those gains that may change during a run."""
     if safety.kep_moves:
         grasp.external_stiffness = kep
     if safety.ked_moves:
@@ -141,7 +146,7 @@ def write_gains(grasp: GraspState, safety: SafetyState, kep: float, ked: float, 
 
 @kernel
 def write_choices(grasp: GraspState, safety: SafetyState) -> None:
-    """Write the switches that depend on the gains, by the rules of `graspfx.coupling.fill`."""
+    """Set the switches that depend on the gains, as in `graspfx.coupling.fill`."""
     kep, ked = grasp.external_stiffness, grasp.external_damping
     kip, kid = grasp.internal_stiffness, grasp.internal_damping
     grasp.pads_known = False
@@ -160,7 +165,7 @@ def write_choices(grasp: GraspState, safety: SafetyState) -> None:
 
 @kernel
 def refill(safety: SafetyState, ledger: LedgerState) -> None:
-    """Add the energy dissipated by damping and brake since the last sample, from the ledger."""
+    """Add to the tank the energy that damping and brake have dissipated since the last call, from the ledger."""
     spent = 0.0
     for losses in ledger.losses:
         spent += total_of(losses.damped) + total_of(losses.braked)
@@ -171,7 +176,7 @@ def refill(safety: SafetyState, ledger: LedgerState) -> None:
 
 @kernel
 def open_books(grasp: GraspState, ledger: LedgerState, safety: SafetyState, T: float) -> None:
-    """Book the previous sample, apply the passivity controller if enabled, and fill the tank."""
+    """Add the previous sample to the ledger, apply the passivity controller if it is enabled, and fill the tank."""
     ledger.gain, ledger.elapsed = safety.gain, safety.elapsed
     book_sample(grasp, ledger, T)
     refill(safety, ledger)
@@ -179,7 +184,7 @@ def open_books(grasp: GraspState, ledger: LedgerState, safety: SafetyState, T: f
 
 @kernel
 def close_books(grasp: GraspState, ledger: LedgerState, safety: SafetyState) -> None:
-    """Store the displayed forces and the part withheld after the brake, and write the report."""
+    """Store the displayed forces and the forces removed after the brake, and write the energies for the recording."""
     for i, finger in enumerate(ledger.fingers):
         finger.withheld = safety.fingers[i].withheld
     store_sample(grasp, ledger)

@@ -1,4 +1,4 @@
-"""Trust in the readings: a soft start, and the decay of forces for a cause, such as missing readings, or at the end."""
+"""Soft start, and trust in the readings: forces decay if there is a cause, such as missing readings, or at the end."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ STALE, QUICK, NOT_FINITE, DEADMAN, HOST = (
     3,
     4,
     5,
-)  # causes; the code is cause + CAUSES * index of the device or finger
+)  # causes of the decay; a fault code is cause + CAUSES * index of the device or finger
 CAUSES = 8
-DECAY = 0.02  # time in which forces decay [s]
+DECAY = 0.02  # time in which forces decay to zero [s]
 
 
 @kernel
 def soft_share(ticks: float, pace: Pace) -> float:
-    """Compute the soft start's factor 3 x^2 - 2 x^3, x = ticks/ramp."""
+    """Compute the factor 3 x^2 - 2 x^3 of the soft start, x = ticks/ramp; after the soft start, the factor is 1."""
     x = 1.0
     if ticks < pace.ramp:
         x = ticks / pace.ramp
@@ -27,11 +27,14 @@ def soft_share(ticks: float, pace: Pace) -> float:
 
 @kernel
 def keep_pace(pace: Pace, k: int) -> int:
-    """Compute the soft start's factor 3 x^2 - 2 x^3, x = k/ramp, and the trust in the readings; return 0 or a cause.
+    """Compute the factor of the soft start and the trust in the readings for tick k.
 
-    The trust decreases by T/DECAY per sample while a device has had no new reading for more than `hold` samples or
-    another cause persists, and increases at the same rate afterwards. When the trust is zero, the function returns the
-    cause, which is a fault. At the end of a run the trust decreases without a fault.
+    The trust decreases by T/DECAY per sample while a device has had no new reading for more than `hold` samples, or
+    while there is another cause; otherwise it increases at the same rate up to 1. At the end of a run, the trust
+    decreases without a cause.
+
+    Returns:
+        Fault code with the cause if the trust is zero because of a cause; otherwise 0.
     """
     pace.soft = soft_share(k, pace)
     cause = pace.cause
@@ -40,7 +43,7 @@ def keep_pace(pace: Pace, k: int) -> int:
             cause = STALE + CAUSES * i
     if cause == 0 and pace.host != 0:
         cause = HOST + CAUSES * (pace.host - 1)
-    half = 0.5 * pace.fading  # a trust this close to 0 or 1 counts as 0 or 1, so rounding adds no sample
+    half = 0.5 * pace.fading  # tolerance within which the trust is set to 0 or 1, so that rounding adds no sample
     if cause == 0 and not pace.resting:
         pace.trust = pace.trust + pace.fading if pace.trust + pace.fading < 1.0 - half else 1.0
         return 0

@@ -103,7 +103,7 @@ def test_a_device_that_cannot_be_stopped_is_quenched(tmp_path: Path) -> None:
         run.end()
     order = [each.what for each in run.log]
     assert order.index("close") < order.index("quench") < order.index("whole")
-    assert "cannot be stopped and may keep its force" in str(Recording.load(run.out).faults)
+    assert "cannot be stopped, and its force may remain" in str(Recording.load(run.out).faults)
 
 
 def test_a_driver_that_never_returns_is_ended_and_quenched(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ pytestmark = [
 ]
 TOLD = {
     "not finite": "which are not finite",
-    "far away": "from the last one, expected at most",
+    "far away": "from the last position, expected at most",
     "hangs": "has not returned for",
     "killed": "the servo's process was ended by SIGKILL",
 }

@@ -162,7 +162,8 @@ def test_a_device_that_cannot_be_stopped_is_a_fault(tmp_path: Path, monkeypatch:
     session.run(TICKS)
     faults = session.finish().outcome.faults
     assert [fault.tick for fault in faults] == [60, 60]
-    assert "finger1 (Scripted) cannot be stopped and may keep its force; switch it off: code -4" in faults[1].message
+    says = "finger1 (Scripted) cannot be stopped, and its force may remain; switch the device off: code -4"
+    assert says in faults[1].message
 
 
 def test_a_device_without_its_functions_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
