@@ -133,11 +133,11 @@ def test_what_would_change_more_than_numbers_is_refused(case: str) -> None:
 @pytest.mark.parametrize(
     ("name", "overrides", "key", "why"),
     [
-        ("reference-1dof", {}, "period", "time is counted in periods"),
-        ("reference-1dof", {}, "object.position", "moving parts continue from their present state"),
-        ("reference-1dof", {}, "finger.0.start", "moving parts continue from their present state"),
+        ("reference-1dof", {}, "period", "ticks are counted in periods"),
+        ("reference-1dof", {}, "object.position", "objects and fingers continue from their present state"),
+        ("reference-1dof", {}, "finger.0.start", "objects and fingers continue from their present state"),
         ("reference-1dof", {}, "object.shape.size", "which bodies exist"),
-        ("reference-1dof", {}, "coupling.contact", "it selects what is computed"),
+        ("reference-1dof", {}, "coupling.contact", "its value selects the computation of forces"),
         ("reference-1dof", {}, "coupling.passivity", "whether energy is observed or controlled"),
         ("reference-1dof", {}, "finger.*.radius", "the memory layout of contacts"),
         ("reference-1dof", {"coupling.passivity": "observe"}, "object.mass", "the energy ledger"),
@@ -216,7 +216,7 @@ def test_keys_that_are_none() -> None:
         gx.open("reference-1dof", live="coupling.internal.stifness")
     with pytest.raises(UnknownNameError, match=r"known: coupling.blend"):
         gx.open("reference-1dof", live=["colour"])
-    with pytest.raises(InputError, match="a key of the scene with dots"):
+    with pytest.raises(InputError, match="a dotted key of the scene"):
         gx.open("reference-1dof", live=[3])  # type: ignore[list-item]
 
 
@@ -260,8 +260,8 @@ def test_keys_without_a_value_here() -> None:
     with gx.open("knob", {"engine": "interpreted"}, live=[KIP]) as session:
         for key, says in (
             ("finger.0.device.resolution", "a setting that is in the scene; the driver's default applies"),
-            ("finger.0.hand.stiffness", "if a name denotes a table"),
-            ("finger.*.hand.stiffness", "if a name denotes a table"),
+            ("finger.0.hand.stiffness", "if a finger refers to a table by its name"),
+            ("finger.*.hand.stiffness", "if a finger refers to a table by its name"),
             ("period.x", "period is a value and has no parts"),
         ):
             with pytest.raises(InputError, match=says):

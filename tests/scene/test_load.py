@@ -432,7 +432,9 @@ def test_an_override_replaces_either_name(written: str, key: str) -> None:
 
 
 def test_both_names_are_a_fault() -> None:
-    with pytest.raises(SceneError, match=r"friction: the former name of 'damping', which is also given: remove it"):
+    with pytest.raises(
+        SceneError, match=r"friction: a former name of 'damping', which is also given: remove 'friction'"
+    ):
         load(write(GOOD.replace("damping = 0.2", "damping = 0.2, friction = 0.2", 1)))
 
 
