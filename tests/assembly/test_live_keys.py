@@ -71,20 +71,21 @@ def test_an_update_that_would_change_nothing_is_refused() -> None:
     with build(scene, live=[key]) as servo:
         steering = Steering(servo, scene, [key])
         assert steering.update(scene.replace({key: 0.4}), {key: 0.4}).parts
-        with pytest.raises(InputError, match="a key that affects a number of the run"):
+        with pytest.raises(InputError, match="a key of a value in the run"):
             steering.update(scene.replace({key: 0.4}), {"finger.thumb.device.mass": 0.4})
 
 
 def test_what_is_not_live_cannot_be_set() -> None:
     with gx.open("reference-1dof", live=[KIP]) as session:
         with pytest.raises(
-            InputError, match=r"live are coupling.internal.stiffness: list it in gx.open\(scene, live=\['object.mass"
+            InputError,
+            match=r"live keys are coupling.internal.stiffness: add it, as in gx.open\(scene, live=\['object.mass",
         ):
             session.set("object.mass", 0.2)
         with pytest.raises(InputError, match="a live key"):
             session.set({KIP: 50.0, "period": 0.001})
         assert session.get(KIP) == 70.0 and not session.recording.changes
-    with gx.open("reference-1dof") as session, pytest.raises(InputError, match="no key is: list it"):
+    with gx.open("reference-1dof") as session, pytest.raises(InputError, match="there are no live keys: add it"):
         session.set(KIP, 50.0)
 
 
@@ -158,7 +159,7 @@ def test_a_hand_of_a_plug_in_that_has_its_directions_refuses_others(tmp_path: Pa
     scene = gx.load("sphere-three-fingers").replace({"hand": [hand]})
     moving = scene.replace({"object.integrator": "implicit", "object.velocity": [0.3, 0.0, 0.0]})
     with gx.open(moving, live=[key]) as session:
-        with pytest.raises(InputError, match="a hand or a motion of a plug-in has received the normals"):
+        with pytest.raises(InputError, match="a hand or a motion of a plug-in already uses the normals"):
             session.set(key, 30.0)
         assert not session.recording.changes
         session.step(2)

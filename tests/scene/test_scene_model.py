@@ -272,7 +272,7 @@ WRONG: list[tuple[Any, str, Any, str]] = [
     # drivers connected
     (line, "finger.0.device.mass", -1, "finger.0.device.mass: given -1, expected a finite mass above zero"),
     (line, "finger.0.device.fingers", 0, "finger.0.device.fingers: given 0, expected an integer from 1 to"),
-    (line, "finger.0.device.fingers", 2, "finger.0.device: no finger uses its channel 1: a simulated device needs"),
+    (line, "finger.0.device.fingers", 2, "finger.0.device: expected a finger on each channel of a simulated device"),
     (line, "finger.1.channel", 1, "finger.1.channel: expected less than 1: 'simulated' has 1 finger; given 1"),
     (plane, "finger.0.device", {"name": "two-link", "elbow": "up"}, "finger.0.device.elbow: given 'up', expected"),
     (plane, "finger.0.device", {"name": "two-link", "links": [0.1]}, "finger.0.device.links: given [0.1], expected"),
@@ -442,7 +442,7 @@ def test_hands_hold_simulated_devices_of_one_kind(tmp_path: Path, monkeypatch: p
     assert faults(table) == []
     held = put(copy.deepcopy(table), "finger.0.hand", {"stiffness": 1.0})
     assert faults(held) == [
-        "finger.0.hand: a real device is held by the operator's own hand: remove this finger's `hand`"
+        "finger.0.hand: a person's hand holds a real device: remove the simulated hand of this finger"
     ]
     table["finger"][0]["device"] = {"name": "two-link", "base": [0.0, -0.2]}
     table["hand"] = [{"name": "right", "arm": {"stiffness": 1}, "grip": {"stiffness": 1}}]
@@ -555,7 +555,7 @@ def test_devices_with_several_fingers() -> None:
     assert faults(table) == ["finger.1.channel: expected less than 3: 'simulated' has 3 fingers; given 5"]
     table["finger"][1]["channel"] = 2
     [found] = faults(table)
-    assert found.startswith("device.0: no finger uses its channel 1: ")
+    assert found.startswith("device.0: expected a finger on each channel of a simulated device: ")
     table["device"][0]["fingers"], table["finger"][1]["channel"] = 2, 1
     assert faults(table) == []
     table["finger"][1]["channel"] = 0
