@@ -161,7 +161,7 @@ class RealTimeSession(Session):
             if self.tick:
                 return
             time.sleep(0.001)
-        cause = self._remote.outcome["cause"]
+        cause = self._remote.outcome["cause"] or "all forces are zero"
         raise InputError("session", self, "a session that is running", f"this session has ended: {cause}")
 
     @contextmanager

@@ -274,7 +274,7 @@ class Variants:
                 same = False
             if not same:
                 self.notes.append(
-                    f"{len(group.members)} variants were not computed as columns, which differ from built ones"
+                    f"{len(group.members)} variants not computed as columns, which differ from built ones"
                 )
                 return None
         if kind is not None:

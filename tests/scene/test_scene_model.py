@@ -432,7 +432,7 @@ def test_a_hand_that_lacks_something_is_a_fault_of_its_table(
     )
     [fault] = faults(put(plane(), "finger.0.hand", {"kind": "part.py"}))
     assert fault.startswith("finger.0.hand: hold(): given ")
-    assert f"the hand of part.py lacks {name}: add them; see graspfx.protocols.Hand" in fault
+    assert f"add {name} to the hand of part.py; graspfx.protocols.Hand documents hands" in fault
 
 
 def test_hands_hold_simulated_devices_of_one_kind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
