@@ -21,9 +21,9 @@ def one_blas_thread() -> Iterator[None]:
     """Limit NumPy's and SciPy's BLAS to one thread in the context or decorated function; then restore the number.
 
     Contexts may be nested, and the number of BLAS threads is also restored after an exception. This number is common to
-    the whole process: if several Python threads use this function at once, only the first one changes and restores it.
-    The eigenvalues of a 192 x 192 matrix take 16 ms with one BLAS thread, and about 100 ms with two BLAS threads on a
-    busy machine.
+    the whole process: if several Python threads use this function at once, only the first thread changes and restores
+    it. The eigenvalues of a 192 x 192 matrix take 16 ms with one BLAS thread, and about 100 ms with two BLAS threads on
+    a busy machine.
     """
     if not _limiting.acquire(blocking=False):
         yield

@@ -263,7 +263,7 @@ def edges(D: FloatArray, N: FloatArray, unit: FloatArray | float) -> tuple[Float
 
     Args:
         D, N: Coefficients as for `critical_gains`.
-        unit: Reference stiffness [N/m], device mass over squared period; gains below 1e-13 of it count as zero.
+        unit: Reference stiffness [N/m], device mass over squared period; gains below 1e-13 `unit` count as zero.
 
     Returns:
         Ends k of the intervals in ascending order and y (`critical_gains`) at each end, both (c + 2, ...), and the mask

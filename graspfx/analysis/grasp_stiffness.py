@@ -113,7 +113,7 @@ def cross(a: FloatArray) -> FloatArray:
 def pushing(
     subject: Subject, fingers: ArrayLike, *, released: ArrayLike | None = None
 ) -> Iterator[tuple[tuple[int, ...], Linearisation]]:
-    """Yield the linearised loop of the whole object with each subset of the fingers touching it.
+    """Yield the linearised loop of the whole object for each subset of fingers that may touch the object.
 
     Coordinates b of fingers that do not touch carry no force: on the touching coordinates a, the stiffness K becomes
     K_aa - K_ab K_bb^+ K_ba, where ^+ is the pseudoinverse, and the damping changes in the same way. If one of two

@@ -137,21 +137,21 @@ class Linearisation(Carded):
 
         -(K_g q_1 + B_g q_1'),    q_1 = q_0 + T q_1'
 
-    where q_0 is the object's position at the start of the sample and q_1' its velocity at the end, which is solved for
-    together with the wrench. With the integrator "implicit", the coupling's prediction of the object assumes the
-    ground's wrench of the previous sample.
+    where q_0 is the object's position at the start of the sample, and q_1' the object's velocity at the end, which is
+    solved for together with the wrench. With the integrator "implicit", the coupling's prediction of the object assumes
+    the ground's wrench of the previous sample.
 
     Args:
-        period: Period T [s].
+        period: Sampling period T [s].
         mass: Mass of the devices, one per coordinate (m,) or a number [kg].
-        friction: Friction b, (m,) or a number [N s/m].
+        friction: Friction b of the devices, (m,) or a number [N s/m].
         G: Matrix (r, m) from contact forces f to the wrench on the object's free coordinates.
-        inertia: Inertia M_o, (r, r) or its diagonal [kg, kg m^2].
-        viscosity: Viscosity B_o, (r, r) or its diagonal [N s/m, N m s/rad].
-        stiffness: Stiffness K, (m, m), or a number for all coordinates [N/m].
-        damping: Damping D, (m, m), or a number [N s/m].
-        hand_stiffness: Hand stiffness K_h, (m, m), its diagonal, or a number [N/m].
-        hand_damping: Hand damping B_h, in the same forms [N s/m].
+        inertia: Inertia M_o of the object, (r, r) or its diagonal (r,) [kg, kg m^2].
+        viscosity: Viscosity B_o of the object, (r, r) or its diagonal (r,) [N s/m, N m s/rad].
+        stiffness: Stiffness K of the coupling, (m, m), or a number for all coordinates [N/m].
+        damping: Damping D of the coupling, (m, m), or a number [N s/m].
+        hand_stiffness: Hand stiffness K_h, (m, m), its diagonal (m,), or a number [N/m].
+        hand_damping: Hand damping B_h, (m, m), its diagonal (m,), or a number [N s/m].
         delay: Delay of the force [samples], one per coordinate or a number.
         lateness: Additional delay of the force on the device [s], one per coordinate or a number. It need not be a
             whole number of samples: the held force then changes within a sample.
@@ -335,8 +335,8 @@ def linear_of(subject: Subject, recording: object = None) -> Linearisation:
 
     Args:
         subject: `Linearisation`, scene, or name or path of a scene.
-        recording: Recording of the scene, or path of the recording; the grasp is linearised at its last sample. If
-            None, the scene is linearised about the equilibrium that it specifies.
+        recording: Recording of the scene, or path of the recording; the grasp is linearised at the last sample. If
+            None, the result is that of `Scene.linearise`.
 
     Raises:
         InputError: If the subject or the recording has another type, or a recording is given with a `Linearisation`.

@@ -397,8 +397,8 @@ def _trial(bench: Bench, channel: int, axis: int, force: float, step: float) -> 
 def _take_back(bench: Bench, channel: int, push: FloatArray, duration: float) -> None:
     """Undo the motion of a push of force `push` and of a duration [s].
 
-    A push in the opposite direction for twice the duration and a push in the same direction for the duration return the
-    finger to its position with zero velocity.
+    A push in the opposite direction for twice the duration, and then a push in the same direction for the duration,
+    return a frictionless mass to its position with zero velocity.
     """
     began = bench.samples[-1].end
     while bench.samples[-1].end - began < 2.0 * duration:

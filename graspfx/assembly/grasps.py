@@ -31,8 +31,8 @@ class StillHand:
 
     Attributes:
         hand: Hand, whose targets change only with the squeeze.
-        fingers: Indices of its fingers.
-        closed: Time of its largest squeeze [s].
+        fingers: Indices of the hand's fingers.
+        closed: Time of the hand's largest squeeze [s].
     """
 
     hand: Hand

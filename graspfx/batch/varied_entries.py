@@ -65,7 +65,7 @@ class PartColumns:
     """Values of plain keys of devices and hands in V variants.
 
     Args:
-        scene: Scene of the variants; its values for these keys are not used.
+        scene: Scene of the variants.
         values: Values of each key, (V,); tables in the keys are denoted by their indices.
     """
 
@@ -311,7 +311,7 @@ class Columns:
     """Values of plain keys in V variants of a scene.
 
     Args:
-        scene: Scene of the variants; its values for these keys are not used.
+        scene: Scene of the variants.
         values: Values of each key, (V,).
     """
 
