@@ -159,13 +159,13 @@ def critical_gains(D: FloatArray, N: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 def in_half_plane(D: FloatArray) -> FloatArray:
-    """Return the coefficients in w = (z - 1)/(z + 1) of (1 - w)^n D."""
+    """Convert coefficients of D (n + 1, ...) in s = z - 1 to those of (1 - w)^n D in w = (z - 1)/(z + 1)."""
     W = to_half_plane(len(D) - 1)
     return np.stack([sum((w * d for w, d in zip(row, D, strict=True) if w), np.zeros(D.shape[1:])) for row in W.T])
 
 
 def _alternating(a: FloatArray) -> FloatArray:
-    """Convert coefficients in w^2 to coefficients in y = -w^2."""
+    """Convert coefficients of a polynomial in w^2 to coefficients in y = -w^2."""
     value = a.copy()
     value[1::2] *= -1.0
     return value

@@ -228,7 +228,7 @@ class Linearisation(Carded):
         kind = one_of("integrator", integrator, INTEGRATORS)
         whole = np.array([samples("delay", d) for d in numbers("delay", delay, "1").ravel().tolist()], dtype=np.int64)
         if whole.shape not in ((1,), (m,)):
-            raise InputError("delay", delay, f"one whole number, or {m}")
+            raise InputError("delay", delay, f"one whole number, or {m} whole numbers")
         self._set(
             period=number("period", period, "s", zero=False),
             mass=_row("mass", mass, m, "kg", zero=False),
@@ -255,7 +255,7 @@ class Linearisation(Carded):
             operator=operator,
         )
         if operator is not None and len(operator.limb) != m:
-            raise InputError("operator", len(operator.limb), f"one of {m} coordinates")
+            raise InputError("operator", len(operator.limb), f"an operator with {m} coordinates")
 
     def _set(self, **values: Any) -> None:
         for name, value in values.items():
@@ -290,7 +290,7 @@ class Linearisation(Carded):
         return self.lateness + self.age
 
     def to_control(self, loop: str = "closed") -> control.StateSpace:
-        """Convert to a python-control system with dt = T.
+        """Convert to a python-control system in discrete time, sampled with the period T.
 
         Args:
             loop: "closed" or "open". Inputs of the closed loop are the operator's forces on the device coordinates,
@@ -374,7 +374,7 @@ def _ground(parts: tuple[ArrayLike, ArrayLike], r: int, integrator: str) -> tupl
 def _row(name: str, entries: ArrayLike, m: int, unit: str, *, zero: bool = True) -> FloatArray:
     value = numbers(name, entries, unit, zero=zero)
     if value.shape not in ((), (m,)):
-        raise InputError(name, value, f"one number [{unit}], or {m}")
+        raise InputError(name, value, f"one number [{unit}], or {m} numbers")
     return np.array(np.broadcast_to(value, (m,)))
 
 

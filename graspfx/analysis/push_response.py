@@ -79,7 +79,7 @@ def response(pushes: Sequence[Push], drag: float, longest: float) -> Response:
     d = pushes[0].position.shape[1] if pushes else 0
     counts = [sum(push.axis == axis for push in pushes) for axis in range(d)]
     if not pushes or min(counts) < GROUPS:
-        raise InputError("pushes", counts, f"at least {GROUPS} along each axis")
+        raise InputError("pushes", counts, f"at least {GROUPS} pushes along each axis")
     table = _Table(pushes, drag)
     whole = np.ones(len(pushes), dtype=bool)
     delay = _least(lambda t: table.fit(t, whole)[1], longest)

@@ -108,7 +108,7 @@ class Plant:
         if single:
             values["fingers"] = count("fingers", self.fingers, 1)
         elif (np.asarray(values.get("fingers", 1.0)) < 1.0).any():
-            raise InputError("fingers", self.fingers, "1 or more everywhere")
+            raise InputError("fingers", self.fingers, "1 or more in every entry")
         return replace(
             self,
             **values,

@@ -119,7 +119,7 @@ def solid_inertia(solid: Solid, mass: float, dimensions: int) -> tuple[float, ..
 
 
 def place(table: Object | Obstacle, solid: Solid) -> tuple[tuple[float, ...] | None, float | tuple[float, ...] | None]:
-    """Return the initial pose of a body's frame: position [m], and angle [rad] or quaternion x, y, z, w."""
+    """Return the initial pose of a body's frame: position [m], and angle [rad] or unit quaternion x, y, z, w."""
     position, orientation = table.position, table.orientation
     if solid.mesh is not None and not isinstance(orientation, float):
         return solid.mesh.body_pose(position, orientation)
@@ -260,7 +260,7 @@ def in_world(scene: SceneTable, group: Sequence[int]) -> bool:
 
 
 def obstacles(scene: SceneTable, stock: Stock) -> list[PlacedObstacle]:
-    """Place the scene's obstacles."""
+    """Return the obstacles of a scene at their poses."""
     solids = [stock.solid(("obstacle", i), table) for i, table in enumerate(scene.obstacle)]
     return [
         place_obstacle(table.name, solid.shape, scene.dimensions, *place(table, solid))

@@ -318,7 +318,7 @@ def _with_tremor(motion: motions.Motion, scene: SceneTable, table: Moving, first
 
 
 def make_motion(scene: SceneTable, stock: Stock, table: MotionTable) -> motions.Motion:
-    """Make the motion that a table describes."""
+    """Make one intended motion from its table."""
     if table.kind == "rest":
         return motions.Rest()
     if table.kind == "sine":

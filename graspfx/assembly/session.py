@@ -318,7 +318,7 @@ class Session(Carded):
         return values
 
     def _column(self, i: int, name: str) -> FloatArray:
-        """Return a quantity of object i as a flat array, which is empty if the object does not have it."""
+        """Return a quantity of object i as a flat array; the array is empty if the object lacks the quantity."""
         part = self.servo.objects[i]
         column = self.servo.layout.columns.get(f"objects/{part.name}/{name}")
         if column is None:

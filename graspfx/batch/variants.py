@@ -102,7 +102,7 @@ class Group:
 
     @cached_property
     def varying(self) -> Index:
-        """Entries of the arena that differ between members."""
+        """Indices of the entries of the arena in which members differ."""
         return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *(entries for entries, _, _ in self.factors)]))
 
     def arenas(self, members: Any) -> FloatArray:
@@ -428,7 +428,7 @@ def _layout(arena: Arena) -> str:
 def _apart(arena: Arena) -> Iterator[str]:
     """Yield texts on parts whose data is outside the memory of an arena, so that a copy of the memory is incomplete."""
     if not arena.is_whole:
-        yield "a part's block is separate"
+        yield "a part whose block does not fit into the arena"
     for each in arena.foreign:
         yield f"the kernel {each.kernel.__module__}.{each.kernel.__qualname__}"
 

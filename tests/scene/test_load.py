@@ -320,7 +320,9 @@ def test_paths_in_a_scene_are_relative_to_its_file(folder: Path, monkeypatch: py
     scene = load(folder / "deep" / "s.toml")
     assert scene.finger[0].hand.motion.file == "path.csv"  # type: ignore[union-attr]
     write("t,x,y\n0,0,0\n1,0.01,0\n", str(folder / "deep/path.csv"))
-    assert report(folder / "deep" / "s.toml")[0].endswith("expected 1 number (dimensions = 1) after the time; given 2")
+    assert report(folder / "deep" / "s.toml")[0].endswith(
+        "expected 1 number (dimensions = 1) after the time in each row; given 2"
+    )
 
 
 def test_python_scenes_take_parameters_then_dotted_keys() -> None:

@@ -203,7 +203,7 @@ class PositiveReal:
         return np.asarray(np.linalg.eigvalsh(-self.rest - (X + X.conj().transpose(0, 2, 1)) / 2)[:, -1])
 
     def crossings(self, level: float, near: float = NEAR) -> FloatArray:
-        """Find the angles in [0, pi] at which an eigenvalue of -T Herm W equals `level`, in ascending order.
+        """Find the angles in [0, pi] at which an eigenvalue of -T Herm W equals `level` [N s/m], in ascending order.
 
         They are the angles of the eigenvalues z on the unit circle of the symplectic pencil z x = A x + B u, p = z (A'p
         + C'u), 0 = C x + B'p + 2 (rest + level) u.

@@ -113,7 +113,7 @@ class LateLoop:
 
 
 def roots_beyond(loop: LateLoop, radius: float) -> int:
-    """Count the eigenvalues with |z| > radius."""
+    """Count the eigenvalues z of a loop with |z| > radius."""
     count, _, _ = _walk(loop, radius)
     return count
 
@@ -129,7 +129,7 @@ def root_at(loop: LateLoop, radius: float) -> complex | None:
 
 
 def farthest_root(loop: LateLoop) -> complex:
-    """Find an eigenvalue of largest |z|."""
+    """Find an eigenvalue z of a loop with the largest |z|."""
     radius, best = 1.0, 0j
     for _ in range(TRIES):
         count, angles, size = _walk(loop, radius)

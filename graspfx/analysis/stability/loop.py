@@ -191,7 +191,7 @@ class LoopRows:
         self.speed_reading = self._read("v", "dy") if linear.rate == "state" else at["v"]
 
     def closed(self) -> FloatArray:
-        """Return the rows of the next state, with the coupling's forces fed back."""
+        """Return the rows of the next state of the closed loop."""
         f, extra = self.coupling()
         return self.advanced(f + extra[: len(f)], self.linear.G @ f - extra[len(f) :])
 

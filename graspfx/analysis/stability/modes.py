@@ -111,16 +111,18 @@ def modes(linear: Subject) -> list[Mode]:
 def _device(linear: Linearisation) -> tuple[Plant, FloatArray]:
     """Return a device that represents all devices, and square roots (m,) of each device's mass over the mean mass."""
     if linear.preload is not None and linear.preload.any():
-        raise InputError("preload", linear.preload, "none", "a squeezed grasp has no separate modes")
+        raise InputError("preload", linear.preload, "no preload", "the modes of a squeezed grasp are not independent")
     if not np.allclose(linear.G, linear.G_displacement, rtol=0.0, atol=SAME * np.abs(linear.G).max(initial=0.0)):
-        raise InputError("G_displacement", linear.G_displacement, "G", "a squeezed grasp has no separate modes")
+        do = "the modes of a squeezed grasp are not independent"
+        raise InputError("G_displacement", linear.G_displacement, "a matrix equal to G", do)
     if linear.operator is not None:
-        raise InputError("operator", linear.operator, "none", "modes have a closed form only with springs and dampers")
+        do = "modes have a closed form only if hands are springs and dampers"
+        raise InputError("operator", linear.operator, "no operator model", do)
     if linear.ground is not None:
-        raise InputError("ground", linear.ground, "none", "a supported object has no separate modes")
+        raise InputError("ground", linear.ground, "no ground", "the modes of a supported object are not independent")
     for name, each in (("delay", linear.delay), ("latency", linear.latency)):
         if (each != each[0]).any():
-            raise InputError(name, each.tolist(), "the same for every device")
+            raise InputError(name, each.tolist(), "the same value for every device")
     if linear.rate != "difference":
         raise InputError("rate", linear.rate, "'difference'")
     mean = float(linear.mass.mean())

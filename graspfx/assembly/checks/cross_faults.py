@@ -94,7 +94,7 @@ def _box_faults(scene: SceneTable, at: Key, table: Any) -> Iterator[Finding]:
 
 
 def own_coefficient(scene: SceneTable, at: Key, finger: Any) -> Iterator[Finding]:
-    """Find a friction coefficient of a single finger that the coupling does not allow."""
+    """Find a friction coefficient in a finger's table that the coupling does not allow."""
     if finger.friction is None:
         return
     if scene.coupling.contact == "attached":
@@ -116,7 +116,7 @@ def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
     if scene.dimensions != 3:
         yield (
             ("finger", i, "model"),
-            f"a soft finger in {scene.dimensions} dimension(s) equals a hard one: torsion needs three dimensions",
+            f"a soft finger has torsion, which requires three dimensions; given {scene.dimensions}: use model = 'hard'",
         )
         return
     if finger.patch is None:
@@ -426,7 +426,11 @@ def _unused(scene: SceneTable, table: str) -> Iterator[Finding]:
     used = {getattr(finger, table) for finger in scene.finger if isinstance(getattr(finger, table), str)}
     for i, item in enumerate(getattr(scene, table)):
         if getattr(item, NAME_KEYS[table]) not in used:
-            yield (table, i, NAME_KEYS[table]), f"no finger refers to {getattr(item, NAME_KEYS[table])!r}"
+            name = getattr(item, NAME_KEYS[table])
+            yield (
+                (table, i, NAME_KEYS[table]),
+                f"no finger refers to {name!r}: use it in a finger, or remove the {table}",
+            )
 
 
 def _gain(scene: SceneTable, share: str, quantity: str) -> Iterator[Finding]:

@@ -25,7 +25,7 @@ CODE: tuple[tuple[type[Table], str], ...] = ((Device, "name"), (MadeHand, "kind"
 DATA: tuple[tuple[type[Table], str], ...] = ((MeshShape, "mesh"), (Path, "file"))
 REPLAY, COMMAND = "gx.replay(..., trust=True) in Python", "--trust on the command line, or GRASPFX_TRUST=1"
 READ = f"Python files named in a recording run only if you trust the recording: read them, then use {REPLAY}, {COMMAND}"
-DO = "move it there, or trust the scene:"
+DO = "move the file there, or trust the scene:"
 
 
 def trust_faults(scene: SceneTable, source: Source) -> list[Finding]:
@@ -99,7 +99,7 @@ ELSEWHERE = {
     ("Cylinder", "axis"): "the orientation of the object or obstacle",
     ("HalfSpace", "offset"): "the position of the object or obstacle",
     ("Plane", "offset"): "the position of the object or obstacle",
-    ("Placement", "position"): "start = [x, y, z], without a table",
+    ("Placement", "position"): "start = [x, y, z]",
 }
 INSTEAD = {("Placement", "position"): "toward"}  # required keys that are not missed if a foreign key is given
 
@@ -179,7 +179,7 @@ def _near(key: str, table: Any) -> str | None:
 def _hint(at: Key, likely: Mapping[Key, Key], draft: Table) -> str:
     elsewhere = ELSEWHERE.get((type(part_at(draft, at[:-1])).__name__, str(at[-1])))
     if elsewhere is not None:
-        return f"; here it is {elsewhere}"
+        return f"; use {elsewhere} instead"
     return f"; did you mean {likely[at][-1]!r}?" if at in likely else ""
 
 

@@ -161,7 +161,8 @@ def _recorded(scene: SceneTable, at: Key, path: RecordedPath, stock: Stock) -> I
             yield (*at, "file"), reason(error)
             return
         if recorded.dimensions != scene.dimensions:
-            yield (*at, "file"), f"expected {numbers(scene.dimensions)} after the time; given {recorded.dimensions}"
+            expected = f"expected {numbers(scene.dimensions)} after the time in each row"
+            yield (*at, "file"), f"{expected}; given {recorded.dimensions}"
         return
     if times is None or positions is None:
         yield at, "expected a file, or times and positions"

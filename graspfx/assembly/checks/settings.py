@@ -109,7 +109,8 @@ def _connection(scene: SceneTable, at: Key, table: Device, driver: ModuleType, s
         yield at, f"{table.name!r} cannot be connected: {error}"
     else:
         if not isinstance(features, Features):
-            yield (*at, "name"), f"connect() of {table.name!r} returns no device: {abbreviate(device)} has no Features"
+            expected = f"expected connect() of {table.name!r} to return a device with an attribute `features`"
+            yield (*at, "name"), f"{expected}; given {abbreviate(device)}"
             return
         stock.devices[at] = device  # stored even if a method is missing, so that its features are checked
         if missing:
