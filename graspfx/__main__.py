@@ -25,7 +25,7 @@ COMMANDS = {  # modules of graspfx.commands; each has EXAMPLE, add_arguments(par
     "check": "print the faults of a scene, whether it is stable, and the stability limits of its gains",
     "stability": "print the stability limits of a scene's gains, optionally for each value of other keys",
     "sweep": "simulate many variants of a scene on many processors or machines; a stopped sweep can be resumed",
-    "tune": "find the largest gains of a scene with given stability margins for every operator in a set",
+    "tune": "find the largest gains of a scene that keep the margins for every operator in a set",
     "replay": "recompute a recording from its finger motion, and compare its forces and object motions bit for bit",
     "calibrate": "measure the delay, mass, friction and axes of a scene's hardware",
     "export": "write a recording as CSV, netCDF or a ROS bag",
@@ -69,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (MemoryError, ImportError, OSError, SystemError, RuntimeError) as error:  # any of these where memory ends
         if not limit or (isinstance(error, RuntimeError) and "thread" not in str(error)):
             raise
-        text = f"the memory of this process is limited to {limit}, which is too little for the command: raise the limit"
+        text = f"the memory of this process is limited to {limit}, which is not enough: raise the limit"
         print(text, type(error).__name__, str(error)[:200], sep="; ", file=sys.stderr)
         return WRONG
     return code

@@ -44,7 +44,7 @@ def preloaded(
 
     The fingertips p move by dp, and the object, with centre x_o, moves by u and rotates by theta. The stiffness K and
     the contact points are fixed in the object's frame. With y = p - x_o and c from the centre to the contact point, the
-    displacement e, the force f and the moment on the object change by
+    displacement e of a fingertip, its force f and the moment of all forces on the object change by
 
         de = dp - u - theta x y,    df = theta x f_0 + K de,    d moment = sum dy x f_0 + y x df        (fingertip)
                                                                 d moment = theta x sum c x f_0 + c x K de  (contact)

@@ -167,7 +167,7 @@ class Linearisation(Carded):
         G_contact: Matrix (r, m) of the contact points, with which the integrator "implicit" solves for the force and
             the object's displacement if `G` and `G_displacement` are those of the fingertips. If None, "implicit" uses
             `G`, `G_displacement` and the preload.
-        operator: Operators' forces in addition to springs and dampers; None if there are none.
+        operator: Limbs, reactions and variable grips of operators; None for hands that are springs and dampers.
 
     Raises:
         InputError: If an argument is invalid; the message names the argument.

@@ -289,7 +289,7 @@ def make_layout(parts: Parts, *, real_time: bool = False) -> Layout:
 
     Args:
         parts: Parts of the scene.
-        real_time: Whether the run follows the wall clock, which adds columns with times.
+        real_time: Whether the run follows the wall clock, which adds columns such as times.
     """
     scene = parts.scene
     soft = any(finger.model == "soft" for finger in scene.finger)

@@ -30,7 +30,7 @@ class StillHand:
     """A hand without motion and turns.
 
     Attributes:
-        hand: Hand, whose targets change only with the squeeze.
+        hand: Hand without motion and turns, or a plug-in's hand.
         fingers: Indices of the hand's fingers.
         closed: Time of the hand's largest squeeze [s].
     """

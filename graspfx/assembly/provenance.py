@@ -223,7 +223,7 @@ def version_of(package: str) -> str:
 
 
 def header_of(parts: Parts, objects: Sequence[GraspedPart] = ()) -> Header:
-    """Make the header of a run's recording; `objects` are the grasped objects, whose split rules it contains."""
+    """Make the header of a run's recording, with the split rules of the grasped `objects`."""
     scene, source, meshes = parts.scene, parts.scene.source, parts.mesh_frames
     return Header(
         period=scene.period,

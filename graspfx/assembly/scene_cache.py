@@ -52,7 +52,7 @@ class KeptTable:
 
 
 class KeptScene(Readable, KeptTable):
-    """A scene from the disk cache, which can be run but not changed."""
+    """A scene from the disk cache, which `run` accepts in place of a `Scene`."""
 
     _stock = None
 

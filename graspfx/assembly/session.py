@@ -355,7 +355,7 @@ class Session(Carded):
     def set(self, key: str | Mapping[str, Any], value: Any = None) -> None:
         """Change the values of live keys from the next tick on: `session.set("coupling.internal.stiffness", 55.0)`.
 
-        Values that depend on them, such as an automatic `coupling.fade`, change too. Positions, contacts and other
+        Values that depend on the keys, such as an automatic `coupling.fade`, change too. Positions, contacts and other
         states do not change. The change is recorded with its tick.
 
         Args:

@@ -154,7 +154,8 @@ class Ended:
         rows: Rows of all ticks, (ticks, width).
         fault: Tick of the fault; -1 without a fault.
         arena: Buffers at the end of the run, (arena,).
-        arena_copy: Buffers soon after the tick of the fault, with the values that the message of the fault contains.
+        arena_copy: Buffers after the tick of the fault, with the values in the fault's message; `arena` without a
+            fault.
     """
 
     rows: FloatArray

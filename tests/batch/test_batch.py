@@ -129,7 +129,7 @@ def test_a_batch_without_measures_says_what_it_kept(line, keep, kept):
     assert f".{kept}" in card and ".growth" not in card and "[statistic]" not in card
     assert (".stacked" in card) == (keep == "recordings")
     if keep == "summary":
-        with pytest.raises(InputError, match="given 'summary', expected recordings"):
+        with pytest.raises(InputError, match="given 'summary', expected 'recordings'"):
             batch.stacked("finger_force")
 
 

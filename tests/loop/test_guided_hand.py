@@ -131,7 +131,7 @@ def test_hands_are_joined_guided_and_not() -> None:
     joined.adopt(other)
     assert np.array_equal(joined.state[joined.followers], followers), "followers go on"
     assert joined.state[joined.goals[0]].tolist() == [0.0] * 6 + [0.001]
-    with pytest.raises(InputError, match="the same kinds of motions and turns"):
+    with pytest.raises(InputError, match="the same numbers and kinds of motions"):
         joined.adopt(join([hand_of(), Hand(REST[:1], 5.0), hand_of()], order))
 
 

@@ -288,7 +288,7 @@ class Guard(Thread):
             self.report = quench_all(self._devices)
 
     def _fetch(self) -> None:
-        """Fetch rows, unless the recorder is locked: the next heartbeat must not be delayed."""
+        """Fetch rows unless the recorder is locked, because waiting would delay the next heartbeat."""
         if not self.lock.acquire(blocking=False):
             return
         try:
@@ -301,7 +301,7 @@ class Guard(Thread):
             self.lock.release()
 
     def _hurry(self) -> None:
-        """Terminate a servo that exceeds the time for opening its hardware, for a tick, or for its rest.
+        """Terminate a servo that exceeds the time for opening its hardware, for a tick, or for the end of its forces.
 
         The first step is a signal that interrupts a driver's call, and the second kills the process.
         """

@@ -126,7 +126,7 @@ def guide_keys(scene: Scene, servo: Servo) -> list[GuideKeys]:
 
 
 class GoalSender:
-    """Sender of guided hands' goals to a servo in another process, which does not wait for the servo.
+    """Sender of guided hands' goals to a servo in another process; sending does not wait for the servo.
 
     Args:
         ring: Ring buffer shared with the servo.
@@ -206,7 +206,7 @@ class GoalSender:
 
 
 class GoalTaker:
-    """Receiver of goals, which it writes into the hands of a running servo between two ticks.
+    """Receiver of goals, which are written into the hands of a running servo between two ticks.
 
     Args:
         ring: Ring buffer with the goals.
@@ -219,7 +219,7 @@ class GoalTaker:
         self._number = int(self._words[Word.GOAL])
 
     def take(self) -> None:
-        """Accept the newest goals if they are not accepted yet and are not being overwritten."""
+        """Accept the newest goals, unless they are accepted already or are being overwritten."""
         words = self._words
         if words[Word.GOAL] == self._number:
             return
