@@ -237,9 +237,9 @@ def _polished(monic: FloatArray, y: FloatArray, steps: int = 3) -> FloatArray:
 
 
 def is_stable(D: FloatArray, N: FloatArray, k: FloatArray | float) -> NDArray[np.bool_]:
-    """Test for each gain k (...) whether all roots of D + k N lie inside the unit circle, by Routh's array.
+    """Test for each gain k (...) whether all roots of D + k N lie inside the unit circle, by Routh's array in w.
 
-    Routh's criterion is applied in w = (z - 1)/(z + 1), which maps the unit disc to the left half-plane.
+    The variable w = (z - 1)/(z + 1) maps the unit disc to the left half-plane.
     """
     return is_hurwitz(in_half_plane(plus(D, k * N)))
 

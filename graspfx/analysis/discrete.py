@@ -76,10 +76,9 @@ def _series(p: FloatArray, kappa: FloatArray, T: FloatArray, where: NDArray[np.b
 
 
 def device(mass: Numbers, friction: Numbers, spring: Numbers, period: Numbers) -> tuple[FloatArray, FloatArray]:
-    """Return the transfer function from a held force to a device's position, in ascending powers of s = z - 1.
+    """Return the transfer function from held force to position: numerator (2, ...) and denominator (3, ...) in s.
 
-    Its numerator is (2, ...), and its denominator (3, ...). The device has a mass [kg], a viscous friction [N s/m] and
-    a spring to the ground [N/m]; the force is held over the period [s].
+    The device has a mass [kg], a viscous friction [N s/m] and a spring to the ground [N/m].
     """
     m = np.asarray(mass, float)
     p, kappa = friction / m, spring / m

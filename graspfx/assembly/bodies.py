@@ -138,10 +138,6 @@ def fill(scene: SceneTable, table: Object, solid: Solid, state: FloatArray, *, p
     and its axes along the principal axes.
 
     Args:
-        scene: Tables of the scene.
-        table: Table of the object.
-        solid: Shape of the object.
-        state: Block of the object.
         predicts: Whether an object may have the integrator "implicit"; if False, "semi-implicit" replaces it, so that
             forces are functions of the pose.
 

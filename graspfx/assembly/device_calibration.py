@@ -260,10 +260,7 @@ def _answer(shift: FloatArray, axis: int) -> str:
 
 
 def zero_check(bench: Bench, channel: int, finger: str, frame: Frame | None, prompt: Prompt) -> FloatArray | None:
-    """Ask a person to hold a finger at the scene's origin, and return the position read there, (d,) [m].
-
-    Return None if the finger does not move, or is not held still for a second within 20 s.
-    """
+    """Ask a person to hold a finger at the scene's origin, and return its position, (d,) [m]; None if this fails."""
     bench.watched = False
     prompt(f"put {finger} at the intended origin of the scene, and hold it there for {LONG_ENOUGH:g} s")
     start = _placed(bench, channel, frame)
@@ -395,11 +392,7 @@ def _trial(bench: Bench, channel: int, axis: int, force: float, step: float) -> 
 
 
 def _take_back(bench: Bench, channel: int, push: FloatArray, duration: float) -> None:
-    """Undo the motion of a push of force `push` and of a duration [s].
-
-    A push in the opposite direction for twice the duration, and then a push in the same direction for the duration,
-    return a frictionless mass to its position with zero velocity.
-    """
+    """Undo the motion of a push: push backwards for twice the duration of the push, and forwards for the duration."""
     began = bench.samples[-1].end
     while bench.samples[-1].end - began < 2.0 * duration:
         bench.tick(channel, -push)

@@ -26,9 +26,9 @@ FloatArray = NDArray[np.float64]
 
 
 def force_limits(fingers: int, wired: Sequence[Wire]) -> FloatArray | None:
-    """Return the largest force of each finger, (fingers,) [N]; inf for a finger whose device reports no largest force.
+    """Return the largest force of each finger, (fingers,) [N]; inf if the finger's device reports none.
 
-    Return None if no device reports a largest force and none can change it during a run.
+    Return None if all forces are inf and cannot change during a run.
 
     Raises:
         InputError: If a device's `features.peak_force` is not above zero.

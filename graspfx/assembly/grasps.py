@@ -27,13 +27,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class StillHand:
-    """A hand without motion and turns.
-
-    Attributes:
-        hand: Hand without motion and turns, or a plug-in's hand.
-        fingers: Indices of the hand's fingers.
-        closed: Time of the hand's largest squeeze [s].
-    """
+    """A hand without motion and turns, the indices of its fingers, and the time of its largest squeeze [s]."""
 
     hand: Hand
     fingers: list[int]

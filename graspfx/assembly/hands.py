@@ -78,13 +78,7 @@ OPERATOR = (
 
 @dataclass(frozen=True)
 class Holding:
-    """A hand of a scene, or a finger without a hand.
-
-    Attributes:
-        at: Location of the hand's table in the scene.
-        table: Table of the hand; None for a finger without a hand.
-        fingers: Indices of the fingers that the hand holds.
-    """
+    """Location and table of a hand in the scene, and indices of its fingers; the table of no hand is None."""
 
     at: Key
     table: OwnHand | SharedHand | MadeHand | SharedMadeHand | None
@@ -251,13 +245,7 @@ def make_hand(scene: SceneTable, stock: Stock, holding: Holding) -> HandPart:
 def plugin_hand(
     module: ModuleType, table: MadeHand | SharedMadeHand, rest: FloatArray, inward: FloatArray
 ) -> plant.Hand:
-    """Call the function `hold` of a plug-in, and check that it returns a hand for the fingers.
-
-    Args:
-        module: Module of the plug-in.
-        table: Table of the hand.
-        rest: Start positions of the hand's fingers, (n, d) [m].
-        inward: Unit normals into the objects at the contacts of these fingers, (n, d).
+    """Call the function `hold` of a plug-in, and check that it returns a hand for n fingers in d dimensions.
 
     Raises:
         InputError: If the returned object is not a hand, or its arrays have wrong shapes.

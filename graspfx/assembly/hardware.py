@@ -62,10 +62,7 @@ class Hardware:
     def run(self, ticks: int, recorder: RowTaker, stop: Callable[[], bool] | None) -> None:
         """Arm the devices and run the ticks; at the end, also after an error, set all forces to zero.
 
-        Args:
-            ticks: Number of ticks.
-            recorder: Receiver of the rows.
-            stop: Function that ends the run when it returns True; None to run all ticks. A signal also ends the run.
+        A signal ends the run, and so does `stop` when it returns True.
         """
         try:
             self._arm()

@@ -62,12 +62,7 @@ class Mechanics:
 
 
 def mechanics(parts: Parts, position: FloatArray, hands: Sequence[StillHand]) -> Mechanics:
-    """Compute the mechanics of a scene's devices and hands.
-
-    Args:
-        parts: Parts of the scene.
-        position: Positions of the fingers, (n, d) [m].
-        hands: Hands without motion.
+    """Compute the mechanics of a scene's devices, for positions (n, d) of the fingers [m], and of its hands.
 
     Raises:
         InputError: If a device does not report its mass or friction; the message names the fingers of the device.

@@ -73,11 +73,7 @@ class SceneMesh:
 
 
 def scene_mesh(table: Object | Obstacle, folder: Path | None) -> SceneMesh | None:
-    """Load the mesh of an object or obstacle; None if its shape is not a mesh.
-
-    Args:
-        table: Table of the object or obstacle.
-        folder: Folder to which a relative path of the mesh's file refers; None for the current folder.
+    """Load the mesh of an object or obstacle; None if its shape is not a mesh. Paths are relative to `folder`.
 
     Raises:
         InputError: If a value of the shape's table is invalid; the message names the key.

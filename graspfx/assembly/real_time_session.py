@@ -342,10 +342,7 @@ class LiveSession(RealTimeSession):
         words[Word.HALT] = max(int(words[Word.HALT]) - 1, int(words[Word.HEAD])) + ticks + 1
 
     def require_no_hardware(self, action: str) -> None:
-        """Check that the scene has no hardware.
-
-        Args:
-            action: Name of the action that hardware does not permit, for the message.
+        """Check that the scene has no hardware, with which `action` is not possible.
 
         Raises:
             InputError: If the scene has hardware.

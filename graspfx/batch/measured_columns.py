@@ -79,13 +79,7 @@ def _friction(group: Group, arena: FloatArray) -> FloatArray:
 
 
 def divider(group: Group, names: Sequence[str], arena: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """Make a function that computes derived variables (r, entries) from rows (r, width) of a variant.
-
-    Args:
-        group: Group of the variant.
-        names: Names of the derived variables.
-        arena: Buffers of the variant.
-    """
+    """Make a function that computes derived variables (r, entries) from rows (r, width) of a variant in a group."""
     layout = group.program.servo.layout
     splits, friction = [(0, split_of(group, arena))], [(0, _friction(group, arena))]
 

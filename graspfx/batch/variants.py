@@ -240,15 +240,9 @@ class Variants:
         return groups_
 
     def _spread(self, members: Index, values: Mapping[str, FloatArray], own: Sequence[int]) -> list[Group] | None:
-        """Divide variants of one kind into groups by their other keys, and add columns with values of the plain keys.
+        """Divide variants of one kind into groups, and add columns with the values of the plain keys `own`.
 
-        Args:
-            members: Indices of the variants.
-            values: Values of the plain keys in these variants.
-            own: Indices of the plain keys.
-
-        Returns:
-            The groups; None if the columns differ from variants that were built to verify them.
+        Return None if the columns differ from variants that were built to verify them.
         """
         middle = self.numbers[members[len(members) // 2]]
         others = [i for i in range(len(self.keys)) if i not in own]
@@ -312,10 +306,7 @@ class Variants:
             yield members[np.flatnonzero(pattern_of.ravel() == k)]
 
     def _same(self, key: str, other: str, one: Index, two: Index) -> NDArray[np.bool_]:
-        """Return the mask of the variants in which the values of two keys are equal.
-
-        `one` and `two` are the indices of the variants' values in the lists of `key` and `other`.
-        """
+        """Return a mask of the variants in which two keys, whose values have the indices `one` and `two`, are equal."""
         lists = self.values[key], self.values[other]
         if all(type(each) in (int, float) for items in lists for each in items):
             a, b = (np.array(items, dtype=float) for items in lists)

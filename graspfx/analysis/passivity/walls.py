@@ -114,9 +114,8 @@ def quantised_wall_limit(damping: float, period: float, *, friction: float, reso
     """Compute the largest passive stiffness K = min(2 b/T, 2 f_c/Delta) of a wall with an encoder [N/m].
 
     A device with viscous and Coulomb friction on a wall K x, with x rounded to encoder steps and the force held over a
-    sample, is passive for every operator below this stiffness and not passive above it (Abbott and Okamura 2005). The
-    error of the rounded position is at most Delta/2, and that of the force at most K Delta/2. Coulomb friction f_c of
-    at least this size dissipates the energy of the error at any speed.
+    sample, is passive for every operator below this stiffness and not passive above it (Abbott and Okamura 2005).
+    Rounding changes the force by at most K Delta/2; an equal Coulomb friction f_c dissipates the energy of this error.
 
     Args:
         damping: Damping b [N s/m].

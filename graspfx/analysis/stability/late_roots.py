@@ -236,8 +236,7 @@ def _even(angle: FloatArray) -> FloatArray:
 def _is_uneven(angle: FloatArray) -> NDArray[np.bool_]:
     """Return a mask of the steps between angles that are much wider than a neighbouring step.
 
-    Near a multiple root, the phase may change by 2 pi within a step without a visible change between its ends; such a
-    step is recognised by the small steps next to it.
+    Such a step may pass a multiple root, near which a change of the phase by 2 pi cannot be seen at the step's ends.
     """
     step = np.diff(angle)
     beside = np.minimum(np.append(step[1:], np.inf), np.insert(step[:-1], 0, np.inf))

@@ -194,9 +194,9 @@ def _phase_margin(loop: OpenLoop, frequency: FloatArray, response: ComplexArray)
 
 
 def _refined(loop: OpenLoop, ends: FloatArray, values: ComplexArray, of: Any) -> tuple[float, complex]:
-    """Bisect the frequencies `ends` of an interval for a sign change of the function `of` on a locus.
+    """Bisect the interval of frequencies `ends` for a sign change of the function `of` on a locus.
 
-    At each frequency, the locus is the eigenvalue nearest to its values at both ends of the present interval.
+    The locus is the eigenvalue nearest to the values at both ends of the interval.
     """
     (low, high), (at_low, at_high) = map(float, ends), map(complex, values)
     for _ in range(REFINED):

@@ -270,10 +270,7 @@ class LoopRows:
         return np.concatenate(rows + own)
 
     def _read(self, fresh: str, name: str) -> FloatArray:
-        """Return the rows of the readings that the coupling uses, by the age of each device's reading.
-
-        `fresh` and `name` are the parts of the state for readings without age and for earlier readings.
-        """
+        """Return the rows of the readings that the coupling uses: part `fresh` without age, otherwise parts `name`."""
         if not self.readings:
             return self.at[fresh]
         return np.stack([self.at[f"{name}{a}"][i] for i, a in enumerate(self._back)])

@@ -132,12 +132,7 @@ def signature_faults(
 ) -> Iterator[Finding]:
     """Find settings with infinite or nan values, settings that a plug-in does not accept, and missing settings.
 
-    Args:
-        at: Location of the plug-in's table.
-        name: Name of the plug-in.
-        settings: Settings in the table.
-        parameters: Parameters of the plug-in's function.
-        automatic: Names of settings that need not be given, because the scene defines them.
+    Settings in `automatic` need not be given, because the scene defines them.
     """
     for key, value in settings.items():
         if not _finite(value):

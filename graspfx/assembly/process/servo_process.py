@@ -38,11 +38,7 @@ TAKEN = 5e-4  # interval of checks whether a letter was accepted [s]
 
 
 def letter_of(servo: Servo, update: Update) -> Letter:
-    """Convert an update of a servo to a letter for the same servo in another process.
-
-    Args:
-        servo: Copy of the running servo.
-        update: Update of parts of this copy.
+    """Convert an update of this process's copy of a servo to a letter for the servo in another process.
 
     Raises:
         InputError: If the update replaces parts that a letter cannot change, such as a hand by another kind of hand.
