@@ -93,7 +93,7 @@ __all__ = [*_HOMES, "__version__"]
 
 
 def __getattr__(name: str) -> object:
-    """Import a public name when it is first used."""
+    """Import the public attribute `name` of the package at its first use."""
     if name not in _HOMES:
         raise AttributeError(f"module 'graspfx' has no attribute {name!r}")
     home = _HOMES[name]

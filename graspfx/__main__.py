@@ -22,17 +22,17 @@ from graspfx.system.scheduling import memory_limit
 
 COMMANDS = {  # modules of graspfx.commands; each has EXAMPLE, add_arguments(parser), execute(options) -> exit code
     "run": "simulate a scene, record it and print a summary",
-    "check": "print the faults of a scene, whether it is stable, and the limits of its gains",
-    "stability": "print the stability limits of the gains, optionally over ranges of keys",
-    "sweep": "simulate many variants on many processors or machines, and resume after a stop",
-    "tune": "find the largest gains that keep the margins for every operator in a set",
-    "replay": "recompute a recording from its finger motion, and compare forces and objects bit for bit",
-    "calibrate": "measure the hardware of a scene: delay, mass, friction, axes",
+    "check": "print the faults of a scene, whether it is stable, and the stability limits of its gains",
+    "stability": "print the stability limits of a scene's gains, optionally for each value of other keys",
+    "sweep": "simulate many variants of a scene on many processors or machines; a stopped sweep can be resumed",
+    "tune": "find the largest gains of a scene that keep the margins for every operator in a set",
+    "replay": "recompute a recording from its finger motion, and compare its forces and object motions bit for bit",
+    "calibrate": "measure the delay, mass, friction and axes of a scene's hardware",
     "export": "write a recording as CSV, netCDF or a ROS bag",
     "warmup": "compile kernels before they are needed",
-    "bench": "measure run time against error, for the options of a scene or for common calls",
+    "bench": "measure run time and error, for the options of a scene or for common calls",
     "completion": "print a script that completes commands, options, scenes and recordings in a shell",
-    "devices": "list the drivers, and the hardware or software found for each, without opening a device",
+    "devices": "list the drivers and the hardware or software found for each driver, without opening a device",
     "doctor": "test whether this machine, and a device or a scene's hardware, can run a real-time loop",
     "list": "list scenes, devices, hands and dynamics, each with a one-line description",
     "schema": "print the JSON schema of a scene",
@@ -41,14 +41,14 @@ COMMANDS = {  # modules of graspfx.commands; each has EXAMPLE, add_arguments(par
     "view": "show and control a running scene in the browser, or show a recording",
     "page": "write a page that runs a scene in a browser, without an installation or a server",
     "stream": "run a scene, and stream its states over a WebSocket or LSL",
-    "experiment": "run trials in a planned order, ask for answers, and record each trial",
-    "touch": "run a scene whose fingers follow a touch screen; forces are shown, not felt",
+    "experiment": "run trials in a planned order, ask the participant for answers, and record each trial",
+    "touch": "run a scene whose fingers follow a touch screen; forces are drawn, not displayed by a device",
 }
 NEW = 20_000  # new objects between garbage collections; with the default of 700, imports trigger many
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; its exit code is one of those in `graspfx.commands.output.CODES`."""
+    """Run one command, and return its exit code (`graspfx.commands.output.CODES`)."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     limit = memory_limit()  # read now: an import may fail once memory is exhausted
     try:
@@ -79,9 +79,9 @@ def parse(words: Sequence[str]) -> Namespace:
     """Parse the arguments of the command line.
 
     Raises:
-        UnknownNameError: If no command or option has that name.
-        InputError: If the command has an argument too many.
-        SystemExit: For --help, --version, or other invalid arguments.
+        UnknownNameError: If a command or an option is unknown.
+        InputError: If there are more arguments than the command accepts.
+        SystemExit: For --help and --version, and for other invalid arguments.
     """
     if not words:
         words = ["--help"]
@@ -95,7 +95,7 @@ def parse(words: Sequence[str]) -> Namespace:
 
 
 def parser(words: Collection[str] = tuple(COMMANDS)) -> ArgumentParser:
-    """Build the parser with all commands; only the commands in `words` are imported and get their arguments."""
+    """Build the parser of all commands; only the modules of commands in `words` are imported to add arguments."""
     top = ArgumentParser(prog="graspfx", description="Haptic display of grasping.", epilog=CODES)
     top.formatter_class = RawDescriptionHelpFormatter
     top.add_argument("--version", action="version", version=f"graspfx {__version__}")
@@ -115,7 +115,7 @@ def parser(words: Collection[str] = tuple(COMMANDS)) -> ArgumentParser:
 
 
 def _refuse(command: str, words: Sequence[str], options: Sequence[str]) -> NoReturn:
-    """Raise the error for unknown arguments of the command; for an option, with a close match."""
+    """Raise the error for arguments that the command does not know; for an unknown option, suggest a close match."""
     option = next((word.partition("=")[0] for word in words if word.startswith("-")), None)
     if option is not None:
         raise UnknownNameError("option", option, options, f"`graspfx {command} --help` describes the options")
@@ -124,7 +124,7 @@ def _refuse(command: str, words: Sequence[str], options: Sequence[str]) -> NoRet
 
 
 def program() -> int:
-    """Run `main` as the whole program."""
+    """Run `main` in a process that does nothing else, with less garbage collection, and return the exit code."""
     gc.set_threshold(NEW, *gc.get_threshold()[1:])
     code = main()
     gc.freeze()  # otherwise Python collects garbage twice at exit, which takes a tenth of the time of a short run

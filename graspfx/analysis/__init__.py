@@ -1,1 +1,1 @@
-"""Limits of displayed stiffness: sampled-data stability and passivity, from matrices and numbers."""
+"""Stability and passivity limits of the stiffness that a sampled haptic display can render."""

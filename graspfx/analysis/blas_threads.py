@@ -1,4 +1,4 @@
-"""A single BLAS thread for small eigenproblems, whose computation is shorter than the wait for a second thread."""
+"""Limit to one BLAS thread, for small eigenproblems that take less time than synchronising a second thread."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ BRINGS_BLAS = ("numpy.linalg", "scipy.linalg")  # modules that may load a BLAS l
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Limit numpy's and scipy's BLAS to one thread within the context or decorated function; then restore the number.
+    """Limit NumPy's and SciPy's BLAS to one thread in the context or decorated function; then restore the number.
 
-    Contexts may be nested, and the setting is also restored after exceptions. A library has one number of threads per
-    process: if several threads use this function at once, the first thread limits and restores the number, and the
-    other threads change nothing. Eigenvalues of a 192 x 192 matrix take 16 ms on one thread; on two threads of a busy
-    machine, six times as long.
+    Contexts may be nested, and the number of BLAS threads is also restored after an exception. This number is common to
+    the whole process: if several Python threads use this function at once, only the first thread changes and restores
+    it. The eigenvalues of a 192 x 192 matrix take 16 ms with one BLAS thread, and about 100 ms with two BLAS threads on
+    a busy machine.
     """
     if not _limiting.acquire(blocking=False):
         yield
@@ -37,7 +37,7 @@ def one_blas_thread() -> Iterator[None]:
 
 @lru_cache(maxsize=1)
 def _libraries(modules: tuple[bool, ...]) -> ThreadpoolController:
-    """Find the loaded libraries in 1 ms; the search is repeated only after the import of a module that may load one."""
+    """Find the loaded BLAS libraries (1 ms); `modules`, whether each of `BRINGS_BLAS` is imported, is the cache key."""
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()

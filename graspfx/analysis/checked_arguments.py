@@ -1,4 +1,4 @@
-"""Checked arguments of the limits: numbers with units, numbers of samples, names."""
+"""Checks of the analysis functions' arguments: numbers with units, numbers of samples, names."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LONGEST = 1000  # largest delay [samples]; sizes of polynomials and matrices gro
 
 
 def number(name: str, argument: float, unit: str, *, zero: bool = True, negative: bool = False) -> float:
-    """Check a finite number above zero; `zero` also permits zero, and `negative` any sign."""
+    """Check a finite number: of any sign if `negative`, otherwise not below zero if `zero`, otherwise above zero."""
     value = numbers(name, argument, unit, zero=zero, negative=negative)
     if value.ndim:
         raise InputError(
@@ -26,7 +26,7 @@ def number(name: str, argument: float, unit: str, *, zero: bool = True, negative
 
 
 def numbers(name: str, argument: ArrayLike, unit: str, *, zero: bool = True, negative: bool = False) -> FloatArray:
-    """Check an array of finite numbers by the rules of `number`."""
+    """Check that every entry of `argument` is a finite number with the sign that `number` permits; return the array."""
     expected = (
         "finite numbers" if negative else "finite numbers, zero or above" if zero else "finite numbers above zero"
     )
@@ -38,7 +38,7 @@ def numbers(name: str, argument: ArrayLike, unit: str, *, zero: bool = True, neg
 
 
 def count(name: str, argument: float, least: int = 0) -> int:
-    """Check an integer, which must be `least` or more."""
+    """Check that `argument` is an integer not below `least`."""
     value = numbers(name, argument, "1", negative=True)
     if value.ndim or value % 1.0 or value < least or isinstance(argument, bool):
         raise InputError(name, argument, f"a whole number, {least} or more")
@@ -46,7 +46,7 @@ def count(name: str, argument: float, least: int = 0) -> int:
 
 
 def one_of(kind: str, name: str, names: Iterable[str]) -> str:
-    """Check that a name is known."""
+    """Check that `name` is one of `names`; `kind` is used in the error message."""
     if str(name) not in names:
         raise UnknownNameError(kind, str(name), names)
     return name
@@ -56,13 +56,13 @@ def samples(name: str, argument: float) -> int:
     """Check a delay: an integer from 0 to `LONGEST` [samples]."""
     lag = count(name, argument)
     if lag > LONGEST:
-        raise InputError(name, argument, f"a whole number of samples, {LONGEST} at most", "use a longer period")
+        raise InputError(name, argument, f"a whole number of samples, at most {LONGEST}", "use a longer period")
     return lag
 
 
 def lag_of_object(object_delay: int, integrator: str) -> int:
-    """Check the delay of the force on the object [samples], which must be zero with the implicit integrator."""
+    """Check the delay of the force on the object [samples], which must be zero for the integrator "implicit"."""
     lag = samples("object_delay", object_delay)
     if lag and integrator == "implicit":
-        raise InputError("object_delay", lag, "0 with the implicit integrator, whose force acts at once on the object")
+        raise InputError("object_delay", lag, 'zero for the integrator "implicit", whose force is not delayed')
     return lag

@@ -1,4 +1,4 @@
-"""Gains at which D + k N has a root on the unit circle, and the stable intervals between them."""
+"""Stable intervals of a gain k, from the gains at which a polynomial D + k N in z has a root on the unit circle."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ WIDTH = 1e-9  # relative to an interval's upper end: narrower intervals are roun
 
 @dataclass(frozen=True)
 class Loss:
-    """End of a stable interval.
+    """Loss of stability at one end of an interval of stable gains.
 
     Attributes:
-        gain: Gain at the end [N/m].
-        frequency: Frequency of the oscillation there [Hz]: 0 for "+1", half the sampling frequency for "-1".
-        how: Root that reaches the unit circle: a complex "pair", a root at "-1", or at "+1".
+        gain: Gain at the end of the interval [N/m].
+        frequency: Frequency of the oscillation at this gain [Hz]: 0 for "+1", half the sampling rate for "-1".
+        how: Roots that reach the unit circle: a complex "pair", a real root at z = -1 ("-1"), or one at z = 1 ("+1").
     """
 
     gain: float
@@ -39,12 +39,13 @@ class Loss:
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """Gains k >= 0 for which all roots of D + k N lie inside the unit circle.
+    """Gains k >= 0 at which a sampled loop is stable: all roots of its polynomial D + k N lie inside the unit circle.
 
     Attributes:
-        intervals: Open intervals (low, high) [N/m] in ascending order; high is inf if no gain is too large.
-        losses: Losses of stability at the finite non-zero ends of the intervals, in ascending order.
-        period: Period T [s].
+        intervals: Open intervals (low, high) of stable gains [N/m] in ascending order; high is inf for an interval
+            without an upper end.
+        losses: Losses of stability at the finite non-zero ends of the intervals, in ascending order of gain.
+        period: Sampling period [s].
     """
 
     intervals: tuple[tuple[float, float], ...]
@@ -55,7 +56,7 @@ class Limits:
 
     @property
     def limit(self) -> float:
-        """Smallest gain at which stability is lost [N/m]: 0 if no small gain is stable, inf if every gain is stable."""
+        """Upper end of the interval of stable gains that starts at 0 [N/m]; 0 if no interval starts at 0."""
         return self.intervals[0][1] if self.intervals and self.intervals[0][0] == 0.0 else 0.0
 
     @property
@@ -65,17 +66,18 @@ class Limits:
 
     @property
     def frequency(self) -> float:
-        """Frequency at which stability is lost at `limit` [Hz]; nan if the limit is 0 or inf."""
+        """Frequency of the oscillation at the gain `limit` [Hz]; nan if the limit is 0 or inf."""
         return math.nan if self.loss is None else self.loss.frequency
 
     def is_stable(self, gain: float) -> bool:
-        """True if a gain [N/m] lies in one of the intervals."""
+        """Return whether `gain` [N/m] lies in one of the intervals."""
         return any(low < gain < high for low, high in self.intervals)
 
     def margin(self, gain: float) -> tuple[float, float]:
-        """Return the factors by which a gain may shrink and grow before stability is lost; (1, 1) for an unstable gain.
+        """Return low/gain and high/gain, with the ends (low, high) of the stable interval that contains `gain`.
 
-        The first factor is 0 if the gain may shrink to zero, the second is inf if the gain may grow without limit.
+        The first factor is 0 if every smaller gain is stable, and the second is inf if every larger gain is stable. An
+        unstable gain has the factors (1, 1).
         """
         for low, high in self.intervals:
             if low < gain < high:
@@ -83,13 +85,16 @@ class Limits:
         return 1.0, 1.0
 
     def spectral_radius(self, gain: float) -> float:
-        """Compute the largest |z| of the roots of D + k N, without rigid motions that no force opposes."""
+        """Compute the largest |z| of the roots of D + k N for k = `gain`, without motions that no force opposes."""
         s = np.roots((self._D + gain * self._N)[::-1])
         return float(np.abs(1.0 + s).max())
 
 
 def limits_of(D: FloatArray, N: FloatArray, unit: float, period: float) -> Limits:
-    """Compute the limits of D + k N, with coefficients (n + 1,) in ascending powers of s = z - 1; unit: m/T^2 [N/m]."""
+    """Compute the limits of k for D + k N, whose coefficients (n + 1,) are in ascending powers of s = z - 1.
+
+    `unit` is the reference stiffness of `edges` [N/m], and `period` the sampling period [s].
+    """
     k, y, stable = edges(D, N, unit)
     intervals: list[list[float]] = []
     losses: dict[float, Loss] = {}
@@ -114,7 +119,10 @@ def _loss(gain: float, y: float, period: float) -> Loss:
 
 @cache
 def to_half_plane(n: int) -> FloatArray:
-    """Map coefficients in s of degree n to those in w, z = (1 + w)/(1 - w): s^k -> (2 w)^k (1 - w)^(n - k)."""
+    """Return the matrix (n + 1, n + 1) whose row k has the coefficients of (2 w)^k (1 - w)^(n - k).
+
+    This polynomial in w is s^k times (1 - w)^n, for s = z - 1 and z = (1 + w)/(1 - w).
+    """
     W = np.zeros((n + 1, n + 1))
     for k in range(n + 1):
         row = np.ones(1)
@@ -125,14 +133,18 @@ def to_half_plane(n: int) -> FloatArray:
 
 
 def critical_gains(D: FloatArray, N: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Find k and y = tan^2(theta/2), (c, ...), at which D + k N = 0 for z = exp(j theta); non-finite if there is none.
+    """Find the gains k, and y = tan^2(theta/2), at which D + k N = 0 for z = exp(j theta).
 
-    k is real where Im(N conj D) = 0. Divided by sin theta, this is a polynomial in cos theta; it is solved as a
-    polynomial in y, which remains accurate near z = 1, where the roots of slow loops lie. On |z| = 1, w = j sqrt(y) and
-    y = (1 - cos theta)/(1 + cos theta). The last two entries belong to z = 1 and z = -1.
+    The gain k = -D/N is real where Im(N conj D) = 0. This condition, divided by sin theta, is a polynomial in cos
+    theta. It is solved as a polynomial in y = (1 - cos theta)/(1 + cos theta), which is accurate also near z = 1, where
+    the roots of slow loops lie. On the unit circle, w = (z - 1)/(z + 1) equals j sqrt(y).
 
     Args:
         D, N: Coefficients in ascending powers of s = z - 1, (n + 1, ...).
+
+    Returns:
+        k and y, each (c, ...). The last two entries belong to z = 1 and z = -1. Where a gain does not exist, k is nan
+        or infinite.
     """
     a, b = in_half_plane(D), in_half_plane(N)
     a0, a1, b0, b1 = _alternating(a[::2]), _alternating(a[1::2]), _alternating(b[::2]), _alternating(b[1::2])
@@ -147,13 +159,13 @@ def critical_gains(D: FloatArray, N: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 def in_half_plane(D: FloatArray) -> FloatArray:
-    """Return the coefficients in w = (z - 1)/(z + 1) of (1 - w)^n D."""
+    """Convert coefficients of D (n + 1, ...) in s = z - 1 to those of (1 - w)^n D in w = (z - 1)/(z + 1)."""
     W = to_half_plane(len(D) - 1)
     return np.stack([sum((w * d for w, d in zip(row, D, strict=True) if w), np.zeros(D.shape[1:])) for row in W.T])
 
 
 def _alternating(a: FloatArray) -> FloatArray:
-    """Convert coefficients in w^2 to coefficients in y = -w^2."""
+    """Convert coefficients of a polynomial in w^2 to coefficients in y = -w^2."""
     value = a.copy()
     value[1::2] *= -1.0
     return value
@@ -164,7 +176,7 @@ def _value(a: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def positive_roots(h: FloatArray) -> FloatArray:
-    """Find the positive real roots (n, ...) of polynomials with ascending coefficients (n + 1, ...); NaN for others."""
+    """Find the positive real roots (n, ...), else NaN, of polynomials with ascending coefficients (n + 1, ...)."""
     n = len(h) - 1
     flat = h.reshape(n + 1, -1)
     roots_ = np.full((n, flat.shape[1]), np.nan)
@@ -191,7 +203,7 @@ def _eigenvalues(monic: FloatArray) -> NDArray[np.complex128]:
 
 
 def _cubic(monic: FloatArray) -> NDArray[np.complex128]:
-    """Estimate three roots by Cardano's formula, as start values for `_polished`."""
+    """Estimate the roots (3, points) of monic cubics by Cardano's formula, as start values for `_polished`."""
     c, b, a = monic
     shift = a / 3.0
     p, q = b / 3.0 - shift * shift, shift * shift * shift + 0.5 * (c - shift * b)
@@ -211,7 +223,7 @@ def _cubic(monic: FloatArray) -> NDArray[np.complex128]:
 
 
 def _polished(monic: FloatArray, y: FloatArray, steps: int = 3) -> FloatArray:
-    """Apply Newton steps to positive roots where they reduce the polynomial; a closed form has lost digits."""
+    """Correct the rounding of positive roots y by Newton steps; a step that does not reduce |polynomial| is undone."""
     h = np.concatenate([monic, np.ones((1, monic.shape[1]))])
     slope: FloatArray = h[1:] * np.arange(1.0, len(h))[:, None]
     with np.errstate(all="ignore"):
@@ -225,7 +237,10 @@ def _polished(monic: FloatArray, y: FloatArray, steps: int = 3) -> FloatArray:
 
 
 def is_stable(D: FloatArray, N: FloatArray, k: FloatArray | float) -> NDArray[np.bool_]:
-    """Test whether all roots of D + k N lie inside the unit circle, for gains k (...), by Routh's array in w."""
+    """Test for each gain k (...) whether all roots of D + k N lie inside the unit circle, by Routh's array in w.
+
+    The variable w = (z - 1)/(z + 1) maps the unit disc to the left half-plane.
+    """
     return is_hurwitz(in_half_plane(plus(D, k * N)))
 
 
@@ -244,11 +259,15 @@ def is_hurwitz(a: FloatArray) -> NDArray[np.bool_]:
 
 
 def edges(D: FloatArray, N: FloatArray, unit: FloatArray | float) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Return ends k and their y, (c + 2, ...), of the intervals from 0 to inf, and the mask of stable intervals.
+    """Divide the gains from 0 to inf at the critical gains, and test each interval for stability.
 
     Args:
-        D, N: Coefficients as for `critical_gains`, which also defines y.
-        unit: Reference stiffness m/T^2 for small gains [N/m].
+        D, N: Coefficients as for `critical_gains`.
+        unit: Reference stiffness [N/m], device mass over squared period; gains below 1e-13 `unit` count as zero.
+
+    Returns:
+        Ends k of the intervals in ascending order and y (`critical_gains`) at each end, both (c + 2, ...), and the mask
+        (c + 1, ...) of the stable intervals.
     """
     k, y = critical_gains(D, N)
     k = np.where(np.isfinite(k) & (k > LEAST * unit), k, np.inf)
@@ -266,7 +285,10 @@ def edges(D: FloatArray, N: FloatArray, unit: FloatArray | float) -> tuple[Float
 
 
 def first_loss(k: FloatArray, y: FloatArray, stable: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
-    """Find the end of the stable gains that start at zero, and y there (`edges`); the end is 0 if there are none."""
+    """Find the upper end of the stable gains that start at zero, and y there; the arguments are the result of `edges`.
+
+    The end is 0 if small gains are unstable.
+    """
     limit, where = np.zeros(k.shape[1:]), np.zeros(k.shape[1:])
     going = np.ones(k.shape[1:], dtype=bool)
     for low, high, at, ok in zip(k[:-1], k[1:], y[1:], stable, strict=True):
@@ -276,7 +298,7 @@ def first_loss(k: FloatArray, y: FloatArray, stable: NDArray[np.bool_]) -> tuple
 
 
 def is_thin(low: FloatArray, high: FloatArray) -> NDArray[np.bool_]:
-    """True if two positive bounds agree within rounding."""
+    """Return where two positive bounds agree within rounding."""
     bounded = np.isfinite(high)
     return bounded & (
         np.where(bounded, high - np.where(bounded, low, 0.0), 1.0) <= WIDTH * np.where(bounded, high, 1.0)

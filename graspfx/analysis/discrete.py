@@ -1,4 +1,4 @@
-"""Polynomials in s = z - 1 of devices under zero-order hold, also with delays, and of objects by integrator."""
+"""Transfer functions, as polynomials in s = z - 1, of devices under zero-order hold and of objects by integrator."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ FloatArray = NDArray[np.float64]
 Numbers = FloatArray | float
 
 INTEGRATORS = ("explicit", "semi-implicit", "exact", "implicit", "bullet")
-"""Names of the object's integrators under a held force."""
+"""Names of the integrators of an object under a held force."""
 
 TERMS = 20  # number of terms of the series of `force_response`, which fall below 1e-18 where the series is used
 WIDE = 0.5  # distance of poles per sample above which their difference does not cancel
@@ -22,13 +22,14 @@ WHOLE = 1e-9  # distance from a whole number [samples] up to which a delay count
 
 
 def force_response(p: Numbers, kappa: Numbers, T: Numbers) -> tuple[FloatArray, FloatArray]:
-    """Compute R and Q of x'' + p x' + kappa x = u, with u held over T.
+    """Compute the responses R and Q of x'' + p x' + kappa x = u to a unit velocity and to a unit u held over T.
 
-    Both are x after T from x = 0: R for x' = 1 and u = 0, Q for x' = 0 and u = 1.
+    R is the x after T that starts from x = 0 and x' = 1 with u = 0; Q starts from x = 0 and x' = 0 with u = 1. The
+    state (x+, x'+) after T from any state (x, x') is
 
         x+ = (1 - kappa Q) x + R x' + Q u,   x'+ = -kappa R x + (1 - kappa Q - p R) x' + R u
 
-    R and Q are accurate to rounding for all p, kappa >= 0, because no differences are formed that would cancel.
+    R and Q are accurate to rounding for all p, kappa >= 0: differences of nearly equal numbers are avoided.
     """
     p, kappa, T = np.broadcast_arrays(np.asarray(p, float), np.asarray(kappa, float), np.asarray(T, float))
     alpha = 0.5 * p
@@ -64,7 +65,7 @@ def mean_exponential(x: FloatArray) -> FloatArray:
 
 
 def _series(p: FloatArray, kappa: FloatArray, T: FloatArray, where: NDArray[np.bool_]) -> FloatArray:
-    """Sum Q's power series in T, where p T < 1.5 and kappa T^2 < 0.5."""
+    """Sum the power series in T of `force_response`'s Q, at the points of `where` (p T < 1.5, kappa T^2 < 0.5)."""
     x, y = np.where(where, p * T, 0.0), np.where(where, kappa * T * T, 0.0)
     before, term = np.zeros_like(x), np.ones_like(x)  # t^j terms of x(t)/T
     Q = 0.5 * term
@@ -75,7 +76,10 @@ def _series(p: FloatArray, kappa: FloatArray, T: FloatArray, where: NDArray[np.b
 
 
 def device(mass: Numbers, friction: Numbers, spring: Numbers, period: Numbers) -> tuple[FloatArray, FloatArray]:
-    """Return the transfer function from held force to position: numerator (2, ...), denominator (3, ...), in s."""
+    """Return the transfer function from held force to position: numerator (2, ...) and denominator (3, ...) in s.
+
+    The device has a mass [kg], a viscous friction [N s/m] and a spring to the ground [N/m].
+    """
     m = np.asarray(mass, float)
     p, kappa = friction / m, spring / m
     R, Q = force_response(p, kappa, period)
@@ -85,7 +89,7 @@ def device(mass: Numbers, friction: Numbers, spring: Numbers, period: Numbers) -
 
 
 def samples_and_part(seconds: float, period: float) -> tuple[int, float]:
-    """Divide a delay by the period: n whole samples, and the remaining part phi of a sample, 0 <= phi < 1."""
+    """Divide a delay by the period: return the number of whole samples, and the remaining part (0 to 1) of a sample."""
     ratio = seconds / period
     n = math.floor(ratio + WHOLE)
     part = ratio - n
@@ -95,20 +99,25 @@ def samples_and_part(seconds: float, period: float) -> tuple[int, float]:
 def late_device(
     mass: Numbers, friction: Numbers, spring: Numbers, period: Numbers, latency: float
 ) -> tuple[int, FloatArray, FloatArray]:
-    """Return the polynomials of `discrete.device` for a held force that begins `latency` seconds late.
+    """Return the transfer function of `device` for a held force that begins `latency` seconds late.
 
-    With the delay (n + phi) T, the old force acts over the first phi T of a sample and the new one over the rest:
+    The result is exact. For the latency (n + phi) T with an integer n and 0 <= phi < 1, the previous force acts over
+    the first phi T of a sample and the new force over the rest, so that the transfer function from force f to position
+    x is
 
-            x/f = z^-n (c + d/z)/den,    c: response to a force held over the last (1 - phi) T, d: whole hold minus c
+            x/f = z^-n (c + d/z)/den
 
-    Nothing is approximated. A delay between the motion and its reading has the same effect; add it to the latency.
+    The polynomial c is the response to a force held over the last (1 - phi) T of the sample, and c + d is the response
+    to a force held over the whole sample. A delay between the motion and its reading has the same effect as a late
+    force and can be added to the latency.
 
     Returns:
-        Delay L in samples, rounded up, and numerator and denominator of z^-L num/den, in ascending powers of s. If the
-            latency is whole samples, both polynomials are bit-identical to those of `discrete.device`.
+        Latency in samples, rounded up to an integer L, and numerator and denominator of z^-L num/den, in ascending
+            powers of s = z - 1. If the latency is a whole number of samples, both are bit-identical to those of
+            `device`.
 
     Raises:
-        InputError: If the number of whole samples, or the presence of a remainder, differs between periods.
+        InputError: If some of several periods give another n than the others, or phi = 0 where others give phi > 0.
     """
     periods = sorted(set(np.ravel(period).astype(float).tolist()))  # np.unique would load numpy.ma
     counts = [samples_and_part(latency, each) for each in periods]
@@ -116,8 +125,8 @@ def late_device(
         raise InputError(
             "latency",
             latency,
-            "a latency with the same number of whole samples for every period, and a remainder for all or none",
-            "compute one period at a time",
+            "a latency that is the same number of whole samples, with or without a remainder, for every period",
+            "pass one period at a time",
         )
     numerator, denominator = device(mass, friction, spring, period)
     n, part = counts[0]
@@ -136,9 +145,10 @@ def late_device(
 
 
 def object_step(integrator: str, rate: Numbers, T: Numbers) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Compute (p, q, 1 - r, s) of x+ = x + p v + q u, v+ = r v + s u, for v' = u - rate v with u held over T.
+    """Return (p, q, 1 - r, s) of an integrator's step x+ = x + p v + q u, v+ = r v + s u.
 
-    "bullet" is semi-implicit in position and exact in velocity (`objects.bullet.bullet`).
+    The step over T approximates x' = v, v' = u - rate v with u held. "bullet" is semi-implicit in position and exact in
+    velocity (`objects.bullet.bullet`).
     """
     a, T = np.broadcast_arrays(np.asarray(rate, float), np.asarray(T, float))
     if integrator == "explicit":
@@ -157,9 +167,10 @@ def object_step(integrator: str, rate: Numbers, T: Numbers) -> tuple[FloatArray,
 def object_response(
     mass: Numbers, viscosity: Numbers, integrator: str, period: Numbers
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return an object's position and velocity per force and their common denominator, in ascending powers of s.
+    """Return the transfer functions from a held force to an object's position and velocity.
 
-    With "implicit", position and velocity refer to the end of the sample, from which the sample's force is computed.
+    The result is both numerators and the common denominator, in ascending powers of s = z - 1. For "implicit", position
+    and velocity are those at the end of the sample, on which the force in the same sample depends.
     """
     M = np.asarray(mass, float)
     p, q, decay, s = object_step(integrator, viscosity / M, period)
@@ -170,7 +181,7 @@ def object_response(
 
 
 def stack(*coefficients: FloatArray | float) -> FloatArray:
-    """Stack coefficients on a first axis; the other axes index the points."""
+    """Broadcast coefficients against one another, and stack them on a new first axis."""
     return np.stack(np.broadcast_arrays(*coefficients)).astype(float, copy=False)
 
 
@@ -179,7 +190,7 @@ S = np.array([0.0, 1.0])
 
 
 def times(*factors: FloatArray) -> FloatArray:
-    """Multiply polynomials with their coefficients on the first axis; the other axes broadcast."""
+    """Multiply polynomials whose coefficients are on the first axis; the other axes broadcast."""
     product = factors[0]
     for factor in factors[1:]:
         shape = np.broadcast_shapes(product.shape[1:], factor.shape[1:])
@@ -202,5 +213,5 @@ def plus(*terms: FloatArray) -> FloatArray:
 
 
 def power(n: int) -> FloatArray:
-    """Return z^n as a polynomial."""
+    """Return the coefficients (n + 1,) of z^n in ascending powers of s = z - 1."""
     return np.asarray(np.polynomial.polynomial.polypow(ONE_PLUS, n))

@@ -1,4 +1,4 @@
-"""Stiffness of a grasp: preload, compliances in series, fingers that let go, and symmetries."""
+"""Stiffness of a grasp: preload, compliances in series, subsets of touching fingers, and symmetries."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SAME = 1e-10  # smaller relative changes of the matrices are ignored: the grasp 
 
 @dataclass(frozen=True, eq=False)
 class Preload:
-    """`G`, `G_displacement` and `preload` of a `Linearisation`."""
+    """Arguments `G`, `G_displacement` and `preload` of `Linearisation` for a grasp with forces at equilibrium."""
 
     G: FloatArray
     G_displacement: FloatArray
@@ -40,23 +40,25 @@ def preloaded(
     free: ArrayLike | None = None,
     reaction: str = "fingertip",
 ) -> Preload:
-    """Linearise the geometry of hard fingers with forces f_0 for a small motion (u, theta) of the object.
+    """Linearise the geometry of point fingers that squeeze an object with forces f_0, for small motions.
 
-    With K constant in the object's frame, y = p - x_o from the object's centre to the fingertip and e = R'(p - x_o) -
-    c,
+    The fingertips p move by dp, and the object, with centre x_o, moves by u and rotates by theta. The stiffness K and
+    the contact points are fixed in the object's frame. With y = p - x_o and c from the centre to the contact point, the
+    displacement e of a fingertip, its force f and the moment of all forces on the object change by
 
         de = dp - u - theta x y,    df = theta x f_0 + K de,    d moment = sum dy x f_0 + y x df        (fingertip)
                                                                 d moment = theta x sum c x f_0 + c x K de  (contact)
 
-    Squeezing therefore lowers the stiffness of rotations. For two fingers in the plane with half-width r, squeeze d and
-    reaction at the fingertip, k_rot = 2 k_ep r^2 [(1 - d/r)^2 + (k_ip/k_ep)(d/r)(1 - d/r)].
+    Squeezing therefore changes the stiffness of rotations. For two fingers in the plane at distances r from the centre,
+    squeezed by d each, this stiffness is 2 k_ep r^2 [(1 - d/r)^2 + (k_ip/k_ep)(d/r)(1 - d/r)] with reactions at the
+    fingertips and external and internal stiffnesses k_ep and k_ip.
 
     Args:
-        contacts: Contact points c in world axes, (n, d) [m].
-        displacement: Displacements e_0 = p - c at rest, (n, d) [m].
-        force: Forces f_0 of the fingers on the object at rest, (n, d) [N].
-        centre: Centre of mass, (d,) [m]; zero if None.
-        free: Mask of the object's freedoms that can move, (1,), (3,) or (6,); all if None.
+        contacts: Contact points in world axes, (n, d) [m].
+        displacement: Displacements of the fingertips from the contact points at equilibrium, (n, d) [m].
+        force: Forces f_0 of the fingers on the object at equilibrium, (n, d) [N].
+        centre: Object's centre of mass, (d,) [m]; zero if None.
+        free: Mask of the object's degrees of freedom that can move, (1,), (3,) or (6,) for d = 1, 2 or 3; all if None.
         reaction: Point where a force acts on the object: "fingertip" or "contact".
     """
     c = numbers("contacts", contacts, "m", negative=True)
@@ -74,7 +76,7 @@ def preloaded(
     rows = np.array(ROWS[d])
     moves = np.ones(len(rows), dtype=bool) if free is None else finite("free", free) != 0.0
     if moves.shape != rows.shape:
-        raise InputError("free", free, f"{len(rows)} values true or false, translations first, then rotations")
+        raise InputError("free", free, f"{len(rows)} truth values, for translations and then rotations")
     at_tip = one_of("reaction", reaction, ("fingertip", "contact")) == "fingertip"
 
     wide = np.zeros((3, n, 3))
@@ -104,27 +106,29 @@ def preloaded(
 
 
 def cross(a: FloatArray) -> FloatArray:
-    """Return the matrix [a] with [a] b = a x b."""
+    """Return the (3, 3) matrix whose product with a vector b is the cross product a x b."""
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 
 def pushing(
     subject: Subject, fingers: ArrayLike, *, released: ArrayLike | None = None
 ) -> Iterator[tuple[tuple[int, ...], Linearisation]]:
-    """Yield every set of fingers that may touch without the others, and its closed loop with the whole object.
+    """Yield the linearised loop of the whole object for each subset of fingers that may touch the object.
 
-    Fingers that do not touch carry no force: K becomes K_aa - K_ab K_bb^+ K_ba on the touching coordinates a, and D
-    likewise. For two fingers on a line, the remaining stiffness is 2 kep kip/(kep + kip) (Kawai and Yoshikawa, eq. 26).
-    The loop omits their devices, which only hands move, and the preload.
+    Coordinates b of fingers that do not touch carry no force: on the touching coordinates a, the stiffness K becomes
+    K_aa - K_ab K_bb^+ K_ba, where ^+ is the pseudoinverse, and the damping changes in the same way. If one of two
+    fingers on a line touches, its stiffness is 2 kep kip/(kep + kip) (Kawai and Yoshikawa, eq. 26). The loop omits the
+    preload and the devices of fingers that do not touch.
 
     Args:
-        subject: Grasp with every finger touching: a `Linearisation`, a scene, or the name or path of one.
-        fingers: Index of the finger of each coordinate, (m,).
-        released: Mask of the coordinates that never carry force (tangents of frictionless contacts), (m,).
+        subject: Grasp that all fingers touch: a `Linearisation`, a scene, or the name or path of a scene.
+        fingers: Index of the finger of each device coordinate, (m,).
+        released: Mask of the coordinates that never carry force (tangents of frictionless contacts), (m,); none if
+            None.
 
     Yields:
-        Touching fingers and linearisation, single fingers first. The grasp itself is not included, unless `released`
-        changes it.
+        Tuple of the touching fingers' indices and the `Linearisation`, in order of the number of fingers. The set of
+        all fingers is included only if `released` selects a coordinate.
     """
     linear = linear_of(subject)
     m, _ = linear.coordinates
@@ -139,7 +143,7 @@ def pushing(
 
 
 def without_freedoms(linear: Linearisation, a: NDArray[np.bool_]) -> Linearisation:
-    """Restrict the loop to the device coordinates of a mask `a` (m,), with no force on the others and no preload."""
+    """Restrict a loop without preload to the device coordinates of mask `a` (m,); others carry no force."""
     block = np.ix_(a, a)
     G = linear.G[:, a]
     return linear.with_arrays(
@@ -161,7 +165,7 @@ def without_freedoms(linear: Linearisation, a: NDArray[np.bool_]) -> Linearisati
 
 
 def condensed(K: FloatArray, without_freedoms: NDArray[np.bool_]) -> FloatArray:
-    """Compute K_aa - K_ab K_bb^+ K_ba, with a the remaining coordinates and b those without force."""
+    """Compute K_aa - K_ab K_bb^+ K_ba, with a the coordinates of the mask and b the others, which carry no force."""
     a, b = without_freedoms, ~without_freedoms
     K_ab, K_ba = K[np.ix_(a, b)], K[np.ix_(b, a)]
     if not K_ab.any() or not K_ba.any():
@@ -170,7 +174,7 @@ def condensed(K: FloatArray, without_freedoms: NDArray[np.bool_]) -> FloatArray:
 
 
 def _solution(A: FloatArray, B: FloatArray) -> FloatArray:
-    """Compute A^+ B, by Cholesky's factor if A is positive definite and well conditioned."""
+    """Compute A^+ B with the pseudoinverse A^+, or A^-1 B if A is positive definite and well conditioned."""
     if (A == A.T).all():
         try:
             pivots = np.diag(np.linalg.cholesky(A))
@@ -186,10 +190,10 @@ def in_series(damping: FloatArray, compliance: ArrayLike) -> FloatArray:
 
     Args:
         damping: Damping D, (m, m) [N s/m].
-        compliance: Diagonal of C, (m,) [m/(N s)]; an infinite entry leaves its coordinate without force.
+        compliance: Diagonal of C, (m,) [m/(N s)]; a coordinate with an infinite entry carries no force.
 
     Returns:
-        D_s, (m, m); D itself for C = 0.
+        Matrix D_s, (m, m) [N s/m]; D itself for C = 0.
     """
     C = np.asarray(compliance, dtype=float)
     if not C.any():
@@ -203,15 +207,15 @@ def in_series(damping: FloatArray, compliance: ArrayLike) -> FloatArray:
 
 
 def springs_in_series(stiffness: FloatArray, directions: FloatArray, springs: ArrayLike) -> FloatArray:
-    """Put springs in series along unit directions: K_s = (K^-1 + sum_i n_i n_i'/s_i)^-1, also for a singular K.
+    """Put springs s_i in series along unit vectors n_i: K_s = (K^-1 + sum_i n_i n_i'/s_i)^-1, also for a singular K.
 
     Args:
         stiffness: Stiffness K, (m, m) [N/m].
-        directions: Directions n_i as columns, (m, p).
-        springs: Stiffnesses s_i, (p,) [N/m]; zero leaves no stiffness along the direction.
+        directions: Matrix N with columns n_i, (m, p).
+        springs: Stiffnesses s_i, the diagonal of S, (p,) [N/m]; K_s has no stiffness along n_i if s_i is zero.
 
     Returns:
-        K - K N (S + N'K N)^-1 N'K (m, m).
+        Matrix K_s = K - K N (S + N'K N)^-1 N'K, (m, m) [N/m].
     """
     N, S = directions, np.asarray(springs, dtype=float)
     along = N.T @ stiffness
@@ -219,7 +223,10 @@ def springs_in_series(stiffness: FloatArray, directions: FloatArray, springs: Ar
 
 
 def released(K: FloatArray, T: FloatArray, V: FloatArray) -> FloatArray | None:
-    """Compute K_s = K - K T (V'K T)^-1 V'K, the stiffness while contacts slide; None if det(V'K T) <= 0."""
+    """Compute K_s = K - K T (V'K T)^-1 V'K, the stiffness while contacts slide; None if det(V'K T) <= 0.
+
+    Columns of T are the sliding directions, and columns of V the conditions on the force (`edge_directions`).
+    """
     inner = V.T @ K @ T
     if np.linalg.det(inner / max(float(np.abs(inner).max(initial=0.0)), 1e-300)) <= 0.0:
         return None
@@ -227,17 +234,18 @@ def released(K: FloatArray, T: FloatArray, V: FloatArray) -> FloatArray | None:
 
 
 def symmetries(linear: Linearisation, contacts: ArrayLike, free: ArrayLike) -> list[tuple[int, ...]]:
-    """List the exchanges of fingers that do not change a loop without its preload, the identity first.
+    """List the exchanges of fingers under which a loop without preload does not change, the identity first.
 
-    In an exchange p, finger i moves to the position of finger p[i]. Let Q be the orthogonal matrix that maps the
-    contacts, V the blocks of Q, and W = diag(Q, det(Q) Q) its action on the object. A symmetry has V A V' = A for
-    devices, hands and gains, W G V' = G, and W M W' = M for the object. Sets of fingers that an exchange maps to one
-    another have equal limits.
+    An exchange is a tuple p in which finger i moves to the position of finger p[i]. Let Q be the orthogonal matrix that
+    maps the contact points to their new positions, V the block matrix with Q in block (p[i], i), and W = diag(Q, det(Q)
+    Q) the action of Q on the object's translations and rotations. The loop does not change if V A V' = A for each
+    matrix A of devices, hands and gains, W G V' = G, and W M W' = M for inertia and viscosity. Two sets of fingers have
+    equal stability limits if an exchange in the list maps one set to the other.
 
     Args:
-        linear: Loop, whose coordinates are those of the fingers in order, in world axes.
+        linear: Loop whose device coordinates are those of the fingers in order, in world axes.
         contacts: Contact points, (n, d) [m].
-        free: Mask of the object's freedoms that move, (1,), (3,) or (6,).
+        free: Mask of the object's degrees of freedom that move, (1,), (3,) or (6,).
     """
     points = np.asarray(contacts, dtype=float)
     n, d = points.shape
@@ -266,7 +274,7 @@ def symmetries(linear: Linearisation, contacts: ArrayLike, free: ArrayLike) -> l
 
 
 def _is_symmetry(linear: Linearisation, Q: FloatArray, exchange: tuple[int, ...], free: NDArray[np.bool_]) -> bool:
-    """True if every matrix of the loop is unchanged in the exchanged coordinates."""
+    """Return whether the loop's matrices do not change in an exchange of fingers with the rotation Q (`symmetries`)."""
     d, n = len(Q), len(exchange)
     V = np.zeros((n * d, n * d))
     for i, k in enumerate(exchange):
@@ -286,7 +294,7 @@ def _is_symmetry(linear: Linearisation, Q: FloatArray, exchange: tuple[int, ...]
 
 
 def _object_map(Q: FloatArray) -> FloatArray:
-    """Return W, the action of Q on the object's translations and rotations: (1, 1), (3, 3) or (6, 6)."""
+    """Return the action diag(Q, det(Q) Q) of Q on the object's translations and rotations, (1, 1), (3, 3) or (6, 6)."""
     d, turned = len(Q), float(np.linalg.det(Q))
     W = np.zeros(((1, 3, 6)[d - 1],) * 2)
     W[:d, :d] = Q
@@ -298,7 +306,7 @@ def _object_map(Q: FloatArray) -> FloatArray:
 
 
 def alike_sets(sets: list[tuple[int, ...]], exchanges: list[tuple[int, ...]]) -> list[int]:
-    """Return for each set of fingers, by positions, the index of the first set that an exchange maps to it."""
+    """Return, for each set of finger indices, the index in `sets` of the first set that an exchange maps to it."""
     first: dict[tuple[int, ...], int] = {}
     for k, each in enumerate(sets):
         for exchange in exchanges:

@@ -1,4 +1,4 @@
-"""Matrices of a grasp about a state of rest: devices, hands and operators, coupling, object, delays."""
+"""Linearised loop of a grasp about an equilibrium: devices, hands and operators, coupling, object, delays."""
 
 from __future__ import annotations
 
@@ -26,21 +26,24 @@ FROM_MOTIONS, FROM_FORCES = ("pull", "pull_damping", "friction"), ("counter", "g
 
 @dataclass(frozen=True, eq=False)
 class OperatorMatrices:
-    """Operators that are more than springs and dampers K_h and B_h, on m device coordinates x about a rest.
+    """Operators with limbs, delayed reactions or a variable grip, for small motions of m device coordinates x.
 
-        m x'' + b x' + R x' = -d - F + (I - S S') h + g                    devices, d the force on the object, displayed
-        M y'' + B y' + K y = S'F + S'h - S'g,    F = K_h (x - S y) + B_h (x' - S y')                 limbs y (l,)
-        h_k = -s_(k - n),    s = P x + Q x' - C d                                      reactions, held over a sample
-        g_k = a g_(k-1) - (1 - a) A d_k                      effect of a change of the grip on the squeeze's own force
+    Such operators add terms to the springs K_h and dampers B_h of `Linearisation`. The displayed force d opposes the
+    device; limbs have the coordinates y (l,). Forces of the reaction h and of the grip g are held over a sample k.
+
+        m x'' + b x' + R x' = -d - F + (I - S S') h + g                                                        devices
+        M y'' + B y' + K y = S'F + S'h - S'g,    F = K_h (x - S y) + B_h (x' - S y')                             limbs
+        h_k = -s_(k - n),    s = P x + Q x' - C d                                                            reactions
+        g_k = a g_(k-1) - (1 - a) A d_k                           change of the hand's force with the stiffness of grip
 
     Attributes:
         limb: Matrix S (m, l), whose orthonormal columns are the coordinates with a limb.
-        limb_mass, limb_stiffness, limb_damping: Matrices M, K, B (l, l) [kg, N/m, N s/m].
-        pull, pull_damping, counter: Matrices P, Q, C (m, m) [N/m, N s/m, 1].
-        delay: Delays n (m,) [samples]; without effect if P, Q and C are zero.
-        grip: Matrix A (m, m), hand force in newtons per newton of displayed force.
-        grip_share: Factors a of the grip's decay in one sample, (m,).
-        friction: Friction R (m, m) of the devices beyond b [N s/m]; damping of hands acts between tips and limbs.
+        limb_mass, limb_stiffness, limb_damping: Matrices M, K, B of the limbs, (l, l) [kg, N/m, N s/m].
+        pull, pull_damping, counter: Matrices P, Q, C of the reactions, (m, m) [N/m, N s/m, 1].
+        delay: Delays n of the reactions, (m,) [samples]; they have no effect if P, Q and C are zero.
+        grip: Matrix A (m, m), change of the hand's force per displayed force.
+        grip_share: Factors a by which the grip's force decays in one sample, (m,).
+        friction: Friction R of the devices in addition to b, (m, m) [N s/m].
     """
 
     limb: FloatArray
@@ -69,33 +72,33 @@ class OperatorMatrices:
 
     @property
     def reacts(self) -> bool:
-        """True if there is a late reaction."""
+        """Whether any of P, Q and C is not zero, so that there are reactions."""
         return bool(self.pull.any() or self.pull_damping.any() or self.counter.any())
 
     @property
     def limbs(self) -> int:
-        """Number l of coordinates with a limb."""
+        """Number l of device coordinates with a limb."""
         return int(self.limb.shape[1])
 
     @property
     def alike(self) -> bool:
-        """True if either all coordinates or none have a limb, and delays and lags are equal."""
+        """Whether all coordinates are equivalent: all or none have a limb, and delays and decay factors are equal."""
         m, limbs = self.limb.shape
         whole = not limbs or (limbs == m and np.array_equal(self.limb, np.eye(m)))
         return whole and bool((self.delay == self.delay[0]).all() and (self.grip_share == self.grip_share[0]).all())
 
     @property
     def springs(self) -> list[FloatArray]:
-        """Matrices (m, m) from motions to forces, if either all coordinates or none have a limb."""
+        """Matrices M, K, B (l, l) and P, Q, R (m, m), which map motions to forces."""
         return [getattr(self, name) for name in (*OF_LIMBS, *FROM_MOTIONS)]
 
     @property
     def ratios(self) -> list[FloatArray]:
-        """Matrices (m, m) from forces to forces."""
+        """Matrices C and A (m, m), which map forces to forces."""
         return [getattr(self, name) for name in FROM_FORCES]
 
     def selected(self, coordinates: NDArray[np.bool_ | np.intp]) -> OperatorMatrices:
-        """Return the operator of some coordinates, a mask (m,) or indices in order, without force on the others."""
+        """Return the operator of the given coordinates, a mask (m,) or indices; no force acts on the others."""
         S = self.limb[coordinates]
         limbs, own = np.nonzero(S)[1], np.arange(len(self.limb))[coordinates]  # limbs in the order of the coordinates
         places: dict[str, Any] = dict.fromkeys(OF_LIMBS, np.ix_(limbs, limbs))
@@ -103,11 +106,13 @@ class OperatorMatrices:
         return replace(self, limb=S[:, limbs], **{name: getattr(self, name)[place] for name, place in places.items()})
 
     def on(self, basis: FloatArray, forces: FloatArray) -> OperatorMatrices:
-        """Return the operator for motions x = B y, with forces B'f, if `alike` or if B rotates the axes of each finger.
+        """Return the operator in coordinates z (k,) with x = `basis` z.
+
+        The operator must be `alike`, or `basis` must only rotate the axes of each finger.
 
         Args:
-            basis: Matrix B (m, k), which also transforms limbs.
-            forces: Matrix C (m, k), B'C = I, from the part's own forces to the forces on x.
+            basis: Matrix (m, k) from motions z to motions x, which also transforms limbs.
+            forces: Matrix (m, k) from forces on z to forces on x; `basis.T @ forces` is the identity.
         """
         m, k = basis.shape
         limb = self.limb if self.limbs not in (0, m) else np.eye(k)[:, : self.limbs]
@@ -120,49 +125,53 @@ class OperatorMatrices:
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class Linearisation(Carded):
-    """Small motions of m device coordinates x and r object coordinates q about a grasp at rest.
+    """Small motions of m device coordinates x and r object coordinates q about the equilibrium of a grasp.
 
         m_i x'' + b_i x' + (K_h x + B_h x')_i = -(f + N_x (x, q))_i          devices, in continuous time
         M_o q'' + B_o q' = G f - N_q (x, q)                                  object, by its integrator
         f = K (x - G_e' q) + D (x' - G' q'),     x' = (x_k - x_(k-1))/T,     N = [N_x; N_q]
 
-    Everything on the right is held over the sample. Devices feel the force `delay` samples and `lateness` seconds late,
-    the object `object_delay` samples late, and x on the right is `age` seconds old. `rate = "state"` uses the devices'
-    true velocity for x' instead. The ground adds to the object's wrench
+    The right-hand sides are held over a sample of length T. The force acts on devices `delay` samples and `lateness`
+    seconds late, and on the object `object_delay` samples late; x and x' in f are `age` seconds old. If `rate` is
+    "state", x' in f is the devices' velocity instead of the difference. A ground adds to the object's wrench
 
-        -(K_g q_1 + B_g q_1'),    q_1 = q_0 + T q_1', q_1' at the end of the sample, solved with the motion
+        -(K_g q_1 + B_g q_1'),    q_1 = q_0 + T q_1'
 
-    as for stiff floors; with "implicit" the coupling's prediction assumes the ground's last wrench.
+    where q_0 is the object's position at the start of the sample, and q_1' the object's velocity at the end, which is
+    solved for together with the wrench. With the integrator "implicit", the coupling's prediction of the object assumes
+    the ground's wrench of the previous sample.
 
     Args:
-        period: Period T [s].
+        period: Sampling period T [s].
         mass: Mass of the devices, one per coordinate (m,) or a number [kg].
-        friction: Friction b, (m,) or a number [N s/m].
+        friction: Friction b of the devices, (m,) or a number [N s/m].
         G: Matrix (r, m) from contact forces f to the wrench on the object's free coordinates.
-        inertia: Inertia M_o, (r, r) or its diagonal [kg, kg m^2].
-        viscosity: Viscosity B_o, (r, r) or its diagonal [N s/m, N m s/rad].
-        stiffness: Stiffness K, (m, m), or a number for all coordinates [N/m].
-        damping: Damping D, (m, m), or a number [N s/m].
-        hand_stiffness: Hand stiffness K_h, (m, m), its diagonal, or a number [N/m].
-        hand_damping: Hand damping B_h, in the same forms [N s/m].
+        inertia: Inertia M_o of the object, (r, r) or its diagonal (r,) [kg, kg m^2].
+        viscosity: Viscosity B_o of the object, (r, r) or its diagonal (r,) [N s/m, N m s/rad].
+        stiffness: Stiffness K of the coupling, (m, m), or a number for all coordinates [N/m].
+        damping: Damping D of the coupling, (m, m), or a number [N s/m].
+        hand_stiffness: Hand stiffness K_h, (m, m), its diagonal (m,), or a number [N/m].
+        hand_damping: Hand damping B_h, (m, m), its diagonal (m,), or a number [N s/m].
         delay: Delay of the force [samples], one per coordinate or a number.
-        lateness: Additional delay of the force on the device [s], one per coordinate or a number. With a delay of (n +
-            phi) T the held force changes within a sample, after phi T.
+        lateness: Additional delay of the force on the device [s], one per coordinate or a number. It need not be a
+            whole number of samples: the held force then changes within a sample.
         age: Age of the position and velocity that the coupling uses [s], one per coordinate or a number.
         object_delay: Delay of the force on the object [samples].
-        integrator: One of `INTEGRATORS`.
-        preload: Stiffness N (m + r, m + r) from the forces at rest (`preloaded`); zero if None.
-        G_displacement: Matrix G_e (r, m) from the object's motion to the displacement; G if None.
-        rate: "difference" or "state".
-        ground: Stiffness and damping of the ground (K_g, B_g), each (r, r) [N/m, N s/m]; None if there is none.
-        G_contact: Matrix (r, m) with the arms of the contacts, with which "implicit" solves for the elastic force and
-            the object's displacement, if G and G_displacement have the arms of the fingertips. If None, it solves with
-            G, G_displacement and the preload.
-        operator: Operator models in addition to springs and dampers; None if there are none.
+        integrator: Integrator of the object, one of `INTEGRATORS`.
+        preload: Stiffness N (m + r, m + r) that the forces at equilibrium cause (`preloaded`); zero if None.
+        G_displacement: Matrix G_e (r, m), whose transpose maps the object's motion to displacements at the contacts; G
+            if None.
+        rate: Source of x' in the force, "difference" or "state".
+        ground: Stiffness and damping (K_g, B_g) of the ground, each (r, r) [N/m, N s/m]; None for an object without
+            ground.
+        G_contact: Matrix (r, m) of the contact points, with which the integrator "implicit" solves for the force and
+            the object's displacement if `G` and `G_displacement` are those of the fingertips. If None, "implicit" uses
+            `G`, `G_displacement` and the preload.
+        operator: Limbs, reactions and variable grips of operators; None for hands that are springs and dampers.
 
     Raises:
-        InputError: If an argument does not fit; the error names it.
-        UnknownNameError: If no integrator or rate has that name.
+        InputError: If an argument is invalid; the message names the argument.
+        UnknownNameError: If the integrator or the rate is unknown.
     """
 
     period: float
@@ -219,7 +228,7 @@ class Linearisation(Carded):
         kind = one_of("integrator", integrator, INTEGRATORS)
         whole = np.array([samples("delay", d) for d in numbers("delay", delay, "1").ravel().tolist()], dtype=np.int64)
         if whole.shape not in ((1,), (m,)):
-            raise InputError("delay", delay, f"one whole number, or {m}")
+            raise InputError("delay", delay, f"one whole number, or {m} whole numbers")
         self._set(
             period=number("period", period, "s", zero=False),
             mass=_row("mass", mass, m, "kg", zero=False),
@@ -246,7 +255,7 @@ class Linearisation(Carded):
             operator=operator,
         )
         if operator is not None and len(operator.limb) != m:
-            raise InputError("operator", len(operator.limb), f"one of {m} coordinates")
+            raise InputError("operator", len(operator.limb), f"an operator with {m} coordinates")
 
     def _set(self, **values: Any) -> None:
         for name, value in values.items():
@@ -272,7 +281,7 @@ class Linearisation(Carded):
 
     @property
     def coordinates(self) -> tuple[int, int]:
-        """Numbers of coordinates (m, r)."""
+        """Number m of device coordinates and number r of object coordinates."""
         return self.G.shape[1], self.G.shape[0]
 
     @property
@@ -281,33 +290,30 @@ class Linearisation(Carded):
         return self.lateness + self.age
 
     def to_control(self, loop: str = "closed") -> control.StateSpace:
-        """Convert to a python-control system with dt = T.
+        """Convert to a python-control system in discrete time, sampled with the period T.
 
         Args:
-            loop: "closed": from the operator's force on each device coordinate, `hand[i]` [N], held over the sample, to
-                devices `x[i]` [m], object `q[j]` [m, rad] and coupling forces on the object `f[i]` [N]. "open": the
-                return ratio, from forces `u[i]` in place of the coupling's to the negative of the coupling's response.
-                `control.feedback(system, I)` then has the closed loop's eigenvalues, and the margins of the ratio are
-                those of the coupling.
+            loop: "closed" or "open". Inputs of the closed loop are the operator's forces on the device coordinates,
+                `hand[i]` [N], held over a sample; its outputs are device positions `x[i]` [m], object coordinates
+                `q[j]` [m, rad] and coupling forces on the object `f[i]` [N]. The open loop is the return ratio: its
+                inputs are forces `u[i]` [N] that replace those of the coupling, and its outputs are the negative forces
+                of the coupling. `control.feedback(system, I)` of the open loop has the closed loop's eigenvalues.
 
         Raises:
             MissingPackageError: If python-control is missing; `pip install 'graspfx[control]'` installs it.
-            UnknownNameError: If no loop has that name.
+            UnknownNameError: If `loop` is unknown.
         """
         from graspfx.show.conversions import to_control
 
         return to_control(self, loop)
 
     def with_changes(self, **changes: Any) -> Linearisation:
-        """Return a copy of the linearisation with some arguments changed."""
+        """Return a copy with some arguments of the constructor changed."""
         names = self.__dataclass_fields__
         return Linearisation(**({name: getattr(self, name) for name in names} | changes))
 
     def with_arrays(self, **arrays: Any) -> Linearisation:
-        """Return a copy with some fields changed, without checks.
-
-        Each array needs the shape of its field, to which `with_changes` would convert a number or a diagonal.
-        """
+        """Return a copy with some fields changed; arrays must have the shapes of their fields and are not checked."""
         copy = object.__new__(Linearisation)
         copy._set(**(vars(self) | arrays))
         return copy
@@ -318,18 +324,19 @@ class Linearisable(Protocol):
     """Protocol of a scene that the analysis can linearise."""
 
     def linearise(self) -> Linearisation:
-        """Linearise small motions about the grasp at rest."""
+        """Linearise small motions about the equilibrium of the grasp."""
 
 
 Subject = Linearisation | Linearisable | str | PathLike[str]
 
 
 def linear_of(subject: Subject, recording: object = None) -> Linearisation:
-    """Return a linearisation unchanged, or linearise a scene, which may be given by its name or path.
+    """Return `subject` if it is a `Linearisation`; otherwise load and linearise the scene.
 
     Args:
         subject: `Linearisation`, scene, or name or path of a scene.
-        recording: Recording of the scene, or its path, at whose end the grasp is linearised.
+        recording: Recording of the scene, or path of the recording; the grasp is linearised at the last sample. If
+            None, the result is that of `Scene.linearise`.
 
     Raises:
         InputError: If the subject or the recording has another type, or a recording is given with a `Linearisation`.
@@ -353,13 +360,13 @@ def linear_of(subject: Subject, recording: object = None) -> Linearisation:
 
 
 def _range(matrix: FloatArray, unit: str) -> str:
-    """Format the range of the eigenvalues of a matrix's symmetric part."""
+    """Format the smallest and largest eigenvalue of the symmetric part of a matrix, with their unit."""
     return span(np.linalg.eigvalsh(0.5 * (matrix + matrix.T)), unit)
 
 
 def _ground(parts: tuple[ArrayLike, ArrayLike], r: int, integrator: str) -> tuple[FloatArray, FloatArray]:
     if integrator == "bullet":
-        raise InputError("ground", parts, "None for the integrator bullet", "its contacts are not springs")
+        raise InputError("ground", parts, 'None for the integrator "bullet", whose contacts are not springs')
     stiffness, damping = parts
     return _square("ground stiffness", stiffness, r, "N/m"), _square("ground damping", damping, r, "N s/m")
 
@@ -367,7 +374,7 @@ def _ground(parts: tuple[ArrayLike, ArrayLike], r: int, integrator: str) -> tupl
 def _row(name: str, entries: ArrayLike, m: int, unit: str, *, zero: bool = True) -> FloatArray:
     value = numbers(name, entries, unit, zero=zero)
     if value.shape not in ((), (m,)):
-        raise InputError(name, value, f"one number [{unit}], or {m}")
+        raise InputError(name, value, f"one number [{unit}], or {m} numbers")
     return np.array(np.broadcast_to(value, (m,)))
 
 

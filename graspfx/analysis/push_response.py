@@ -22,12 +22,12 @@ SLOW = 1e-6  # p t below which drag is not noticeable
 
 @dataclass(frozen=True, eq=False)
 class Push:
-    """Fingertip before and under a force along one axis; the writing of the force ends at time zero.
+    """Motion of a fingertip before and during a force along one axis.
 
     Attributes:
-        axis: Axis of the force.
+        axis: Index of the force's axis.
         force: Signed force [N].
-        time: Start of each reading, (n,) [s].
+        time: Time from the end of the writing of the force to the start of each reading, (n,) [s].
         position: Positions read, (n, d) [m].
     """
 
@@ -38,7 +38,7 @@ class Push:
 
 
 class Estimate(NamedTuple):
-    """An estimate with its standard error, which is found by leaving out parts of the data in turn (jackknife)."""
+    """An estimate and its standard error by the jackknife: the estimate is repeated without each group of the data."""
 
     value: float
     error: float
@@ -49,10 +49,10 @@ class Response:
     """Response of a fingertip to pushes.
 
     Attributes:
-        delay: Time from the end of the writing of a force to the start of the reading in which motion first shows [s].
-        mobility: Mobility W, acceleration per force, (d, d) [1/kg].
-        mass: Geometric mean of the principal values of W^-1 [kg].
-        explained: Share of the motion that a mass explains, at most 1.
+        delay: Time from the end of the writing of a force to the start of the first reading with a motion [s].
+        mobility: Mobility W, which maps a force to an acceleration, (d, d) [1/kg].
+        mass: Geometric mean of the eigenvalues of W^-1 [kg].
+        explained: Share of the squared displacements that the fitted model explains, at most 1.
     """
 
     delay: Estimate
@@ -62,20 +62,24 @@ class Response:
 
 
 def response(pushes: Sequence[Push], drag: float, longest: float) -> Response:
-    """Fit x(t) = x_0 + v_0 h(t) + W f g(t - t_0), h'' + p h' = 0, g'' + p g' = 1 from t_0 on; x_0, v_0 per push.
+    """Fit the mobility W and the delay t_0 of a fingertip to its motions under forces f.
+
+    The model of a push is x(t) = x_0 + v_0 h(t) + W f g(t - t_0), with an initial position x_0 and velocity v_0 for
+    each push. The functions h and g are the displacements of a coasting mass, h'' + p h' = 0, and of a mass under a
+    unit force, g'' + p g' = 1; g is zero before t_0.
 
     Args:
-        pushes: Pushes along every axis.
-        drag: Drag p, friction over mass [1/s].
+        pushes: Pushes, at least 10 along every axis.
+        drag: Drag p, friction divided by mass [1/s].
         longest: Largest delay that is considered [s].
 
     Raises:
-        InputError: If an axis has no pushes, or too few.
+        InputError: If there are fewer than 10 pushes along an axis.
     """
     d = pushes[0].position.shape[1] if pushes else 0
     counts = [sum(push.axis == axis for push in pushes) for axis in range(d)]
     if not pushes or min(counts) < GROUPS:
-        raise InputError("pushes", counts, f"at least {GROUPS} along each axis")
+        raise InputError("pushes", counts, f"at least {GROUPS} pushes along each axis")
     table = _Table(pushes, drag)
     whole = np.ones(len(pushes), dtype=bool)
     delay = _least(lambda t: table.fit(t, whole)[1], longest)
@@ -94,14 +98,14 @@ def response(pushes: Sequence[Push], drag: float, longest: float) -> Response:
 
 
 def mean_mass(mobility: FloatArray) -> float:
-    """Return the geometric mean of the principal masses of a mobility (d, d) [kg]; inf for a fixed fingertip."""
+    """Return the geometric mean of the inverse mobility's eigenvalues [kg]; inf if an eigenvalue is not positive."""
     d = len(mobility)
     values = np.linalg.eigvalsh(0.5 * (mobility + mobility.T))
     return float(np.prod(values) ** (-1.0 / d)) if values[0] > 0.0 else float("inf")
 
 
 class _Table:
-    """Pushes as arrays of equal length, (N, n), with their coasting x_0 + v_0 h(t) projected out."""
+    """N pushes as arrays (N, n), from which each push's best-fitting coasting motion x_0 + v_0 h(t) is subtracted."""
 
     def __init__(self, pushes: Sequence[Push], drag: float) -> None:
         n = max(len(push.time) for push in pushes)
@@ -119,7 +123,7 @@ class _Table:
         self.size = float((self.position**2).sum())
 
     def _free(self, values: FloatArray) -> FloatArray:
-        """Remove the best-fitting position and velocity of a coasting finger from values (N, n, ...)."""
+        """Subtract the best-fitting coasting motion x_0 + v_0 h(t) of each push from values (N, n, ...)."""
         w = self.weight
         count = w.sum(axis=1)
         mean = (w * self.coast).sum(axis=1) / count
@@ -131,7 +135,7 @@ class _Table:
         return np.asarray(wide - w[..., None] * level[:, None] - t[..., None] * slope[:, None])
 
     def fit(self, delay: float, selection: NDArray[np.bool_]) -> tuple[FloatArray, float]:
-        """Return the best W for a delay, and the remaining sum of squares."""
+        """Return the best-fitting W for a delay and a mask of the pushes (N,), and the sum of squared residuals."""
         basis = self._free((self.force[:, None] * _travel(self.time - delay, self.drag))[..., None])[..., 0]
         d = self.position.shape[2]
         W, left = np.zeros((d, d)), 0.0
@@ -145,7 +149,7 @@ class _Table:
 
 
 def _travel(t: FloatArray, drag: float) -> FloatArray:
-    """Compute g: displacement of a unit mass by a unit force in the time t; zero before time zero."""
+    """Compute g(t), the displacement of a unit mass after a unit force has acted for t; zero for negative t."""
     s = np.maximum(t, 0.0)
     if drag * float(s.max(initial=0.0)) < SLOW:
         return np.asarray(0.5 * s * s)
@@ -153,7 +157,7 @@ def _travel(t: FloatArray, drag: float) -> FloatArray:
 
 
 def _least(badness: Callable[[float], float], longest: float) -> float:
-    """Find the argument with the least value of a function on a grid, then by golden sections about the best point."""
+    """Minimise a function of the delay on a grid up to `longest`, then by golden sections near the best grid point."""
     grid = np.linspace(-0.25 * longest, longest, GRID)
     best = int(np.argmin([badness(t) for t in grid.tolist()]))
     low, high = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, GRID - 1)])
@@ -164,19 +168,21 @@ def _least(badness: Callable[[float], float], longest: float) -> float:
 
 
 def _jackknife(values: Sequence[float]) -> float:
-    """Estimate the standard error of a value from values with parts of the data left out in turn."""
+    """Estimate the standard error of an estimate from its values without each group of the data."""
     n = len(values)
     return float(np.sqrt((n - 1) / n * ((np.array(values) - np.mean(values)) ** 2).sum()))
 
 
 def drag_matrix(runs: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
-    """Fit P of x'' + P x' = 0 to coasting fingertips: x(t) = a + b t - P int x dt, with own a and b for each run.
+    """Fit the drag P of coasting fingertips, x'' + P x' = 0.
+
+    The integrated equation x(t) = a + b t - P int x dt is fitted by least squares, with separate a and b for each run.
 
     Args:
         runs: Times (n,) [s] and positions (n, d) [m] of each run.
 
     Returns:
-        P (d, d) [1/s], and P without each run in turn, (runs, d, d).
+        Drag P, (d, d) [1/s], and estimates of P that each leave out one run, (runs, d, d).
 
     Raises:
         InputError: If there are fewer than two runs.
@@ -200,13 +206,16 @@ def _solved(left: Sequence[FloatArray], right: Sequence[FloatArray], rows: NDArr
 
 
 def mean_friction(mobility: FloatArray, drag: FloatArray) -> float:
-    """Return the geometric mean of the principal values of B = W^-1 P, at least zero [N s/m]."""
+    """Return the geometric mean of the eigenvalues of the friction W^-1 P, for mobility W and drag P [N s/m].
+
+    Only the symmetric part of the friction is used, and negative eigenvalues count as zero.
+    """
     B = np.linalg.solve(mobility, drag)
     values = np.maximum(np.linalg.eigvalsh(0.5 * (B + B.T)), 0.0)
     return float(np.prod(values) ** (1.0 / len(values)))
 
 
 def friction_of(mobility: FloatArray, drag: FloatArray, others: FloatArray) -> Estimate:
-    """Return the mean friction with its error, from a drag and the drags without each run (runs, d, d)."""
+    """Return the mean friction and its standard error, from the two results of `drag_matrix`."""
     values = [mean_friction(mobility, each) for each in others]
     return Estimate(mean_friction(mobility, drag), _jackknife(values))

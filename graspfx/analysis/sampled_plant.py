@@ -1,4 +1,4 @@
-"""A sampled device on a wall, or with an object that it moves: one `Plant` whose gain has exact limits."""
+"""Sampled device on a wall or with an object, and the exact stability limits of the stiffness between them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ABOVE_ZERO = ("mass", "period", "object_mass", "fingers")
 
 
 class WallOptions(TypedDict, total=False):
-    """Keyword options of limits of walls; `stability.wall_limit` documents them."""
+    """Keyword options of `stability.wall_limit`, which documents them, and of related functions."""
 
     spring: ArrayLike
     wall_damping: ArrayLike
@@ -37,7 +37,7 @@ class WallOptions(TypedDict, total=False):
 
 
 class ObjectOptions(TypedDict, total=False):
-    """Keyword options of limits of devices that move an object; `stability.external_limit` documents them."""
+    """Keyword options of `stability.external_limit`, which documents them, and of related functions."""
 
     fingers: ArrayLike
     spring: ArrayLike
@@ -51,21 +51,26 @@ class ObjectOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """A device m, b with a hand k_s, b_s, sampled every T; parameters are numbers or arrays that broadcast.
+    """A sampled device with an operator's hand, coupled by a stiffness k to a wall or to an object.
 
         m x'' + (b + b_s) x' + k_s x = -f,    m_v/n x_v'' + b_v/n x_v' = f
         f = k (x - x_v) + B ((x_j - x_(j-1))/T - x_v')                             x_v = 0 for a wall
 
+    The force f is held over each sample j. Parameters are numbers or arrays that broadcast against one another.
+
     Attributes:
-        mass, damping, period, spring, spring_damping: m [kg], b [N s/m], T [s], k_s [N/m], b_s [N s/m].
+        mass, damping: Mass m [kg] and damping b [N s/m] of the device.
+        period: Sampling period T [s].
+        spring, spring_damping: Stiffness k_s [N/m] and damping b_s [N s/m] of the hand.
         coupling_damping: Damping B of the wall, or of the coupling to the object [N s/m].
         delay: Delay of the displayed force [samples].
         latency: Sum of the additional delays of the displayed force and of the reading [s].
-        object_mass, object_damping: m_v [kg] and b_v [N s/m] of the object that n fingers move; m_v is None for a wall.
+        object_mass, object_damping: Mass m_v [kg] and viscosity b_v [N s/m] of the object that n fingers move; the mass
+            is None for a wall.
         fingers: Number n of fingers.
         integrator: Integrator of the object.
         object_delay: Delay of the force on the object [samples].
-        gain: Gain k to be judged [N/m], if any.
+        gain: Stiffness k to be tested for stability [N/m]; limits of k do not depend on it.
     """
 
     mass: Any
@@ -88,10 +93,10 @@ class Plant:
         return [name for name in UNITS if self.object_mass is not None or name not in OF_OBJECT]
 
     def checked(self, *, single: bool = False) -> Plant:
-        """Check every parameter; convert those with an entry in `UNITS` to arrays, or to numbers if `single`.
+        """Check every parameter, and convert those with a unit in `UNITS` to arrays, or to numbers if `single`.
 
         Raises:
-            InputError: If a parameter is invalid; the error names it.
+            InputError: If a parameter is invalid; the message names the parameter.
             UnknownNameError: If `integrator` is not one of `INTEGRATORS`.
         """
         check: Any = number if single else numbers
@@ -103,7 +108,7 @@ class Plant:
         if single:
             values["fingers"] = count("fingers", self.fingers, 1)
         elif (np.asarray(values.get("fingers", 1.0)) < 1.0).any():
-            raise InputError("fingers", self.fingers, "1 or more everywhere")
+            raise InputError("fingers", self.fingers, "1 or more in every entry")
         return replace(
             self,
             **values,
@@ -115,17 +120,18 @@ class Plant:
 
     @property
     def unit(self) -> Any:
-        """Reference stiffness m/T^2 [N/m]."""
+        """Reference stiffness, device mass over squared period [N/m]."""
         return self.mass / self.period**2
 
     def polynomials(self) -> tuple[FloatArray, FloatArray]:
-        """Return D and N of the loop's characteristic polynomial D + k N, in ascending powers of s = z - 1.
+        """Return the polynomials D and N of the characteristic polynomial D + k N, in ascending powers of s = z - 1.
 
-        On a wall the polynomial is z^L [den + z^-delay (k + B (1 - 1/z)/T) num], with the device num/den under
-        zero-order hold, delayed by `latency` seconds more, and the smallest L without negative powers. B acts on the
-        object's velocity state, not on a difference; "implicit" uses position and velocity at the end of the sample.
-        Without a spring, no force opposes a common motion of device and object, which is a root z = 1 of D and N; this
-        root is moved to z = 0, where it does not matter.
+        On a wall, the characteristic polynomial is z^L [den + z^-delay (k + B (1 - 1/z)/T) num]. Here num/den is the
+        transfer function of the device with its latency (`late_device`), and L is the smallest exponent that leaves no
+        negative powers. With an object, B acts on the object's velocity state, not on a difference of its positions;
+        the integrator "implicit" uses position and velocity at the end of the sample. Without a spring, no force
+        opposes a common motion of device and object, so that D and N have a common root z = 1. This root is moved to z
+        = 0, where it does not affect stability.
         """
         friction = self.damping + self.spring_damping
         late, numerator, denominator = late_device(self.mass, friction, self.spring, self.period, self.latency)
@@ -152,7 +158,7 @@ class Plant:
         return _without_drift(D, plus(N, np.zeros_like(D)))
 
     def limits(self) -> Limits:
-        """Compute all stable gains of a plant whose parameters are numbers."""
+        """Compute all stable stiffnesses k of a plant whose parameters are numbers."""
         return limits_of(*self.polynomials(), self.unit, self.period)
 
     @property
@@ -170,9 +176,9 @@ class Plant:
             raise InputError("parameters", f"shapes {text}", "arrays that broadcast against one another") from error
 
     def blocks(self) -> Iterator[tuple[int, Plant]]:
-        """Divide the common shape into blocks of consecutive points: the first index of each block, and its plant.
+        """Yield blocks of consecutive points of the common shape: the first flat index of each block, and its plant.
 
-        Parameters that are numbers remain numbers, and only one block is expanded at a time.
+        Numbers are not expanded to arrays, and other parameters are expanded for one block at a time.
         """
         shape = self.shape or (1,)
         total = int(np.prod(shape, dtype=np.int64))
@@ -184,12 +190,12 @@ class Plant:
             yield start, replace(self, **points)
 
     def limit_blocks(self) -> Iterator[tuple[int, FloatArray]]:
-        """Compute the gain at each point's first loss of stability [N/m], as (first index, values) of each block."""
+        """Yield each block's first flat index, and the smallest unstable stiffness k at each of its points [N/m]."""
         for start, block in self.blocks():
             yield start, np.asarray(first_loss(*edges(*block.polynomials(), block.unit))[0].ravel())
 
     def limit_map(self) -> FloatArray:
-        """Compute the gain at the first loss of stability of all points [N/m], in the common shape."""
+        """Compute the smallest unstable stiffness k at each point [N/m], in the common shape of the parameters."""
         limit = np.empty(self.shape)
         flat = limit.reshape(-1)
         for start, values in self.limit_blocks():
@@ -198,7 +204,7 @@ class Plant:
 
 
 def _without_drift(D: FloatArray, N: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Move every common root at z = 1 to z = 0; there D[0] and N[0] are exactly 0, because s is a factor of both."""
+    """Move common roots of D and N at z = 1 to z = 0; a common root at z = 1 gives D[0] = N[0] = 0 exactly."""
     while True:
         common = (D[0] == 0.0) & (N[0] == 0.0)
         if not common.any():

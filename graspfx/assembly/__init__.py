@@ -1,1 +1,1 @@
-"""From a scene to a run: connection of devices, creation of bodies and hands, and building and running of the servo."""
+"""Runs of scenes: devices are connected, bodies and hands are created, and a servo is built and run."""

@@ -45,11 +45,11 @@ SHAPES = {  # classes of graspfx.surfaces.closed_form.shape by kind; the module 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """Shape of an object or obstacle.
+    """Shape of an object or obstacle; both attributes are None for an object without a shape.
 
     Attributes:
-        primitive: Shape in closed form, in the body's frame; None for a mesh, and for an object without a shape.
-        mesh: Mesh with its mass properties; None for every other shape.
+        primitive: Shape in closed form, in the body's frame; None for a mesh.
+        mesh: Mesh with its mass properties; None for a shape in closed form.
     """
 
     primitive: Shape | None = None
@@ -62,10 +62,10 @@ class Solid:
 
 
 def make_solid(table: Object | Obstacle, folder: Path | None) -> Solid:
-    """Make the shape that a table describes; relative paths of meshes start in `folder`.
+    """Make the shape that a table describes; relative paths of mesh files are relative to `folder`.
 
     Raises:
-        InputError: If a value of the shape's table is invalid; the error names its key.
+        InputError: If a value of the shape's table is invalid; the message names the key.
         MissingPackageError: If the package that reads a mesh's file is not installed.
     """
     mesh = scene_mesh(table, folder)
@@ -73,7 +73,7 @@ def make_solid(table: Object | Obstacle, folder: Path | None) -> Solid:
 
 
 def _primitive(table: Object | Obstacle) -> Shape | None:
-    """Make a shape in closed form; the keys of its table are the parameters."""
+    """Make a shape in closed form, whose parameters are the keys of its table; None for other shapes."""
     if table.shape is None or table.shape.kind not in SHAPES:
         return None
     from graspfx.surfaces.closed_form import shape
@@ -83,7 +83,7 @@ def _primitive(table: Object | Obstacle) -> Shape | None:
 
 
 def mass(table: Object, solid: Solid) -> float:
-    """Return the mass in the table, or density times volume of the shape [kg].
+    """Return an object's mass: the mass in its table, or the density in the table times the volume of the shape [kg].
 
     Raises:
         InputError: If the table has neither a mass nor a density with a volume.
@@ -97,14 +97,18 @@ def mass(table: Object, solid: Solid) -> float:
 
 
 def inertia(scene: SceneTable, table: Object, solid: Solid) -> Inertia | None:
-    """Return the moments of inertia about the centre [kg m^2] in the table, else of the solid shape, else None."""
+    """Return an object's moments of inertia about its centre [kg m^2].
+
+    They are those in the table; if the table has none, those of a homogeneous solid of the object's mass and shape;
+    None if the shape is not bounded, or the scene has one dimension.
+    """
     if table.inertia is not None or scene.dimensions == 1:
         return table.inertia
     return solid_inertia(solid, mass(table, solid), scene.dimensions)
 
 
 def solid_inertia(solid: Solid, mass: float, dimensions: int) -> tuple[float, ...] | None:
-    """Compute the moments of inertia of a solid shape about its centre [kg m^2]; None without a bounded shape."""
+    """Compute the moments of inertia of a homogeneous solid about its centre [kg m^2]; None if it is not bounded."""
     if solid.mesh is not None:
         return solid.mesh.moments(mass)
     shape = solid.primitive
@@ -115,7 +119,7 @@ def solid_inertia(solid: Solid, mass: float, dimensions: int) -> tuple[float, ..
 
 
 def place(table: Object | Obstacle, solid: Solid) -> tuple[tuple[float, ...] | None, float | tuple[float, ...] | None]:
-    """Return the initial pose of a body's frame: position [m], and angle [rad] or quaternion x, y, z, w."""
+    """Return the initial pose of a body's frame: position [m], and angle [rad] or unit quaternion x, y, z, w."""
     position, orientation = table.position, table.orientation
     if solid.mesh is not None and not isinstance(orientation, float):
         return solid.mesh.body_pose(position, orientation)
@@ -123,22 +127,22 @@ def place(table: Object | Obstacle, solid: Solid) -> tuple[tuple[float, ...] | N
 
 
 def _integrator(table: Object) -> str:
-    """Return the integrator of a native body; for other dynamics "semi-implicit", which predicts no free motion."""
+    """Return the integrator of an object; for dynamics other than "native" it is "semi-implicit"."""
     return table.integrator if table.dynamics == "native" else "semi-implicit"
 
 
 def fill(scene: SceneTable, table: Object, solid: Solid, state: FloatArray, *, predicts: bool = True) -> None:
-    """Write parameters and initial state into a body's block.
+    """Write the parameters and the initial state of an object into its block.
 
-    The pose in a table is the pose of the shape's frame. The frame of a mesh's body has its origin at the centre of
-    mass and its axes along the principal axes.
+    The pose in the table is that of the shape's frame. The body's frame of a mesh has its origin at the centre of mass
+    and its axes along the principal axes.
 
     Args:
-        predicts: Whether the implicit integrator is used as such; if False, the semi-implicit integrator replaces it,
-            so that forces are functions of the pose.
+        predicts: Whether an object may have the integrator "implicit"; if False, "semi-implicit" replaces it, so that
+            forces are functions of the pose.
 
     Raises:
-        InputError: If a value is invalid; the error names its key.
+        InputError: If a value is invalid; the message names the key.
     """
     integrator = _integrator(table)
     position, orientation = place(table, solid)
@@ -160,13 +164,13 @@ def fill(scene: SceneTable, table: Object, solid: Solid, state: FloatArray, *, p
 
 
 class Stock:
-    """Connected devices and shapes, by the locations of their tables in the scene, and recorded paths, by file.
+    """Devices, shapes and recorded motions of one scene, which its checks connect, create and read.
 
-    The checks of a scene fill the stock, which belongs to the scene. A copy of a scene starts with an empty stock,
-    because neither pickling nor `copy.deepcopy` copies devices.
+    Devices and shapes are found by the locations of their tables, and recorded motions by their files. A copy of a
+    scene has an empty stock, because neither pickling nor `copy.deepcopy` copies devices.
 
     Args:
-        folder: Folder of the scene's relative paths; None for the current folder.
+        folder: Folder to which the scene's relative paths refer; None for the current folder.
     """
 
     def __init__(self, folder: Path | None) -> None:
@@ -182,10 +186,10 @@ class Stock:
         self._unused = True
 
     def solid(self, at: Key, table: Object | Obstacle) -> Solid:
-        """Return the shape of the object or obstacle whose table is at this location.
+        """Return the shape of the object or obstacle whose table is at the location `at`.
 
         Raises:
-            InputError: If a value of the shape's table is invalid; the error names its key.
+            InputError: If a value of the shape's table is invalid; the message names the key.
             MissingPackageError: If the package that reads a mesh's file is not installed.
         """
         if at not in self._solids:
@@ -196,20 +200,20 @@ class Stock:
         """Return the motion recorded in a file.
 
         Raises:
-            InputError: If the file is missing, or has another format; the error then names the line.
+            InputError: If the file is missing or a line is invalid; the message names the line.
         """
         if file not in self._paths:
             self._paths[file] = motion.Path.read(file, self.folder)
         return self._paths[file]
 
     def claim(self) -> bool:
-        """Reserve the connected devices for the first caller; return whether this is the first call."""
+        """Return whether this is the first call; only the first caller may use the connected devices."""
         with self._lock:
             first, self._unused = self._unused, False
         return first
 
     def take_built(self) -> Any:
-        """Return and clear `built`."""
+        """Return `built`, and set it to None."""
         with self._lock:
             built, self.built = self.built, None
         return built
@@ -222,17 +226,17 @@ class Stock:
 
 
 def moves(scene: SceneTable, thing: Object) -> bool:
-    """Return whether an object has a free degree of freedom."""
+    """Return whether at least one of an object's degrees of freedom is free."""
     return any(scene.free(thing))
 
 
 def collide(scene: SceneTable) -> bool:
-    """Return whether objects of a world collide with one another."""
+    """Return whether the objects of a physics engine's world collide with one another."""
     return scene.world.collide if scene.world.collide is not None else scene.dimensions == 3
 
 
 def groups(scene: SceneTable) -> list[list[int]]:
-    """List groups of objects that move together, by index: single objects, or the objects of one engine's world."""
+    """List the groups of objects, by index, that are simulated together: one object, or all in an engine's world."""
     groups_: list[list[int]] = []
     for i, thing in enumerate(scene.object):
         mates = [group for group in groups_ if scene.object[group[0]].dynamics == thing.dynamics != "native"]
@@ -252,7 +256,7 @@ def in_world(scene: SceneTable, group: Sequence[int]) -> bool:
 
 
 def obstacles(scene: SceneTable, stock: Stock) -> list[PlacedObstacle]:
-    """Place the scene's obstacles."""
+    """Return the obstacles of a scene at their poses."""
     solids = [stock.solid(("obstacle", i), table) for i, table in enumerate(scene.obstacle)]
     return [
         place_obstacle(table.name, solid.shape, scene.dimensions, *place(table, solid))
@@ -261,11 +265,11 @@ def obstacles(scene: SceneTable, stock: Stock) -> list[PlacedObstacle]:
 
 
 def meeting(scene: SceneTable, thing: Object) -> tuple[bool, str]:
-    """Return whether an object collides with anything, and a description of its collisions."""
+    """Return whether an object can collide with other bodies, and a text that describes its collisions."""
     if thing.shape is None:
         return False, "it has no shape, and therefore no contacts"
     if not moves(scene, thing) and thing.dynamics == "native":
-        return False, "every degree of freedom is locked: nothing moves it, and native objects pass through it"
+        return False, "every degree of freedom is locked: it does not move, and native objects pass through it"
     names = ", ".join(table.name for table in scene.obstacle)
     law = f"friction {scene.world.friction:g}"
     if thing.dynamics == "native":

@@ -1,4 +1,4 @@
-"""Building a servo from a scene: devices, bodies, plants, hands and objects."""
+"""Construction of a servo from a scene's devices, bodies, plants, hands and objects."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 def loop_fields(wired: Sequence[Wire], fingers: Sequence[str]) -> dict[str, Any]:
-    """Return the fields of a `Layout` for a real-time run."""
+    """Return the fields of a `Layout` that only a real-time run has."""
     devices = device_names(wired, fingers)
     own = [(name, wire.device) for name, wire in zip(devices, wired, strict=True)]
     raw = [(name, device.raw) for name, device in own if isinstance(device, RawDevice)]
@@ -60,10 +60,10 @@ FloatArray = NDArray[np.float64]
 
 
 def make_movers(parts: Parts, states: Sequence[FloatArray], stack: ExitStack) -> Iterator[BodyGroup]:
-    """Make the body groups of the objects with these blocks; closing the stack closes the bodies.
+    """Make the body groups of a scene's objects, whose blocks are `states`; closing `stack` closes the bodies.
 
     Raises:
-        PluginError: If third-party code raises an error when it creates a body.
+        PluginError: If a plug-in raises an error when it creates a body.
     """
     scene, world = parts.scene, parts.scene.world
     meeting = Meeting(world.friction, world.restitution, world.stiffness, collide(scene))
@@ -97,12 +97,13 @@ def make_plants(
     Args:
         parts: Parts of the scene.
         wired: Devices of the scene.
-        inward: Unit normals of the fingers' contacts (n, d).
-        live: Keys that may change during the run; a live squeeze is made a motion even if it is zero.
+        inward: Unit normals of the fingers' contacts, into the objects, (n, d).
+        live: Keys whose values may change during the run. If a squeeze may change, every squeeze is implemented as a
+            motion, even a squeeze of zero.
 
     Raises:
-        SceneError: If a finger starts outside its device's reach.
-        DeviceError: If a plant cannot be placed at its fingers' start.
+        SceneError: If a finger starts outside the workspace of its device.
+        DeviceError: If a plant cannot be placed at its fingers' start positions.
     """
     scene, start = parts.scene, parts.start
     others = [key for key in live if general(key) not in GUIDE]  # goals of guided hands do not change a plant
@@ -138,7 +139,7 @@ def make_plants(
 
 
 def _components(wired: Sequence[Wire], hands: Sequence[HandPart]) -> Iterator[list[int]]:
-    """Find the sets of simulated devices that share a hand, directly or through other devices."""
+    """Yield the sets of simulated devices, by index, that hands connect directly or through other devices."""
     of_finger = {int(f): i for i, wire in enumerate(wired) for f in wire.used}
     left = {i for i, wire in enumerate(wired) if not is_hardware(wire.device)}
     while left:
@@ -165,27 +166,30 @@ def build(
     playback: Playback | None = None,
     room: int = ROOM,
 ) -> Iterator[Servo]:
-    """Build a servo that is ready to run; simulated devices and bodies are always closed on exit.
+    """Build a servo that is ready to run, and close its simulated devices and bodies on exit.
 
-    Hardware is not opened; a run opens it when everything else is ready (`graspfx.assembly.hardware`). The first build
-    of a scene uses the devices that its checks connected; a later build connects new devices.
+    Hardware is not opened here: a run opens it last (`graspfx.assembly.hardware`). The first build of a scene uses the
+    devices that the scene's checks connected, and each later build connects new devices.
 
     Args:
         scene: Scene to build.
-        engine: Engine that replaces the scene's.
+        engine: Engine to use instead of the scene's engine; the scene's engine if empty.
         record: Whether the servo's ticks are recorded.
-        selected: Whether ticks write only the columns and rows that the scene's `record` selects; otherwise ticks write
-            all.
-        live: Keys that may change during the run (`graspfx.assembly.live`); compiled ticks read their values anew.
-        real_time: Whether ticks follow the wall clock and record its data.
-        varying: Whether each tick records the devices' largest forces, also in simulated time.
-        playback: Playback of a recording instead of devices, hands and plants; no device is then opened.
+        selected: Whether ticks write only the columns and rows that the scene's `record` table selects; otherwise,
+            ticks write all columns and rows.
+        live: Keys whose values may change during the run (`graspfx.assembly.live`); compiled ticks read these values in
+            every tick.
+        real_time: Whether ticks follow the wall clock, and record the times of the clock.
+        varying: Whether each tick records the largest forces of the devices; a real-time run records them in any case
+            if they may change.
+        playback: Playback of a recording in place of devices, hands and plants, without opening a device; None to use
+            the devices, hands and plants of the scene.
         room: Number of entries of the memory for the parts' blocks; blocks that do not fit are separate arrays.
 
     Raises:
-        InputError: If a live key cannot change during a run.
-        SceneError: If a finger starts outside its device's reach.
-        DeviceError: If a device does not open, or a plant cannot be placed at its fingers' start.
+        InputError: If the value of a live key cannot change during a run.
+        SceneError: If a finger starts outside the workspace of its device.
+        DeviceError: If a device does not open, or a plant cannot be placed at its fingers' start positions.
     """
     fields = live_fields(live)
     parts = resolve(scene)
@@ -230,10 +234,10 @@ def build(
 
 @contextmanager
 def build_again(scene: Scene, **how: Any) -> Iterator[Servo]:
-    """Build a servo as `build` does, or return the previous run's servo with its memory reset to the start.
+    """Return the servo of the scene's previous run with its memory reset, or build a servo as `build` does.
 
-    A servo is reused only with the same arguments `how`, and only if all its parts are kernels, because then a run
-    changes nothing but the memory. Each run opens and closes the devices.
+    A servo is reused if the arguments `how` of `build` are the same, and if all its parts are kernels, so that a run
+    changes only its memory. The devices are opened on entry and closed on exit in both cases.
     """
     stock = resolve(scene).stock
     kept = stock.take_built()
@@ -259,13 +263,13 @@ def build_again(scene: Scene, **how: Any) -> Iterator[Servo]:
 def meet(
     parts: Parts, objects: Sequence[GraspedPart], movers: Sequence[BodyGroup], start: FloatArray | None = None
 ) -> FloatArray:
-    """Set the fingers' contacts at their start; return the unit normals into the objects, (n, d).
+    """Compute the contacts of the fingers at their start positions; return the unit normals into the objects, (n, d).
 
     Args:
         parts: Parts of the scene.
         objects: Grasped objects.
         movers: Body groups of the objects.
-        start: Positions of the fingers, (n, d) [m]; by default their start positions in the scene.
+        start: Positions of the fingers, (n, d) [m]; the scene's start positions if None.
     """
     start = parts.start if start is None else start
     for mover in movers:
@@ -281,11 +285,11 @@ def meet(
 
 
 def make_layout(parts: Parts, *, real_time: bool = False) -> Layout:
-    """Lay out the columns of a recording, including true fingertip positions if devices are simulated.
+    """Return the columns of a scene's recording.
 
     Args:
         parts: Parts of the scene.
-        real_time: Whether the run follows the wall clock.
+        real_time: Whether the run follows the wall clock, which adds columns such as times.
     """
     scene = parts.scene
     soft = any(finger.model == "soft" for finger in scene.finger)
@@ -310,7 +314,10 @@ def make_layout(parts: Parts, *, real_time: bool = False) -> Layout:
 
 
 def _predicted(parts: Parts) -> tuple[int, ...]:
-    """List the implicitly integrated objects that rotate and have some, but not all, translations locked."""
+    """List the objects, by index, with the integrator "implicit", a free rotation, and one or more locked translations.
+
+    At least one translation is free.
+    """
     scene, d = parts.scene, parts.scene.dimensions
     return tuple(
         k

@@ -1,7 +1,7 @@
-"""Calibration of a scene's hardware, device by device: delay of forces, mass, friction, origin and axes.
+"""Calibration of a scene's hardware: delay of forces, mass, friction, origin and axes of each device.
 
-Results are text, and TOML for a scene. A bench holds one device, whose fingers are pushed by force pulses or moved by a
-person.
+The fingers of one device at a time are pushed by force pulses or moved by a person. Results are text, and TOML for a
+scene.
 """
 
 from __future__ import annotations
@@ -51,13 +51,13 @@ WINDOW = 0.02  # time window of a velocity [s]
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """One tick of the bench.
+    """Reading of a device in one tick, and the tick's times.
 
     Attributes:
         due: Deadline of the tick [s].
-        start, end: Start of the reading, and end of the writing [s].
+        start, end: Time of the start of the reading, and of the end of the writing [s].
         position: Positions of the fingers, (k, d) [m].
-        is_fresh: Whether the reading contained a new sample.
+        is_fresh: Whether the device provided a new sample since the previous reading.
     """
 
     due: float
@@ -68,18 +68,20 @@ class Sample:
 
 
 class Bench:
-    """One device in its own axes, with zero force unless a tick sets a force.
+    """One device that is calibrated, with positions and forces in its own axes.
 
     Args:
-        port: Port of the device, which is open and at rest.
-        exchange: Exchange with this device only.
-        period: Time between calls of the device [s].
-        limits: Largest force of each channel [N].
+        port: Port of the device, which must be open and stationary.
+        exchange: Exchange of readings and forces with this device only.
+        period: Time between successive ticks [s].
+        limits: Largest force of each channel, (k,) [N].
         clock: Clock of the ticks.
-        late: Largest number of successive skipped periods while a force is on.
+        late: Largest number of successive periods that may be skipped while a force acts.
 
     Attributes:
-        samples: Samples of all ticks so far.
+        samples: Samples of all previous ticks.
+        home: Positions of the fingers when the bench was created, (k, d) [m].
+        watched: Whether a finger must stay near `home`; False while a person moves it.
     """
 
     def __init__(
@@ -92,16 +94,20 @@ class Bench:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Number of channels, and of dimensions."""
+        """Number of channels k and number of dimensions d."""
         k, d = self.home.shape
         return k, d
 
     def tick(self, channel: int = 0, force: FloatArray | None = None) -> Sample:
-        """Read, then write a force (d,) [N] to one channel (None for zero), and zero force to all other channels.
+        """Wait for the next period, read the device, and write a force to one channel and zero to the others.
+
+        Args:
+            channel: Index of the channel.
+            force: Force (d,) [N], which is reduced to the channel's limit; zero if None.
 
         Raises:
-            DeviceError: If the device has a fault, a finger moves too far or too fast, or a force lasted too long
-                because the machine was late.
+            DeviceError: If the device has a fault, a finger moves too far or too fast, or a force acted for too long
+                because periods were skipped.
             Interruption: If a signal arrived.
         """
         exchange, pacer, command = self._exchange, self._pacer, self.port.port.command
@@ -126,12 +132,12 @@ class Bench:
         return sample
 
     def rest(self, duration: float) -> list[Sample]:
-        """Tick at zero force for `duration` seconds; return the samples."""
+        """Run ticks with zero force for `duration` [s], and return their samples."""
         return [self.tick() for _ in range(max(1, round(duration / self.period)))]
 
     @property
     def velocity(self) -> FloatArray:
-        """Mean velocity over 20 ms, (k, d) [m/s], because a device's own estimate may use only two encoder counts."""
+        """Mean velocity of the fingers over the last 20 ms, (k, d) [m/s]; a device's own velocity may be too coarse."""
         recent = self.samples[-1 - max(1, round(WINDOW / self.period)) :]
         if len(recent) < 2:
             return np.zeros_like(self.home)
@@ -144,31 +150,32 @@ class Bench:
             return
         if away > FARTHEST:
             raise DeviceError(
-                f"{self.port.name} moved {1e3 * away:.0f} mm away from its start; level it, and let nothing touch it"
+                f"{self.port.name} moved {1e3 * away:.0f} mm away from its start, expected at most "
+                f"{1e3 * FARTHEST:.0f} mm; level the device, and make sure that nothing touches it"
             )
         if float(np.abs(self.velocity).max()) > FASTEST:
-            raise DeviceError(f"{self.port.name} moves faster than {FASTEST:g} m/s, which was not commanded")
+            raise DeviceError(f"{self.port.name} moves faster than {FASTEST:g} m/s, the largest speed under pulses")
 
-    watched = True  # whether a finger must stay near its start; False while a person moves it
+    watched = True
 
     @property
     def round_trip(self) -> float:
-        """Median time of a reading and a writing [s]."""
+        """Median time from the start of a reading to the end of the following writing [s]."""
         return median(each.end - each.start for each in self.samples)
 
     @property
     def lateness(self) -> tuple[float, float]:
-        """1st and 99th percentiles of the time from a deadline to the end of the writing [s]."""
+        """1st and 99th percentiles of the time from a tick's deadline to the end of its writing [s]."""
         low, high = np.percentile([each.end - each.due for each in self.samples], (1.0, 99.0))
         return float(low), float(high)
 
 
 @contextmanager
 def on_bench(parts: Parts, wire: Wire, clock: Clock) -> Iterator[Bench]:
-    """Open one device of a scene, and wait until it is at rest; the last force is zero even after an error.
+    """Open one device of a scene, wait until it is stationary, and close it on exit; its last force is always zero.
 
     Raises:
-        DeviceError: If the device does not open or is not at rest.
+        DeviceError: If the device does not open or is not stationary.
         KeyboardInterrupt: If a signal arrived.
     """
     scene = parts.scene
@@ -190,7 +197,7 @@ def on_bench(parts: Parts, wire: Wire, clock: Clock) -> Iterator[Bench]:
 
 
 def _limits(parts: Parts, wire: Wire) -> FloatArray:
-    """Return the smaller of the device's and the scene's largest force on each channel, (k,) [N]; inf if unknown."""
+    """Return the largest force of each channel, (k,) [N]: the lower limit of device and scene; inf without a limit."""
     limits = np.full(len(wire.fingers), np.inf)
     if wire.device.features.peak_force is not None:
         limits[:] = wire.device.features.peak_force
@@ -222,7 +229,7 @@ Prompt = Callable[[str], None]
 
 
 def axis_checks(bench: Bench, channel: int, finger: str, frame: Frame | None, prompt: Prompt) -> dict[str, str]:
-    """Ask a person to push a finger along each axis of the scene; return the result as text by the axis's letter."""
+    """Ask a person to push a finger along each axis of the scene; return the result, a text, by letter of the axis."""
     answers = {}
     bench.watched = False
     for axis in range(bench.shape[1]):
@@ -253,7 +260,7 @@ def _answer(shift: FloatArray, axis: int) -> str:
 
 
 def zero_check(bench: Bench, channel: int, finger: str, frame: Frame | None, prompt: Prompt) -> FloatArray | None:
-    """Ask a person to move a finger to the scene's origin; return its position, (d,) [m]; None if the check fails."""
+    """Ask a person to hold a finger at the scene's origin, and return its position, (d,) [m]; None if this fails."""
     bench.watched = False
     prompt(f"put {finger} at the intended origin of the scene, and hold it there for {LONG_ENOUGH:g} s")
     start = _placed(bench, channel, frame)
@@ -273,7 +280,7 @@ def zero_check(bench: Bench, channel: int, finger: str, frame: Frame | None, pro
 
 
 def _placed(bench: Bench, channel: int, frame: Frame | None) -> FloatArray:
-    """Return the position of a finger in the scene, (d,) [m]."""
+    """Return the last reading of a finger's position in the scene's axes, (d,) [m]."""
     own = bench.port.readings.position
     placed: FloatArray = (own if frame is None else frame.place(own))[channel].copy()
     return placed
@@ -301,10 +308,12 @@ class FingerFigures:
     """Measured properties of one finger.
 
     Attributes:
-        delay, mass: Delay [s] and mass [kg], computed from the finger's response to pulses.
-        friction: Viscous friction [N s/m].
-        mobility: Mobility W, (d, d) [1/kg].
-        resolution: Resolution that the device reports, or else the smallest step between readings [m]; 0 if none.
+        delay: Time from the end of the writing of a force to the first reading with a motion [s].
+        mass: Mean mass of the finger [kg].
+        friction: Mean viscous friction [N s/m].
+        mobility: Mobility, which maps a force to an acceleration, (d, d) [1/kg].
+        resolution: Resolution [m] that the device reports; if it reports none, the smallest difference between
+            successive readings, or 0 if all readings are equal.
         pulses: Number of pulses.
         force: Force of a pulse [N].
     """
@@ -319,13 +328,13 @@ class FingerFigures:
 
 
 def finger_figures(bench: Bench, channel: int, force: float, pulses: int) -> FingerFigures:
-    """Measure one finger: push it back and forth along each axis, and let it coast.
+    """Measure one finger by pushing it back and forth along each axis, and by letting it coast.
 
     Args:
-        bench: Bench of its device.
+        bench: Bench of the finger's device.
         channel: Channel of the finger.
-        force: Force of a push [N].
-        pulses: Total number of pulses; at least ten are made along each axis.
+        force: Force of a pulse [N].
+        pulses: Number of pulses along all axes together; it is increased to ten pulses along each axis if necessary.
 
     Raises:
         DeviceError: If the finger does not move, or the device has a fault.
@@ -349,8 +358,9 @@ def finger_figures(bench: Bench, channel: int, force: float, pulses: int) -> Fin
     answer: Response = response(done, max(float(np.trace(drag)) / d, 0.0), max(MOST_DELAY, 3.0 * bench.period))
     if answer.explained < EXPLAINED or not math.isfinite(answer.mass.value):
         raise DeviceError(
-            f"{bench.port.name}: a model of a pushed mass explains {answer.explained:.0%} of its motion under pulses, "
-            f"expected {EXPLAINED:.0%}; move it to the middle of its workspace, and make sure that nothing touches it"
+            f"{bench.port.name}: a model of a mass explains {answer.explained:.0%} of the motion under pulses, "
+            f"expected at least {EXPLAINED:.0%} and a finite mass; move the finger to the middle of the workspace, and "
+            "make sure that nothing touches it"
         )
     friction = friction_of(answer.mobility, drag, others)
     return FingerFigures(
@@ -359,7 +369,7 @@ def finger_figures(bench: Bench, channel: int, force: float, pulses: int) -> Fin
 
 
 def _trial(bench: Bench, channel: int, axis: int, force: float, step: float) -> float:
-    """Push until the finger has moved; return its acceleration [m/s^2]."""
+    """Push a finger along an axis until its motion is visible, undo the motion, and return the acceleration [m/s^2]."""
     bench.rest(BEFORE)
     push = force * np.eye(bench.shape[1])[axis]
     first = last = bench.tick(channel, push)
@@ -369,19 +379,20 @@ def _trial(bench: Bench, channel: int, axis: int, force: float, step: float) -> 
     _take_back(bench, channel, push, took)
     if abs(shift) <= SEEN * step:
         raise DeviceError(
-            f"{bench.port.name} moved by {1e6 * abs(shift):.0f} um under {force:.3g} N in {1e3 * took:.0f} ms: release "
-            "it, check that its motors are on, or use a larger force"
+            f"{bench.port.name} moved by {1e6 * abs(shift):.0f} um under {force:.3g} N in {1e3 * took:.0f} ms, "
+            f"expected more than {1e6 * SEEN * step:.0f} um: release the finger, check that the motors are on, or use "
+            "a larger force"
         )
     if shift < 0.0:
         raise DeviceError(
-            f"{bench.port.name} moves against a force along axis {axis}: its motors turn in the wrong direction"
+            f"{bench.port.name} moves against a force along axis {axis}: correct the driver's sign of the motor torques"
         )
     _bring_home(bench, channel, force, force * took**2 / (2.0 * shift))
     return 2.0 * shift / took**2
 
 
 def _take_back(bench: Bench, channel: int, push: FloatArray, duration: float) -> None:
-    """Undo a push of this duration: push back for twice the duration, then forwards for the duration."""
+    """Undo the motion of a push: push backwards for twice the duration of the push, and forwards for the duration."""
     began = bench.samples[-1].end
     while bench.samples[-1].end - began < 2.0 * duration:
         bench.tick(channel, -push)
@@ -396,7 +407,7 @@ def _shift(first: Sample, last: Sample, channel: int, axis: int) -> float:
 
 
 def _pulse(bench: Bench, channel: int, axis: int, force: float, step: float, acceleration: float) -> Push:
-    """Push one finger, undo the motion, and return the force with the readings."""
+    """Push one finger along an axis, undo the motion, and return the force with the readings before and during it."""
     samples = bench.rest(BEFORE)
     duration = math.sqrt(2.0 * STEPS * step / acceleration)
     duration = min(max(duration, SHORTEST_PULSE * bench.period), LONGEST_PULSE, MOST_SPEED / acceleration)
@@ -414,7 +425,7 @@ def _pulse(bench: Bench, channel: int, axis: int, force: float, step: float, acc
 
 
 def _bring_home(bench: Bench, channel: int, force: float, mass: float) -> None:
-    """Return a finger to its start by a weak spring and damper of limited force."""
+    """Return a finger to its start by a spring and damper with a force of at most `force` [N]."""
     readings, home = bench.port.readings, bench.home[channel]
     began = bench.tick().start
     while bench.samples[-1].start - began < LONGEST_WAY:
@@ -430,7 +441,7 @@ def _bring_home(bench: Bench, channel: int, force: float, mass: float) -> None:
 def _coast(
     bench: Bench, channel: int, axis: int, force: float, acceleration: float
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """Accelerate a finger and release it; return times (n,) [s] and positions (n, d) [m] without force."""
+    """Accelerate a finger and release it; return times (n,) [s] and positions (n, d) [m] while no force acts."""
     duration = min(SPEED / acceleration, LONGEST_START)
     bench.rest(BEFORE)
     push = force * np.eye(bench.shape[1])[axis]
@@ -451,7 +462,7 @@ def _coast(
 
 
 def _least_step(bench: Bench, channel: int) -> float:
-    """Find the smallest step between two different readings of a finger."""
+    """Return the smallest non-zero distance between successive readings of a finger [m]; 0 if all are equal."""
     positions = np.array([each.position[channel] for each in bench.samples])
     steps = [float(np.linalg.norm(b - a)) for a, b in pairwise(positions)]
     changes = [each for each in steps if each > 0.0]
@@ -472,12 +483,13 @@ class DeviceMeasures:
 
     Attributes:
         fingers: Names of the device's fingers.
-        key: Key of the device's table in the scene, `finger.0.device` or `device.0`.
-        each: Properties of each finger, by name.
-        round_trip: Median time of a reading and a writing [s].
-        jitter: 1st and 99th percentiles of the time from a deadline to the end of its writing [s].
-        axes: Result of the axis check of each finger, by axis.
-        zero: Reading at the scene's origin by finger, (d,) [m].
+        key: Key of the device's table in the scene, such as `finger.0.device` or `device.0`.
+        each: Properties of each finger, by name of the finger.
+        round_trip: Median time from the start of a reading to the end of the following writing [s].
+        jitter: 1st and 99th percentiles of the time from a tick's deadline to the end of its writing [s].
+        axes: Texts with the results of the axis check, by name of the finger and letter of the axis; empty if the axes
+            were not checked.
+        zero: Position read at the scene's origin, (d,) [m], by name of the finger; empty if it was not checked.
     """
 
     fingers: tuple[str, ...]
@@ -490,17 +502,17 @@ class DeviceMeasures:
 
     @property
     def delay(self) -> float:
-        """Time from the end of a writing to the beginning of the reading that shows its effect, mean of fingers [s]."""
+        """Time from the end of a writing to the start of the first reading with its effect, mean over fingers [s]."""
         return float(np.mean([each.delay.value for each in self.each.values()]))
 
     @property
     def lateness(self) -> float:
-        """Time from a sample to its force, including the age of the sample [s]."""
+        """Mean time from a sample of the position to the force computed from it, including the sample's age [s]."""
         return max(self.delay + self.round_trip, 0.0)
 
     @property
     def measures(self) -> dict[str, Any]:
-        """Table `measures` of the device in a scene."""
+        """Content of the table `measures` in the scene's table of the device."""
         each = list(self.each.values())
         table: dict[str, Any] = {
             "mass": float(np.mean([figures.mass.value for figures in each])),
@@ -527,13 +539,14 @@ class DeviceMeasures:
             axes = self.axes.get(name, {})
             yield from (f"    axis {axis}      {text}" for axis, text in axes.items())
             if not axes:
-                yield "    axes        not checked: that needs a person"
+                yield "    axes        not checked: a person must push the finger"
             zero = self.zero.get(name)
-            where = "not checked: that needs a person" if zero is None else f"read at {np.round(1e3 * zero, 2)} mm"
+            unchecked = "not checked: a person must hold the finger at the origin"
+            where = unchecked if zero is None else f"read at {np.round(1e3 * zero, 2)} mm"
             yield f"    origin      {where}"
         low, high = (1e3 * (self.delay + end) for end in self.jitter)
         own = f"lateness includes {1e3 * self.round_trip:.3f} ms for reading and writing"
-        yield f"  {own}; it is {low:.3f} to {high:.3f} ms in 98 % of the ticks"
+        yield f"  {own}; lateness is {low:.3f} to {high:.3f} ms in 98 % of the ticks"
 
 
 @dataclass(frozen=True, eq=False)
@@ -550,7 +563,7 @@ class Calibration:
 
     @property
     def overrides(self) -> dict[str, Any]:
-        """Measures by dotted key, for `gx.load(scene, overrides)`."""
+        """Tables `measures` of all devices, by dotted key, as overrides for `gx.load(scene, overrides)`."""
         return {f"{each.key}.measures": each.measures for each in self.devices}
 
     def lines(self) -> Iterator[str]:
@@ -559,10 +572,10 @@ class Calibration:
             yield from each.lines()
 
     def toml(self) -> str:
-        """Format the measures as TOML: overrides by dotted key, each a device's table `measures`."""
-        text = [f"# Measures of the hardware of {self.scene}, by `graspfx calibrate`. Put each table into its device,"]
+        """Format `overrides` as TOML."""
+        text = [f"# Measures of the hardware of {self.scene}, by `graspfx calibrate`. Add each table to its device,"]
         text += ["#     device = { ..., measures = { ... } }"]
-        text += ['# or load a scene with the whole file: gx.load(scene, tomllib.loads(Path("...").read_text()))']
+        text += ['# or load the scene with this file: gx.load(scene, tomllib.loads(Path("...").read_text()))']
         for key, table in self.overrides.items():
             values = ", ".join(f"{name} = {_figure(value)}" for name, value in table.items())
             text += [f'"{key}" = {{ {values} }}']
@@ -576,14 +589,14 @@ def _figure(value: float | Sequence[float]) -> str:
 
 
 def require_hardware(parts: Parts) -> None:
-    """Require that a device of a scene is hardware.
+    """Check that at least one device of a scene is hardware.
 
     Raises:
         InputError: If all devices are simulated.
     """
     if not parts.hardware:
-        remedy = "a simulated device has the properties of its settings"
-        raise InputError("scene", parts.scene.source.name, "one with hardware", remedy)
+        remedy = "the properties of a simulated device are its settings and cannot be measured"
+        raise InputError("scene", parts.scene.source.name, "a scene with hardware", remedy)
 
 
 def calibrate(
@@ -593,21 +606,22 @@ def calibrate(
     share: float = SHARE,
     prompt: Prompt | None = None,
 ) -> Calibration:
-    """Measure a scene's hardware: lateness, mass, friction and resolution; with a person's help also origin and axes.
+    """Measure lateness, mass, friction and resolution of a scene's hardware, and check its axes and origin.
 
-    Each device is opened separately, and comes to rest at zero force. Small pulses then push its fingers back and forth
-    one by one, while nobody holds them. Pushes do not exceed the scene's force limits. However a calibration ends,
-    forces are set to zero before the devices are closed.
+    Devices are opened one after another. When a device is stationary at zero force, small pulses push its fingers back
+    and forth, one finger at a time; nobody may hold them. Pulses do not exceed the force limits of the scene. Forces
+    are set to zero before a device is closed, also after an error or a signal.
 
     Args:
-        scene: Name, path, or a Scene.
+        scene: `Scene`, or name or path of a scene.
         pulses: Number of pulses per device, divided among its fingers.
-        share: Fraction of a device's largest force for the pulses, at most one fifth.
-        prompt: Function that shows instructions to a person; without it, axes and origin are not checked.
+        share: Force of the pulses as a fraction of the device's largest force, at most one fifth.
+        prompt: Function that shows an instruction to a person, who moves the fingers to check axes and origin. If None,
+            axes and origin are not checked.
 
     Raises:
-        InputError: If the scene has no hardware, or the share or the number of pulses is out of range.
-        DeviceError: If a device does not open, is not at rest, does not move, or has a fault.
+        InputError: If the scene has no hardware, or `share` or `pulses` is out of range.
+        DeviceError: If a device does not open, is not stationary, does not move, or has a fault.
         KeyboardInterrupt: If a signal ended the calibration.
     """
     from graspfx.scene.load import to_scene

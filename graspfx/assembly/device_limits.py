@@ -1,4 +1,4 @@
-"""Limits of a scene's devices: reported largest forces, limits of the safety chain, guards of hardware."""
+"""Largest forces that a scene's devices report, limits of the safety chain, and guards of hardware."""
 
 from __future__ import annotations
 
@@ -26,7 +26,9 @@ FloatArray = NDArray[np.float64]
 
 
 def force_limits(fingers: int, wired: Sequence[Wire]) -> FloatArray | None:
-    """Return the largest force of each finger [N], infinite if its device reports none; None if all stay infinite.
+    """Return the largest force of each finger, (fingers,) [N]; inf if the finger's device reports none.
+
+    Return None if all forces are inf and cannot change during a run.
 
     Raises:
         InputError: If a device's `features.peak_force` is not above zero.
@@ -38,25 +40,25 @@ def force_limits(fingers: int, wired: Sequence[Wire]) -> FloatArray | None:
 
 
 def peak_force(wire: Wire) -> float:
-    """Return the largest force of a device [N], infinite if it reports none."""
+    """Return the largest force that a device reports [N]; inf if it reports none."""
     peak = wire.features.peak_force
     if peak is None:
         return math.inf
     if isinstance(peak, bool) or not peak > 0.0:
         raise InputError(
             "features.peak_force", peak, "a force above zero [N], or None",
-            f"as reported by the driver {type(wire.device).__qualname__}",
+            f"correct the driver {type(wire.device).__qualname__}, which reports this force",
         )  # fmt: skip
     return float(peak)
 
 
 def changes(wire: Wire) -> bool:
-    """Return whether a device's largest force depends on its position."""
+    """Return whether the largest force of a device may change during a run."""
     return isinstance(wire.device, LimitedDevice)
 
 
 def may_hide(wire: Wire) -> bool:
-    """Return whether a device reports no largest force, but may limit forces in its own code."""
+    """Return whether a device reports no largest force, but its driver may limit forces."""
     return math.isinf(peak_force(wire)) and not (changes(wire) or is_forceless(wire)) and fused(wire.device) is None
 
 
@@ -66,17 +68,17 @@ def is_forceless(wire: Wire) -> bool:
 
 
 def forceless_text(scene: Scene, wired: Sequence[Wire]) -> str:
-    """List the devices that display no force."""
+    """Return a text that lists the devices that display no force, with their fingers."""
     return _listing(scene, [wire for wire in wired if is_forceless(wire)])
 
 
 def limit_text(scene: Scene, wired: Sequence[Wire]) -> str:
-    """List the devices that report a largest force, with the force and their fingers."""
+    """Return a text that lists the devices that report a largest force, with the force and their fingers."""
     return "; ".join(_limit_of(scene, wire) for wire in wired if changes(wire) or math.isfinite(peak_force(wire)))
 
 
 def hidden_text(scene: Scene, wired: Sequence[Wire]) -> str:
-    """List the devices that may have an unreported limit in their own code."""
+    """Return a text that lists the devices whose drivers may limit forces without reporting it (`may_hide`)."""
     return _listing(scene, [wire for wire in wired if may_hide(wire)])
 
 
@@ -101,9 +103,9 @@ DEFAULT = 3.0  # limit of a finger whose device reports no continuous force [N]
 
 
 def chain_table(scene: Scene, wired: Sequence[Wire]) -> Safety | None:
-    """Return the table of a scene's safety chain; without the table, hardware or a host gets default values.
+    """Return the table `safety` of a scene, or default values if it is missing in a scene with hardware or a host.
 
-    None for a simulation with neither the table nor a host.
+    Return None if the table is missing in a simulation without a host.
     """
     if scene.safety is not None or (scene.host is None and not any(is_hardware(wire.device) for wire in wired)):
         return scene.safety
@@ -113,7 +115,7 @@ def chain_table(scene: Scene, wired: Sequence[Wire]) -> Safety | None:
 
 
 def safety_limits(scene: Scene, wired: Sequence[Wire]) -> SafetyLimits | None:
-    """Return the limits of all fingers; None for a scene without a safety chain."""
+    """Return the limits that the safety chain applies to the fingers; None for a scene without a safety chain."""
     table = chain_table(scene, wired)
     if table is None:
         return None
@@ -140,7 +142,7 @@ def safety_limits(scene: Scene, wired: Sequence[Wire]) -> SafetyLimits | None:
 
 
 def _own(scene: Scene, table: Safety, f: int, name: str) -> Any:
-    """Return a limit of finger f, its own or the scene's."""
+    """Return the limit `name` of finger f: that in the finger's table `safety`, otherwise that in the scene's table."""
     own = scene.finger[f].safety
     value = None if own is None else getattr(own, name)
     return getattr(table, name) if value is None else value
@@ -162,10 +164,7 @@ def _box(scene: Scene, table: Safety, wire: Wire, f: int) -> tuple[Any, Any] | N
 
 
 def guards_of(scene: Scene, wired: Sequence[Wire]) -> Guards:
-    """Return the guards of a scene's hardware.
-
-    Guards allow time for the decay of forces after lost readings or excessive speed.
-    """
+    """Return the guards of a scene's hardware, which leave time for forces to decay after a fault."""
     table = chain_table(scene, wired)
     if table is None:
         return GUARDS

@@ -1,4 +1,4 @@
-"""Grasps of a scene at the start: closed hands, contacts, and start of the fade."""
+"""Grasps of a scene at the start of a run: stationary hands, contacts, squeezing forces and automatic fade."""
 
 from __future__ import annotations
 
@@ -27,17 +27,20 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class StillHand:
-    """A hand without motion and turns: its fingers, and the time of its largest squeeze [s]."""
+    """A hand without motion and turns, the indices of its fingers, and the time of its largest squeeze [s]."""
 
     hand: Hand
     fingers: list[int]
     closed: float
 
     def stiffness(self, force: FloatArray) -> FloatArray:
-        """Compute the stiffness K (d, n, n) of the hand at rest [N/m]: r - p = K^-1 f, r targets and p positions.
+        """Compute the stiffness K of the hand at equilibrium, (d, n, n) [N/m].
+
+        For each axis, positions p (n,) of the fingers and forces f (n,) satisfy f = K (r - p), with targets r (n,).
 
         Args:
-            force: Force f of its fingers at rest (n, d) [N], for a hand that stiffens with the grip.
+            force: Forces of the fingers at equilibrium, (n, d) [N], on which K depends if the hand stiffens with the
+                grip.
         """
         operator = getattr(self.hand, "operator", None)
         return self.hand.stiffness if operator is None else np.asarray(operator.at_rest(self.hand.stiffness, force))
@@ -48,23 +51,24 @@ def still_hands(parts: Parts, inward: FloatArray, *, guided: bool = True) -> Ite
 
     Args:
         parts: Parts of the scene.
-        inward: Unit normals of the fingers' contacts (n, d).
-        guided: Whether guides are at their goals; otherwise guides are ignored.
+        inward: Unit normals of the fingers' contacts, into the objects, (n, d).
+        guided: Whether guides displace the hands to their goals; if False, guides are ignored.
     """
     for hand in parts.hands:
         yield StillHand(hand.still(guided=guided).hold(parts.start, inward), hand.fingers, _closing_time(hand))
 
 
 def most_forces(parts: Parts, inward: FloatArray, contacts: FloatArray) -> FloatArray:
-    """Compute the largest squeezing forces of the hands, K (r - p), (n,) [N].
+    """Compute the largest squeezing force |K (r - p)| of each finger, (n,) [N].
 
-    r are the fingers' targets when the hand is closed, without its guide. p are the fingers' starts; for a finger that
-    starts inside the object p is its contact, because its start is closer to r and would give too small a force.
+    K is the stiffness of the hand, r the target of the finger at the largest squeeze without a guide, and p the start
+    position of the finger. For a finger that starts inside the object, p is the contact point instead, because the
+    start position is closer to r and would give too small a force.
 
     Args:
         parts: Parts of the scene.
-        inward: Unit normals of the fingers' contacts (n, d).
-        contacts: Contact points (n, d) [m].
+        inward: Unit normals of the fingers' contacts, into the objects, (n, d).
+        contacts: Contact points, (n, d) [m].
     """
     start = parts.start
     inside = ((start - contacts) * inward).sum(axis=1) > 0.0
@@ -90,9 +94,10 @@ def _closing_time(hand: HandPart) -> float:
 
 
 def set_fade(parts: Parts, objects: Sequence[GraspedPart], inward: FloatArray, start: FloatArray) -> None:
-    """Set the start of an automatic fade from the squeeze of the hands; the contacts must have been set.
+    """Set the distances [h1, h2] of an automatic fade from the hands' largest squeezing forces f.
 
-    h1 = 1/2 |1/kep - 1/kip| sum |f| with the hands' largest squeezing forces |f|, and at least 2 mm; h2 = h1 + 8 mm.
+    h1 is 1/2 |1/kep - 1/kip| sum |f|, with the stiffnesses kep and kip of the coupling, and at least 2 mm; h2 is h1 + 8
+    mm. The contacts of `objects` must have been computed.
     """
     rules = parts.scene.coupling
     if rules.fade != "auto" or rules.absent == "follow" or rules.contact == "attached":
@@ -108,7 +113,7 @@ def set_fade(parts: Parts, objects: Sequence[GraspedPart], inward: FloatArray, s
 
 
 def squeezes(parts: Parts, objects: Sequence[GraspedPart], inward: FloatArray) -> list[float]:
-    """Compute the largest total squeezing force on each object, sum |f| [N]; the contacts must have been set."""
+    """Compute the sum of the fingers' largest squeezing forces on each object [N], from its present contacts."""
     contacts = parts.start.copy()
     for each in objects:
         contacts[each.fingers] = each.grasped.contact_position
@@ -117,7 +122,7 @@ def squeezes(parts: Parts, objects: Sequence[GraspedPart], inward: FloatArray) -
 
 
 def grasps(parts: Parts) -> list[GraspedPart]:
-    """Make the objects that have fingers, with their contacts at the fingers' start."""
+    """Make the objects that fingers touch, with the contacts of the fingers at their start positions."""
     start = parts.start
     inward = np.zeros_like(start)
     objects = []
@@ -136,16 +141,16 @@ def grasps(parts: Parts) -> list[GraspedPart]:
 
 
 def axes_notes(parts: Parts) -> list[str]:
-    """Report the energy that each object's gains generate in a closed rotation, for axes in which this is possible.
+    """Report the energy that matrix gains generate in a closed rotation of each object.
 
-    Only gains in world axes, or gains in any axes with the reaction at the contact, generate this energy. The value is
-    the line integral of `worst_turn` about the grasp at the start, without friction cones.
+    Matrix gains generate energy only in world axes, or if the reaction is at the contact. The energy is the line
+    integral of `worst_turn` about the grasp at the start, without friction cones.
     """
     return list(_notes(parts)) if _has_axes(parts.scene) else []
 
 
 def _has_axes(scene: Scene) -> bool:
-    """Return whether a gain is a matrix in axes in which springs may generate energy."""
+    """Return whether a gain is a matrix in axes, or with a reaction, for which it may generate energy."""
     rules = scene.coupling
     sound = rules.axes != "world" and rules.reaction == "fingertip"
     if hasattr(rules.external, "object_stiffness"):
@@ -166,5 +171,5 @@ def _notes(parts: Parts) -> Iterator[str]:
         yield (
             f"matrix gains {where} generate energy on {part.name} as it rotates: up to "
             f"{100.0 * abs(energy.share):.2g} % of the largest stored energy in a closed rotation of +-{TURN:g} rad; "
-            "axes = 'object' with reaction = 'fingertip' and form = 'symmetric' generates none"
+            "axes = 'object' with reaction = 'fingertip' and form = 'symmetric' generates no energy"
         )

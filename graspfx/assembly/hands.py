@@ -1,4 +1,4 @@
-"""Hands of a scene: their fingers, their motions, and their springs and dampers."""
+"""Construction of a scene's hands: motions, squeezes, turns, springs and dampers, operator models, plug-ins."""
 
 from __future__ import annotations
 
@@ -38,17 +38,17 @@ PARTS = ("limb", "stiffening", "reaction", "noise")  # parts of a hand's table t
 
 
 def is_operated(table: object) -> bool:
-    """Return whether a hand's table has parts beyond spring and damper."""
+    """Return whether a hand's table defines an operator model in addition to a spring and a damper."""
     return any(getattr(table, name, None) is not None for name in PARTS)
 
 
 def operator_of(table: Moving, fingers: Sequence[int], dimensions: int) -> Operator | None:
-    """Make the operator model of a hand; None for a hand with spring and damper only.
+    """Make the operator model of a hand; None if the hand has only a spring and a damper.
 
     Args:
         table: Table of the hand.
-        fingers: Indices of the hand's fingers in the scene, which seed the noise.
-        dimensions: Number of dimensions d.
+        fingers: Indices of the hand's fingers in the scene, which are part of the seeds of the noise.
+        dimensions: Number of dimensions of the scene.
     """
     if not is_operated(table):
         return None
@@ -78,7 +78,7 @@ OPERATOR = (
 
 @dataclass(frozen=True)
 class Holding:
-    """Fingers of one hand, its table (None without a hand) and the table's location."""
+    """Location and table of a hand in the scene, and indices of its fingers; the table of no hand is None."""
 
     at: Key
     table: OwnHand | SharedHand | MadeHand | SharedMadeHand | None
@@ -86,7 +86,7 @@ class Holding:
 
 
 def holdings(scene: SceneTable) -> list[Holding]:
-    """List the hands of a scene in the order of their first fingers; a finger without a hand has its own entry."""
+    """List the hands of a scene, and the fingers without a hand, in the order of their first fingers."""
     shared = {table.name: (("hand", k), table) for k, table in enumerate(scene.hand)}
     hands: dict[Key, Holding] = {}
     for i, finger in enumerate(scene.finger):
@@ -97,14 +97,14 @@ def holdings(scene: SceneTable) -> list[Holding]:
 
 
 def axis_of(axis: AxisTable, dimensions: int) -> FloatArray:
-    """Return the unit vector (d,) along an axis, given by name or number, or along a vector."""
+    """Return the unit vector (d,) along `axis`, which is the name or number of a coordinate axis, or a vector."""
     if isinstance(axis, tuple):
         return motions.direction(axis, dimensions)
     return motions.direction(AXES[axis] if isinstance(axis, str) else axis, dimensions)
 
 
 def descriptions(scene: SceneTable) -> Iterator[str]:
-    """Return a description of each hand: name, fingers and motion."""
+    """Yield a text on each hand with its name, fingers and motion; fingers with equal hands share a text."""
     own: dict[str, list[str]] = {}
     for holding in holdings(scene):
         names = [scene.finger_names[i] for i in holding.fingers]
@@ -117,7 +117,7 @@ def descriptions(scene: SceneTable) -> Iterator[str]:
 
 
 def doing(table: OwnHand | SharedHand | MadeHand) -> str:
-    """Return a description of a hand's motion."""
+    """Return a text that describes a hand's motion, squeeze, turns and operator model."""
     if table.form == "made":
         return f"motion by {table.kind}"
     texts = [f"motion: {' + '.join(each.kind for each in listed(table.motion)) or 'rest'}"]
@@ -138,16 +138,16 @@ AUTOMATIC = frozenset({"rest", "inward"})  # arguments of a plug-in's `hold`, if
 
 @dataclass(frozen=True, eq=False)
 class HandPart:
-    """A hand, its fingers, and its intended motion, squeeze and turns.
+    """A hand of a scene with its intended motion, squeeze and turns.
 
     Attributes:
         holding: Table and fingers of the hand.
-        driver: Module of a plug-in's hand, which computes its own motion.
-        motion: Translation of all fingers of the hand.
-        squeeze: Closing distance over time [m].
-        turns: Turns in order.
-        guided: Whether the hand follows the guide of its table.
-        settled: Whether the offsets and squeeze of its guide start at their goals.
+        driver: Module of a plug-in, which defines the hand's motion itself; None for other hands.
+        motion: Translation of all fingers of the hand; None without a motion.
+        squeeze: Closing distance [m], constant after a ramp or as a motion.
+        turns: Turns, in the order in which they are applied.
+        guided: Whether the hand follows the guide in its table.
+        settled: Whether offsets and squeeze of the guide start at their goals.
     """
 
     holding: Holding
@@ -160,19 +160,19 @@ class HandPart:
 
     @property
     def fingers(self) -> list[int]:
-        """Indices of its fingers in the scene."""
+        """Indices of the hand's fingers in the scene."""
         return self.holding.fingers
 
     def still(self, *, guided: bool = True) -> HandPart:
-        """Return the hand without motion and turns; a plug-in's hand is unchanged.
+        """Return the hand without motion and turns; a plug-in's hand is returned unchanged.
 
         Args:
-            guided: Whether the guide is at its goals; otherwise the guide is ignored.
+            guided: Whether the guide displaces the hand to its goals; if False, the guide is ignored.
         """
         return self if self.driver is not None else replace(self, motion=None, turns=(), guided=guided, settled=True)
 
     def with_course(self) -> HandPart:
-        """Return the hand with its squeeze as a motion, even if the squeeze is zero."""
+        """Return the hand with its squeeze converted to a motion; a plug-in's hand is returned unchanged."""
         table = self.holding.table
         if (
             self.driver is not None
@@ -184,11 +184,11 @@ class HandPart:
         return replace(self, squeeze=motions.Levels([[self.squeeze, 0.0, table.squeeze_ramp]]))
 
     def hold(self, start: FloatArray, inward: FloatArray) -> plant.Hand:
-        """Make the hand that holds the fingers.
+        """Make the hand for the simulation.
 
         Args:
-            start: Start positions of all fingers of the scene (n, d) [m].
-            inward: Unit normals into the objects at the contacts (n, d).
+            start: Start positions of all fingers of the scene, (n, d) [m].
+            inward: Unit normals into the objects at the contacts of all fingers, (n, d).
         """
         table, rest, normals = self.holding.table, start[self.fingers], inward[self.fingers]
         if table is None:
@@ -228,7 +228,7 @@ class HandPart:
 
 
 def make_hand(scene: SceneTable, stock: Stock, holding: Holding) -> HandPart:
-    """Make a hand's motion, squeeze and turns, or load its plug-in."""
+    """Make the motion, squeeze and turns of a hand, or load the plug-in that defines the hand."""
     table = holding.table
     if table is None:
         return HandPart(holding)
@@ -245,11 +245,11 @@ def make_hand(scene: SceneTable, stock: Stock, holding: Holding) -> HandPart:
 def plugin_hand(
     module: ModuleType, table: MadeHand | SharedMadeHand, rest: FloatArray, inward: FloatArray
 ) -> plant.Hand:
-    """Call a plug-in's `hold`, and check that it returns a hand for these fingers.
+    """Call the function `hold` of a plug-in, and check that it returns a hand for n fingers in d dimensions.
 
     Raises:
-        InputError: If the returned object is not a hand for these fingers.
-        PluginError: If `hold` raises an error that is not one of GraspFX; the message names the line.
+        InputError: If the returned object is not a hand, or its arrays have wrong shapes.
+        PluginError: If `hold` raises an error that is not an error of GraspFX; the message names the line.
     """
     parameters = signature(module.hold).parameters
     scene = {"rest": rest.copy(), "inward": inward.copy()}
@@ -262,7 +262,7 @@ def plugin_hand(
             file = plugins.shown_path(FilePath(module.__file__ or module.__name__))
             raise InputError(
                 "hold()", hand, "a hand, with stiffness, damping and target(time)",
-                f"the hand of {file} lacks {', '.join(lacking)}: add them; see graspfx.protocols.Hand",
+                f"add {', '.join(lacking)} to the hand of {file}; graspfx.protocols.Hand documents hands",
             )  # fmt: skip
         n, d = rest.shape
         r, v = hand.target(0.0)
@@ -279,7 +279,7 @@ def plugin_hand(
 
 
 def closing_directions(table: SharedHand, rest: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return the direction in which each finger moves when the hand closes, (n, d)."""
+    """Return the directions in which the fingers of a hand move when the hand closes, (n, d)."""
     if table.closing == "normal":
         return normals
     if table.closing == "centre":
@@ -288,7 +288,7 @@ def closing_directions(table: SharedHand, rest: FloatArray, normals: FloatArray)
 
 
 def make_motions(scene: SceneTable, stock: Stock, table: Moving) -> motions.Motion:
-    """Make the intended motion of a hand, the sum of the motions in its table."""
+    """Make the intended motion of a hand, which is the sum of all motions in its table."""
     each = [make_motion(scene, stock, part) for part in listed(table.motion)]
     if len(each) > 1:
         return motions.Sum(each)
@@ -296,7 +296,7 @@ def make_motions(scene: SceneTable, stock: Stock, table: Moving) -> motions.Moti
 
 
 def _with_tremor(motion: motions.Motion, scene: SceneTable, table: Moving, first: int) -> motions.Motion:
-    """Add the tremor of a hand, with its first finger as part of the seed."""
+    """Add a hand's tremor, if it has one, to its motion; the index of the first finger is part of the seed."""
     own = table.tremor
     if own is None:
         return motion
@@ -306,7 +306,7 @@ def _with_tremor(motion: motions.Motion, scene: SceneTable, table: Moving, first
 
 
 def make_motion(scene: SceneTable, stock: Stock, table: MotionTable) -> motions.Motion:
-    """Make the motion that a table describes."""
+    """Make one intended motion from its table."""
     if table.kind == "rest":
         return motions.Rest()
     if table.kind == "sine":
@@ -321,7 +321,7 @@ def make_motion(scene: SceneTable, stock: Stock, table: MotionTable) -> motions.
 
 
 def make_squeeze(table: Moving) -> float | motions.Motion:
-    """Return the squeeze of a hand: a number, or steps as levels."""
+    """Return the squeeze in a hand's table: a number, or a motion if the table has steps."""
     if isinstance(table.squeeze, int | float):
         return table.squeeze
     return motions.Levels([[step.to, step.begin, step.duration] for step in listed(table.squeeze)])

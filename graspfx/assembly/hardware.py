@@ -1,4 +1,4 @@
-"""Hardware of a run, in the safe order: open, settle, arm, run, rest, close."""
+"""Use of hardware in a run, in a safe order: open, settle, arm, run, set forces to zero, close."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ TOUCH = 1e-3  # depth up to which a finger counts as touching [m]
 
 
 class Hardware:
-    """Hardware that is open, at rest and at zero force.
+    """Hardware that is open, stationary and at zero force, and its run.
 
     Args:
-        servo: Servo that is ready to tick.
-        parts: Parts of its scene.
+        servo: Servo that is ready to run.
+        parts: Parts of the servo's scene.
         devices: Open devices.
         clock: Clock of the run.
         exits: Signals that end the run.
@@ -51,7 +51,7 @@ class Hardware:
         self._offset = self._meet(self._rest.positions)
 
     def header(self, header: Header) -> Header:
-        """Add the positions and depths of the fingers on hardware, and the devices' round-trip time, to a header."""
+        """Return a header with positions and depths of the fingers on hardware, and the devices' round-trip time."""
         names = self._servo.layout.fingers
         settled = {
             names[f]: {"position": p.tolist(), "offset": self._offset[f].tolist()}
@@ -60,9 +60,9 @@ class Hardware:
         return replace(header, settled=settled, round_trip=self._rest.round_trip)
 
     def run(self, ticks: int, recorder: RowTaker, stop: Callable[[], bool] | None) -> None:
-        """Arm the devices and run the ticks; whatever ends the run, the next force is zero.
+        """Arm the devices and run the ticks; at the end, also after an error, set all forces to zero.
 
-        A signal ends the run like `stop`.
+        A signal ends the run, and so does `stop` when it returns True.
         """
         try:
             self._arm()
@@ -74,12 +74,12 @@ class Hardware:
 
     @property
     def has_unstopped(self) -> bool:
-        """Whether a device could not be stopped, so that its force may persist."""
+        """Whether a device could not be stopped, so that the device's force may persist."""
         return self._devices.has_unstopped
 
     @property
     def outcome(self) -> dict[str, Any]:
-        """Items of the run's `Outcome`: cause of an early end, readings without a new sample, and lateness."""
+        """Items of the run's `Outcome`: cause of an early end, number of repeated samples, and lateness of ticks."""
         cause = self._servo.hang or self._exits.cause
         return {"cause": cause, "repeats": self._devices.repeats, **self.pacer.outcome}
 
@@ -87,7 +87,7 @@ class Hardware:
         return Stops(self._exits, stop)
 
     def _arm(self) -> None:
-        """Check the fingers' positions again, and increase forces gradually for fingers inside an object."""
+        """Check again that the devices are stationary, and let forces of fingers inside an object grow gradually."""
         periods = 1 + int((self._clock.now() - self._time) / self._servo.period)
         look_again(self._devices, self._rest, periods)
         for each in self._devices.ports:
@@ -99,10 +99,10 @@ class Hardware:
                 each.readings.let_in(offset, self._servo.guards.soft_start, step)
 
     def _meet(self, positions: dict[int, FloatArray]) -> FloatArray:
-        """Set the fingers' contacts at their positions; return the depth of each finger as a vector, (n, d) [m].
+        """Compute the contacts of the fingers at `positions`; return their depths in the objects, (n, d) [m].
 
         Raises:
-            InputError: If a finger is more than 1 mm inside its object, and `coupling.enter` does not allow it.
+            InputError: If a finger is more than 1 mm inside its object, and `coupling.enter` is "refuse".
         """
         servo = self._servo
         offset = meet_hardware(servo, self._parts, positions)
@@ -115,11 +115,11 @@ class Hardware:
 
 
 class Stops:
-    """Condition for the end of a run: a signal, or the caller's function.
+    """Stop condition of a run: True after a signal, or if the caller's function returns True.
 
     Args:
         exits: Signals that end the run.
-        stop: Function of the caller.
+        stop: Function of the caller; None without one.
     """
 
     def __init__(self, exits: Exits, stop: Callable[[], bool] | None) -> None:
@@ -127,7 +127,7 @@ class Stops:
 
     @property
     def has_news(self) -> bool:
-        """Whether the caller has data to write into the memories of the run."""
+        """Whether the caller's function has data to write into the memories of the run."""
         return bool(getattr(self._stop, "has_news", False))
 
     def __call__(self) -> bool:
@@ -135,10 +135,15 @@ class Stops:
 
 
 def meet_hardware(servo: Servo, parts: Parts, positions: Mapping[int, FloatArray]) -> FloatArray:
-    """Place the contact of each hardware finger at its position (d,) [m] or, if that is in the object, on its surface.
+    """Compute the contacts of fingers on hardware at their positions; a contact is never inside an object.
+
+    Args:
+        servo: Servo of the run.
+        parts: Parts of the servo's scene.
+        positions: Position (d,) [m] of each finger on hardware, by index of the finger.
 
     Returns:
-        Depth of each finger below its contact point, as a vector, (n, d) [m].
+        Vectors from the contact points to the positions of fingers inside an object, (n, d) [m]; zero for others.
     """
     start = parts.start.copy()
     for f, position in positions.items():
@@ -160,18 +165,21 @@ def meet_hardware(servo: Servo, parts: Parts, positions: Mapping[int, FloatArray
 def at_hardware(
     servo: Servo, parts: Parts, clock: Clock, *, ready: Callable[[Exits], None] | None = None
 ) -> Iterator[Hardware]:
-    """Open a scene's hardware, and close it at the end; all slow preparations must be done before.
+    """Open a scene's hardware, wait until it is stationary, and close it on exit.
+
+    Slow preparations must be finished before this function is called.
 
     Args:
-        servo: Servo that is ready to tick.
-        parts: Parts of its scene.
+        servo: Servo that is ready to run.
+        parts: Parts of the servo's scene.
         clock: Clock of the run.
-        ready: Function that is called when everything is ready, before the hardware is opened.
+        ready: Function that is called when the ticks are prepared, before the hardware is opened; None without one.
 
     Raises:
-        DeviceError: If a device does not open or is not at rest.
-        InputError: If a finger is more than 1 mm inside its object, and `coupling.enter` does not allow it.
-        KeyboardInterrupt: If a signal interrupted opening or settling, and its handler let the process continue.
+        DeviceError: If a device does not open or is not stationary.
+        InputError: If a finger is more than 1 mm inside its object, and `coupling.enter` is "refuse".
+        KeyboardInterrupt: If a signal arrived while devices were opened or settled, and its handler did not end the
+            process.
     """
     with waiting("preparing ticks"):
         devices = servo.prepare()
@@ -189,5 +197,5 @@ def _refusal(devices: DeviceExchange, finger: str, f: int, thing: str, depth: Fl
     return InputError(
         "coupling.enter", "refuse", f"fingers outside their objects: {finger} is {deep:.1f} mm inside "
         f"{thing}, read by {name}",
-        f"move it out and start again, or set 'ramp' to increase its force over {servo.guards.soft_start:g} s",
+        f"move the finger out and start again, or set 'ramp' to increase its force over {servo.guards.soft_start:g} s",
     )  # fmt: skip

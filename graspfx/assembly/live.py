@@ -1,4 +1,4 @@
-"""Keys of a scene that may change during a run, and the reasons why others may not."""
+"""Keys of a scene whose values may change during a run, and reasons why other values may not."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ GUIDE = tuple(f"{table}.guide.{name}" for table in ("finger.*.hand", "hand.*") f
 HAND = (*(f"{table}.{name}" for table in ("finger.*.hand", "hand.*") for name in OF_HANDS), *GUIDE)
 
 REASONS = {
-    ("period", "duration"): "time is counted in periods, and a session runs until it is closed",
-    ("dimensions", "engine", "title", "preset"): "it is fixed for the whole run",
+    ("period", "duration"): "ticks are counted in periods, and a session runs until it is closed",
+    ("dimensions", "engine", "title", "preset"): "its value is fixed for the whole run",
     ("object.*.position", "object.*.orientation", "object.*.velocity", "object.*.angular_velocity", "finger.*.start"): (
-        "it defines the start of the run; moving parts continue from their present state"
+        "its value defines the start of the run; afterwards, objects and fingers continue from their present state"
     ),
     (
         "coupling.contact",
@@ -42,23 +42,23 @@ REASONS = {
         "coupling.split",
         "coupling.weights",
         "coupling.external.object_point",
-    ): ("it selects what is computed"),
-    ("coupling.enter",): "it defines the beginning of the run",
-    ("coupling.passivity",): "it selects whether energy is observed or controlled",
-    ("safety", "finger.*.safety"): "limits hold for a whole run",
-    ("object", "obstacle", "world"): "it defines which bodies exist and how they move",
-    ("hand.*.guide", "finger.*.hand.guide"): "only the goals of a guide can change, its offset and squeeze",
-    ("finger.*.hand.reaction", "hand.*.reaction"): "only stiffness, damping and force of a reaction can change",
-    ("finger.*.hand.noise", "hand.*.noise"): "only the share of a noise can change",
-    ("finger", "device", "hand"): "it defines the connected devices, or the memory layout of contacts",
+    ): ("its value selects the computation of forces"),
+    ("coupling.enter",): "its value only affects the start of the run",
+    ("coupling.passivity",): "its value selects whether energy is observed or controlled in the whole run",
+    ("safety", "finger.*.safety"): "limits of the safety chain are fixed for the whole run",
+    ("object", "obstacle", "world"): "its value defines which bodies exist and how they move",
+    ("hand.*.guide", "finger.*.hand.guide"): "of a guide, only offset and squeeze can change",
+    ("finger.*.hand.reaction", "hand.*.reaction"): "of a reaction, only stiffness, damping and force can change",
+    ("finger.*.hand.noise", "hand.*.noise"): "of a noise, only the share can change",
+    ("finger", "device", "hand"): "its value defines the connected devices, or the memory layout of contacts",
 }
 
 
 def live_fields(keys: Iterable[str]) -> frozenset[str]:
-    """Return the names of those fields of grasps' blocks that select the computation and that these keys may change.
+    """Return the names of the fields of grasps' blocks that select the computation and depend on live keys.
 
     Raises:
-        InputError: If a key is not a text, or cannot change during a run; the error states the reason.
+        InputError: If a key is not a text, or its value cannot change during a run; the message states the reason.
         UnknownNameError: If a key exists in no scene.
     """
     return frozenset().union(*(_choices(general(require(key))) for key in keys))
@@ -75,14 +75,14 @@ def _choices(plain: str) -> frozenset[str]:
 
 
 def require(key: str) -> str:
-    """Require a key that can change during a run.
+    """Check that the value of a key may change during a run, and return the key.
 
     Raises:
-        InputError: If the key is not a text, or cannot change during a run; the error states the reason.
-        UnknownNameError: If no scene has this key.
+        InputError: If the key is not a text, or its value cannot change during a run; the message states the reason.
+        UnknownNameError: If the key exists in no scene.
     """
     if not isinstance(key, str):
-        raise InputError("live", key, "keys of the scene with dots, such as 'coupling.internal.stiffness'")
+        raise InputError("live", key, "dotted keys of the scene, such as 'coupling.internal.stiffness'")
     plain = general(key)
     if is_live(plain):
         return key
@@ -90,7 +90,7 @@ def require(key: str) -> str:
         raise UnknownNameError("live key", key, (), f"did you mean {close!r}?")
     first = key.partition(".")[0]
     if plain == f"{first}.*":
-        do = f"{key!r} denotes whole tables: give the keys of the values in them that may change, with dots"
+        do = f"{key!r} denotes whole tables: give the dotted key of each value in them that may change"
         raise InputError("live", key, "a key that may change during a run", do)
     reason = next((text for keys, text in REASONS.items() if reaches(keys, plain)), "")
     if not reason:
@@ -99,29 +99,29 @@ def require(key: str) -> str:
 
 
 def is_live(plain: str) -> bool:
-    """Return whether a key in its general form can change during a run."""
+    """Return whether the value of a key in general form may change during a run."""
     return plain in (*GAINS, *OBJECT_GAINS, *RULES, *BODY, *DEVICE) or is_of_a_hand(plain)
 
 
 def is_of_a_hand(plain: str) -> bool:
-    """Return whether a key in its general form is a live key of a hand."""
+    """Return whether a key in general form belongs to a hand and may change during a run."""
     return any(plain == each or plain.startswith(f"{each}.") for each in HAND)
 
 
 def covers(live: str, key: str) -> bool:
-    """Return whether a live key includes a key: `*` includes every number, and a table includes its keys."""
+    """Return whether `live` includes `key`: `*` includes every number, and the key of a table includes all its keys."""
     ours, theirs = _indexed(live), _indexed(key)
     return len(ours) <= len(theirs) and all(a in ("*", b) for a, b in zip(ours, theirs, strict=False))
 
 
 def numbered(scene: Scene, key: str) -> str:
-    """Replace table names in a key by numbers: `finger.left.hand.stiffness` becomes `finger.0.hand.stiffness`.
+    """Replace the name of a table in a key by its number: `finger.left.radius` becomes `finger.0.radius`.
 
     Raises:
         InputError: If the key is not a text.
     """
     if not isinstance(key, str):
-        raise InputError("key", key, "a key of the scene with dots, such as 'coupling.internal.stiffness'")
+        raise InputError("key", key, "a dotted key of the scene, such as 'coupling.internal.stiffness'")
     first, *rest = key.split(".")
     tables = getattr(scene, first, None) if first in LISTS else None
     if tables and rest and rest[0] not in type(tables[0]).model_fields:
@@ -131,25 +131,25 @@ def numbered(scene: Scene, key: str) -> str:
 
 
 def keys_of(live: Any) -> list[str]:
-    """List live keys; a single key may be a string.
+    """Return a list of live keys, given as a list or as a single key.
 
     Raises:
-        InputError: If the argument is not a key or a list of keys.
+        InputError: If `live` is neither a string nor iterable.
     """
     if isinstance(live, str):
         return [live]
     try:
         return list(live)
     except TypeError:
-        do = "such as live=['coupling.internal.stiffness']; live=() for none"
+        do = "for example live=['coupling.internal.stiffness'], or live=() for no key"
         raise InputError("live", live, "a list of keys of the scene", do) from None
 
 
 def require_value(scene: Scene, key: str) -> None:
-    """Require that a scene has a value for a live key, in which numbers replace names.
+    """Check that a scene has a value for a live key, in which tables are denoted by numbers.
 
     Raises:
-        UnknownNameError: If the scene has none; the error lists the keys that it has.
+        UnknownNameError: If the scene has no such value; the message lists the live keys for which it has values.
     """
     if not _has(scene, key):
         present = [each for each in (*GAINS, *OBJECT_GAINS, *RULES, *BODY, *DEVICE, *HAND) if _has(scene, each)]
@@ -164,14 +164,15 @@ def _has(scene: Scene, key: str) -> bool:
 
 
 def value_of(scene: Scene, key: str) -> Any:
-    """Return the present value of a key; for `*`, the common value or else a tuple of all values.
+    """Return the present value of a key of a scene.
 
-    A device's mass or damping that the scene omits is None.
+    If the key contains `*`, the value is that of all tables if they are equal, otherwise a tuple of their values. Mass
+    and damping of a device are None if the scene does not set them.
 
     Raises:
-        UnknownNameError: If no scene has this key, or this scene has no table of that name or number.
-        InputError: If the scene omits another setting, so that its driver decides; if the table is defined elsewhere;
-            or if a part of the key is a value, which has no parts.
+        UnknownNameError: If the key is unknown, or the scene has no table of the name or number in the key.
+        InputError: If the scene does not set the setting of a device, so that the driver's default applies; if the key
+            goes through a name that refers to another table; or if the key continues after a value.
     """
     path, (first, *rest) = _indexed(key), key.split(".")
     tables: tuple[Any, ...] = getattr(scene, first) if rest and first in LISTS else ()
@@ -181,13 +182,13 @@ def value_of(scene: Scene, key: str) -> Any:
     if not values:
         raise InputError(
             "key", key, "a key of a table that the scene has",
-            "if a name denotes a table, use the key of that table, as in hand.NAME.stiffness",
+            "if a finger refers to a table by its name, use the key of this table, such as hand.NAME.stiffness",
         )  # fmt: skip
     return values[0] if all(each == values[0] for each in values) else tuple(values)
 
 
 def _indexed(key: str) -> list[str]:
-    """Split a key at its dots, and insert the number 0 where a list's number is omitted."""
+    """Split a key at its dots, and insert the number 0 if the number of a table in a list is omitted."""
     first, *rest = key.split(".")
     if general(key).split(".")[1:2] == ["*"] and not (rest and (rest[0] == "*" or rest[0].isdecimal())):
         rest = ["0", *rest]
@@ -195,7 +196,7 @@ def _indexed(key: str) -> list[str]:
 
 
 def _values(part: Any, path: list[str], at: str = "") -> Iterator[Any]:
-    """Follow a path from a part of the scene, which is at the key `at`, and yield the values at its end."""
+    """Yield the values at the end of a path that starts at a part of the scene; `at` is the key of this part."""
     if not path:
         yield part
     elif isinstance(part, tuple):
@@ -210,7 +211,8 @@ def _values(part: Any, path: list[str], at: str = "") -> Iterator[Any]:
         elif hasattr(part, "settings") and path[0] in ("mass", "damping") and path[0] not in settings:
             yield None  # left to the device's driver
         elif hasattr(part, "settings") and path[0] not in fields | settings and not closest(path[0], fields | settings):
-            raise InputError("key", f"{at}.{path[0]}", "a setting that is in the scene", "the driver's default applies")
+            do = "the driver's default applies; set a value in the scene"
+            raise InputError("key", f"{at}.{path[0]}", "a setting that is in the scene", do)
         else:
             yield from _below(fields | settings, path, at)
     elif part is not None and not isinstance(part, str):  # None, or the name of a table elsewhere

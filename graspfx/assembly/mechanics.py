@@ -1,4 +1,4 @@
-"""Mechanics of a scene's fingers as matrices: mass and damping of devices, stiffness and damping of hands."""
+"""Mass and friction of a scene's devices, stiffness and damping of its hands, and delays, as matrices."""
 
 from __future__ import annotations
 
@@ -33,18 +33,19 @@ class Postured(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Mechanics:
-    """Matrices of n fingers in d dimensions at their positions.
+    """Properties of devices and hands for n fingers in d dimensions.
 
     Attributes:
-        mass, friction: Mass and friction of the devices, (n, d, d) [kg], [N s/m].
-        stiffness, damping: Stiffness and damping of the hands, (n d, n d) [N/m], [N s/m].
-        delay: Output delay of each device, (n,) [samples].
-        lateness: Additional time from the reading to the force, (n,) [s].
+        mass, friction: Mass [kg] and friction [N s/m] of the device of each finger, (n, d, d).
+        stiffness, damping: Stiffness [N/m] and damping [N s/m] of the hands, (n d, n d).
+        delay: Delay of the displayed force of each finger, (n,) [samples].
+        lateness: Additional time from the reading of a position to the displayed force, (n,) [s].
         age: Age of the positions when they are read, (n,) [s].
-        jitter: 1st and 99th percentiles of the lateness, (2, n) [s]; the lateness itself if none were measured.
-        round_trip: Part of the lateness due to reading and writing, (n,) [s].
-        hardware: Mask that is True for fingers on real devices, (n,).
-        assumed: Sentences about values that are assumed to be zero, or neglected, or not simulated.
+        jitter: 1st and 99th percentiles of the lateness, (2, n) [s]; both are the lateness if they were not measured.
+        round_trip: Part of the lateness that reading and writing take, (n,) [s].
+        hardware: Mask of the fingers on real devices, (n,).
+        assumed: Sentences about properties that are unknown and assumed to be zero, or that are neglected or not
+            simulated.
     """
 
     mass: FloatArray
@@ -61,10 +62,10 @@ class Mechanics:
 
 
 def mechanics(parts: Parts, position: FloatArray, hands: Sequence[StillHand]) -> Mechanics:
-    """Compute the mechanics of devices, with fingers at positions (n, d) [m], and of hands.
+    """Compute the mechanics of a scene's devices, for positions (n, d) of the fingers [m], and of its hands.
 
     Raises:
-        InputError: If a device does not report its mass or friction; the error names its fingers.
+        InputError: If a device does not report its mass or friction; the message names the fingers of the device.
     """
     n, d = position.shape
     mass, friction = np.zeros((n, d, d)), np.zeros((n, d, d))
@@ -97,12 +98,12 @@ def mechanics(parts: Parts, position: FloatArray, hands: Sequence[StillHand]) ->
 
 
 def _assumed(wire: Wire, names: Sequence[str]) -> Iterator[str]:
-    """Yield sentences about unknown values of a device, and about values that differ from its simulation."""
+    """Yield sentences about properties of a device that are unknown, neglected or not simulated."""
     features, who = wire.features, ", ".join(names)
     if features.delay is None and features.lateness is None:
         yield "no output delay for devices that do not report it"
     if features.resolution:
-        yield "encoder resolution neglected"
+        yield "the encoder resolution is neglected"
     late = (features.lateness or 0.0) + (features.latency or 0.0)
     if late and isinstance(wire.device, SimulatedDevice):
         yield f"forces of {who} {1e3 * late:.3g} ms late, as measured; a simulation does not include this delay"
@@ -123,5 +124,5 @@ def _mass_and_friction(scene: Scene, fingers: NDArray[np.intp], features: Featur
         f"the device of {', '.join(scene.finger_names[i] for i in fingers)}", None,
         f"a device that reports its {' and '.join(lacking)}",
         "a stability limit depends on mass and friction (viscous damping [N s/m]) at a fingertip; set them in the "
-        "driver's features, or pass the settings that determine them",
+        "driver's features, or give the driver the settings that determine them",
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Meshes of a scene: read, checked and prepared once, then cached on disk by the content of their files."""
+"""Meshes of a scene in their bodies' frames, cached on disk by the content of the meshes' files."""
 
 from __future__ import annotations
 
@@ -45,20 +45,20 @@ class SceneMesh:
             InputError: If the mesh is a shell.
         """
         if self.mesh.shell:
-            raise InputError("density", "a shell", "the object's mass", "a surface has no volume")
+            raise InputError("density", "a density of a shell", "the object's mass", "a shell has no volume")
         return self.unit.mass
 
     def moments(self, mass: float) -> Numbers:
-        """Compute the principal moments of inertia for a mass, (3,) [kg m^2]."""
+        """Compute the principal moments of inertia of the mesh with a mass [kg], (3,) [kg m^2]."""
         return tuple((self.unit.moments * (mass / self.unit.mass)).tolist())
 
     @property
     def turn(self) -> Quaternion:
-        """Unit quaternion of the body's axes in the file's frame."""
+        """Orientation of the body's frame in the file's frame, a unit quaternion."""
         return quaternion(self.unit.axes.ravel().tolist())
 
     def body_pose(self, position: Numbers | None, orientation: Numbers | None) -> tuple[Numbers, Numbers]:
-        """Compute the pose of the centre of mass and principal axes from the pose of the file's frame."""
+        """Return the pose of the body's frame for a pose of the file's frame; None stands for zero or no rotation."""
         x, y, z = position or (0.0, 0.0, 0.0)
         q = Quaternion(*(orientation or (0.0, 0.0, 0.0, 1.0)))
         centre = rotate(q, Vector(*self.unit.centre.tolist()))
@@ -66,17 +66,17 @@ class SceneMesh:
 
     @property
     def frame(self) -> Mapping[str, list[float]]:
-        """Pose of the file's frame in the body's frame, for viewers that draw the file."""
+        """Pose of the file's frame in the body's frame, with which a viewer draws the mesh of the file."""
         turn = self.turn.conjugate
         centre = rotate(turn, Vector(*self.unit.centre.tolist()))
         return {"position": [-each for each in numbers(centre)], "orientation": list(numbers(turn))}
 
 
 def scene_mesh(table: Object | Obstacle, folder: Path | None) -> SceneMesh | None:
-    """Load the mesh of an object or obstacle; None if its shape is not a mesh.
+    """Load the mesh of an object or obstacle; None if its shape is not a mesh. Paths are relative to `folder`.
 
     Raises:
-        InputError: If a value of the shape's table is invalid; the error names its key.
+        InputError: If a value of the shape's table is invalid; the message names the key.
         MissingPackageError: If the package that reads the file is not installed.
     """
     shape = table.shape
@@ -92,7 +92,7 @@ def scene_mesh(table: Object | Obstacle, folder: Path | None) -> SceneMesh | Non
 
 
 def mesh_name(table: Object) -> str:
-    """Return the name of a mesh: that of its file or, without a file, one with the object's name."""
+    """Return the name of the file of an object's mesh, or a text with the object's name if there is no file."""
     path = getattr(table.shape, "mesh", None)
     return Path(path).name if path else f"mesh of {table.name}"
 
@@ -129,12 +129,12 @@ def _scene_mesh(vertices: Any, faces: Any, scale: float, shell: bool) -> SceneMe
 
 
 def _weighed(content: bytes | None, settings: object, make: Callable[[], Mesh]) -> SceneMesh:
-    """Make a mesh in its body's frame, with its mass properties in the file's frame, or take both from the cache.
+    """Return a mesh in its body's frame, with its mass properties, from the cache or by calling `make`.
 
     Args:
         content: Content of the mesh's file, or bytes of its arrays; None for a mesh that is not cached.
-        settings: Everything else on which the mesh depends, as a value with a complete text form.
-        make: Function that makes the mesh in the file's frame, or raises.
+        settings: All other values on which the mesh depends; their `repr` must be complete, because it is hashed.
+        make: Function that makes the mesh in the file's frame.
     """
 
     def weigh() -> SceneMesh:

@@ -1,4 +1,4 @@
-"""Provenance of a run, for the header of its recording: scene, files, code, versions and machine."""
+"""Provenance of a run for the header of its recording: scene, files, code, package versions and machine."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ OURS = Path(__file__).resolve().parents[1]
 
 
 def python_files(path: Path) -> list[Path]:
-    """List a file and, for a Python file, its direct and indirect imports from its own folder or package.
+    """List a file and, if it is a Python file, the Python files of its own folder or package that it imports.
 
-    All `import` and `from ... import` statements are included. Other kinds of import, other folders, extension modules,
-    files that are not Python, and GraspFX itself are omitted.
+    Imports by `import` and `from ... import` statements are followed, also in the imported files. Files imported in
+    other ways or from other folders, extension modules, and the modules of GraspFX are omitted.
     """
     files: dict[Path, None] = {}
     left = [path]
@@ -69,7 +69,11 @@ def _imports(path: Path) -> Iterator[Path]:
 
 
 def _roots(path: Path, module: str) -> Iterator[Path]:
-    """List the folders in which a top-level name is searched: the file's folder, and that of its package."""
+    """Yield the folders in which an absolute import of `module` by the file `path` is searched.
+
+    They are the folder of the file and, if `module` is in the file's own package, the folder that contains this
+    package.
+    """
     folder = path.parent
     if folder.name not in SHARED:
         yield folder
@@ -80,7 +84,7 @@ def _roots(path: Path, module: str) -> Iterator[Path]:
 
 
 def _modules(root: Path, name: str, is_inside: bool = False) -> Iterator[Path]:
-    """List the existing files that an import of a dotted name runs."""
+    """Yield the existing files in the folder `root` that an import of the dotted `name` runs."""
     if is_inside:
         yield from filter(Path.is_file, [root / PACKAGE])
     place = root
@@ -94,14 +98,14 @@ LONGEST = 4096  # letters of a path
 
 
 def files_of(scene: Scene, values: Any = ()) -> dict[str, str]:
-    """Compute digests, by path, of the files that a scene or a value names.
+    """Compute the digests, by path, of the files that a scene and other values name.
 
-    They include meshes, recorded paths and any other named file. They also include the Python code of third-party
-    devices, hands and dynamics, with its imports from its own folder or package (`python_files`).
+    These files are meshes, recorded paths, other named files, and the Python files of plug-ins (devices, hands and
+    dynamics) with their imports (`python_files`).
 
     Args:
         scene: Scene of the run.
-        values: Values that replace the scene's, nested in any way; each text in them may name a file or a plug-in.
+        values: Values that replace values of the scene, nested in any way; texts in them may name files or plug-ins.
     """
     texts = list(dict.fromkeys(texts_in(values)))
     paths = [path for text in chain(_code(scene), _code_in(scene, texts), texts_in(scene.to_dict()), texts)
@@ -112,7 +116,7 @@ def files_of(scene: Scene, values: Any = ()) -> dict[str, str]:
 
 
 def by_name(files: Mapping[str, str]) -> dict[str, str]:
-    """List digests by file names without folders; files of the same name are combined in the order of paths."""
+    """Return digests by file name without folder; digests of files with equal names are joined in order of paths."""
     digests: dict[str, list[str]] = {}
     for path in sorted(files):
         digests.setdefault(Path(path).name, []).append(files[path])
@@ -120,7 +124,7 @@ def by_name(files: Mapping[str, str]) -> dict[str, str]:
 
 
 def file_changes(there: Mapping[str, str], here: Mapping[str, str]) -> list[str]:
-    """List the differences between two sets of digests, both from `by_name`."""
+    """Return a text for each difference between two sets of digests by name, those "there" and those "here"."""
     lines = []
     for name in sorted({*there, *here}):
         if name not in there:
@@ -141,7 +145,7 @@ def digest_of(path: str) -> str | None:
 
 
 def _file(scene: Scene, text: str) -> Path | None:
-    """Find the file named by a text; None if there is none."""
+    """Return the path of the file that a text names; None if the text does not name an existing file."""
     try:
         path = to_path("file", text, folder=scene.source.folder).resolve()
         return path if len(text) < LONGEST and path.is_file() else None
@@ -150,7 +154,7 @@ def _file(scene: Scene, text: str) -> Path | None:
 
 
 def _code(scene: Scene) -> Iterator[str]:
-    """List the files of third-party devices, hands and dynamics."""
+    """Yield the paths of a scene's plug-ins (devices, hands and dynamics)."""
     devices = [*scene.device, *(finger.device for finger in scene.finger if not isinstance(finger.device, str))]
     hands = [*scene.hand, *(finger.hand for finger in scene.finger if not isinstance(finger.hand, str | None))]
     yield from _of_group(scene, "devices", [each.name for each in devices])
@@ -159,7 +163,7 @@ def _code(scene: Scene) -> Iterator[str]:
 
 
 def _code_in(scene: Scene, texts: Sequence[str]) -> Iterator[str]:
-    """List the files of plug-ins, of any group, that are named in texts."""
+    """Yield the paths of the plug-ins, of any group, whose names are among the texts."""
     for group in GROUPS:
         table = plugins.names(group)
         for text in texts:
@@ -181,12 +185,12 @@ LONGEST_VALUE = 60  # largest number of letters of a shown value
 
 
 def scene_changes(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
-    """List the differences between two tables of a scene, key by key."""
+    """Return a text for each key whose values differ between two tables of a scene, those "there" and those "here"."""
     return [f"the scene's {key} is {brief(one)} there, {brief(two)} here" for key, one, two in _changes(there, here)]
 
 
 def brief(value: Any) -> str:
-    """Format a value as JSON, or a text as it is, shortened to 60 letters."""
+    """Format a value, a text as itself and any other value as JSON, and shorten it to 60 characters."""
     text = value if isinstance(value, str) else json.dumps(value)
     return text if len(text) <= LONGEST_VALUE else f"{text[: LONGEST_VALUE - 3]}..."
 
@@ -203,7 +207,7 @@ def _changes(one: Any, two: Any, key: str = "") -> Iterator[tuple[str, Any, Any]
 
 
 def engines_of(scene: Scene, values: Any = ()) -> list[str]:
-    """List the distributions of the dynamics that a scene, or values that replace its own, name."""
+    """List the distributions of the dynamics that are named in a scene or in values that replace the scene's."""
     names = {thing.dynamics for thing in scene.object} | {text for text in texts_in(values) if text in DYNAMICS}
     return sorted({package for name in names if (package := dynamics_of(name).distribution)})
 
@@ -214,12 +218,12 @@ def engine_versions(scene: Scene, values: Any = ()) -> dict[str, str]:
 
 
 def version_of(package: str) -> str:
-    """Return the version of a distribution, or a text if it is not installed."""
+    """Return the version of a distribution, or "not installed"."""
     return installed.version(package) or "not installed"
 
 
 def header_of(parts: Parts, objects: Sequence[GraspedPart] = ()) -> Header:
-    """Make the header of a run's recording: scene, time, machine, and split rules of the objects."""
+    """Make the header of a run's recording, with the split rules of the grasped `objects`."""
     scene, source, meshes = parts.scene, parts.scene.source, parts.mesh_frames
     return Header(
         period=scene.period,
@@ -241,15 +245,15 @@ def header_of(parts: Parts, objects: Sequence[GraspedPart] = ()) -> Header:
 
 @cache
 def _versions(*packages: str) -> Mapping[str, str]:
-    """Look up versions once, because packages installed later do not change the imported packages."""
+    """Return the versions of packages, cached because later installations do not change the imported packages."""
     return versions(*packages)
 
 
 def source_name(source: Source) -> str:
-    """Return the name of a scene: that of its file or, without a file, the name used in messages."""
+    """Return the name of a scene's file without extension; for a scene without a file, the name used in messages."""
     return source.path.stem.replace("_", "-") if source.path is not None else source.name
 
 
 def split_rules(objects: Sequence[GraspedPart]) -> dict[str, dict[str, Any]]:
-    """Return the split rule of each object's grasp for a header, read from the running blocks."""
+    """Return the present split rule of each object's grasp, by name of the object, as a table for a header."""
     return {part.name: part.grasped.split_rule.table() for part in objects}

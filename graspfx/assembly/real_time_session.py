@@ -1,4 +1,4 @@
-"""Sessions that run in real time in another process, and can be inspected and steered."""
+"""Sessions that run in real time in another process, and whose values can be read and changed during the run."""
 
 from __future__ import annotations
 
@@ -37,15 +37,15 @@ LOOK = 0.05  # interval of checks for signals and faults of the recording [s]
 
 
 class RealTimeSession(Session):
-    """A real-time run in a separate process; `gx.open(scene, real_time=True)` creates it.
+    """A real-time run in a separate process, with or without hardware; `gx.open(scene, real_time=True)` creates it.
 
-    Ticks run until the end of the `with` block, with or without hardware. At the end every force decays to zero, then
-    the recording is closed, and the hardware last. Positions, velocities and forces are those of the last received
-    tick, which is at most about 20 ms old. A signal (Ctrl-C, SIGTERM, SIGHUP) ends the block, and the run, at once.
+    Ticks run until the end of the `with` block. Then all forces decay to zero, the recording is closed, and finally the
+    hardware is closed. Positions, velocities and forces of the session are those of the last received tick, which is at
+    most about 20 ms old. A signal (Ctrl-C, SIGTERM or SIGHUP) ends the block and the run at once.
 
     Args:
         scene: Scene to run.
-        live, out, overwrite: As for `open`.
+        live, out, overwrite: As for `gx.open`.
     """
 
     is_paced = True
@@ -66,7 +66,7 @@ class RealTimeSession(Session):
         return self._remote.header
 
     def _begin(self) -> None:
-        """Let the servo run."""
+        """Start the ticks of the servo."""
         self._began = time.perf_counter()
         self._relay = self._remote.begin(self._recorder, self._look, self._goals.by_key if self._guided else None)
         self._mail = Mail(self._remote.ring, self._relay)
@@ -81,7 +81,7 @@ class RealTimeSession(Session):
         self._remote.exits.inside = True  # a signal interrupts the user's code
 
     def _look(self, first: int, count: int) -> None:
-        """Update the last row and the number of ticks of this process's copy of the servo."""
+        """Update the last row and the number of ticks in this process's copy of the servo, after a batch of rows."""
         self.servo.row = self._recorder.row.copy()
         self.servo.ticks = first + count
 
@@ -96,14 +96,14 @@ class RealTimeSession(Session):
         Raises:
             InputError: Always.
         """
-        raise InputError("ticks", ticks, "a session without real time", "ticks run automatically: use wait")
+        raise InputError("ticks", ticks, "a session without real time", "in real time, use wait instead of step")
 
     def wait(self, seconds: float) -> bool:
-        """Wait for a number of seconds, or until the run ends; return whether the run continues.
+        """Wait for a time [s] or until the run ends, and return whether the run continues.
 
         Raises:
-            RecordingError: If the recording cannot be written; every force is then zero.
-            Exception: The error that ended the run in its process, such as an error of a driver.
+            RecordingError: If the recording cannot be written; all forces are zero when this error is raised.
+            Exception: If an error, such as an error of a driver, ended the run; this error is raised.
         """
         end = time.monotonic() + seconds
         with self._undisturbed():
@@ -117,10 +117,10 @@ class RealTimeSession(Session):
         return not self._remote.has_rested
 
     def mark(self, text: str) -> int:
-        """Record a text marker, for example at the beginning of a trial; return the tick of the marker.
+        """Record a text marker, for example at the beginning of a trial, and return the marker's tick.
 
         Raises:
-            InputError: If the argument is not a text, or the session has ended.
+            InputError: If `text` is not a string, or the run has ended.
         """
         if not isinstance(text, str):
             raise InputError("text", text, "a text")
@@ -128,13 +128,13 @@ class RealTimeSession(Session):
             return self._mail.post(Letter([], []), {MARK: text}, self._require_going)
 
     def rest(self) -> None:
-        """Let every force decay to zero and stay zero; the recording remains accessible."""
+        """End the run: let all forces decay to zero; the recording remains accessible."""
         with self._undisturbed():
             self._remote.rest()
 
     @property
     def fault(self) -> RunFault | None:
-        """First fault, after which every force is zero; None without a fault."""
+        """First fault of the run, after which all forces are zero; None without a fault."""
         return RunFault(*self._relay.faults[0]) if self._relay.faults else None
 
     def _write(self, update: Update) -> None:
@@ -155,17 +155,18 @@ class RealTimeSession(Session):
                 self._splits.append((tick, split))
 
     def _require_going(self) -> None:
-        """Require that the run continues, and wait until its first tick has been received."""
+        """Wait until the first tick has been received; raise an error if the run has ended."""
         self._require_open()
         while not self._remote.await_rest(0.0):
             if self.tick:
                 return
             time.sleep(0.001)
-        raise InputError("session", self, "a session that is running", f"it has ended: {self._remote.outcome['cause']}")
+        cause = self._remote.outcome["cause"] or "all forces are zero"
+        raise InputError("session", self, "a session that is running", f"this session has ended: {cause}")
 
     @contextmanager
     def _undisturbed(self) -> Iterator[None]:
-        """Defer signals to the end of the block."""
+        """Delay the effect of signals to the end of the block."""
         exits = self._remote.exits
         exits.inside = False
         try:
@@ -201,11 +202,11 @@ BEGINNING = 0.005  # interval of checks whether a servo runs [s]
 
 
 class LiveSession(RealTimeSession):
-    """A real-time run whose rows are only in the ring buffer unless a folder is given.
+    """A real-time run, for viewers, that can be paused; rows are kept only in the ring buffer unless `out` is given.
 
     Args:
         scene: Scene to run.
-        live, out, overwrite: As for `open`.
+        live, out, overwrite: As for `gx.open`.
         paused: Whether the session pauses before the first tick.
     """
 
@@ -244,7 +245,7 @@ class LiveSession(RealTimeSession):
 
     @property
     def ring(self) -> Ring:
-        """Ring buffer of rows and status words of the servo."""
+        """Ring buffer with the rows and status words of the servo."""
         return self._remote.ring
 
     @property
@@ -254,7 +255,7 @@ class LiveSession(RealTimeSession):
 
     @property
     def guided(self) -> list[GuideKeys]:
-        """Keys of the guided hands."""
+        """Key and fingers of each guided hand."""
         return self._guided
 
     @property
@@ -264,7 +265,7 @@ class LiveSession(RealTimeSession):
 
     @property
     def splits(self) -> list[tuple[int, Split]]:
-        """Split rules of the forces, each with its first tick."""
+        """Split rules of the objects' grasps during the run, each with the first tick at which it applies."""
         return list(self._splits)
 
     @property
@@ -274,23 +275,23 @@ class LiveSession(RealTimeSession):
 
     @property
     def outcome(self) -> dict[str, Any]:
-        """Result of the run, as items of an `Outcome`."""
+        """Items of the run's `Outcome`."""
         return self._remote.outcome
 
     @property
     def error(self) -> BaseException | None:
-        """Error that ended the run; None without one."""
+        """Error that ended the run; None without an error."""
         return self._remote.guard.failure or self._remote.error
 
     def look(self) -> bool:
-        """Read the servo's status; return whether it still runs."""
+        """Process messages of the servo, and return whether the servo still runs."""
         return not self._remote.await_rest(0.0)
 
     def _require_going(self) -> None:
         self._require_open()
         if not self.look():
             cause = self._remote.outcome["cause"] or "it was closed"
-            raise InputError("run", "a run that has ended", "a run that is running", f"it has ended: {cause}")
+            raise InputError("run", "a run that has ended", "a run that is running", f"this run has ended: {cause}")
         while not self.tick and not self._waits_to_begin and self.look():
             time.sleep(0.001)
 
@@ -302,13 +303,13 @@ class LiveSession(RealTimeSession):
 
     @property
     def is_paused(self) -> bool:
-        """Whether the next tick waits."""
+        """Whether the run is paused before its next tick."""
         words = self.ring.words
         halt = int(words[Word.HALT])
         return bool(halt) and int(words[Word.HEAD]) >= halt - 1
 
     def pause(self) -> None:
-        """Pause before the next tick; values and goals are still accepted.
+        """Pause before the next tick; during the pause, values and goals can be changed.
 
         Raises:
             InputError: If the scene has hardware.
@@ -317,7 +318,7 @@ class LiveSession(RealTimeSession):
         self.ring.words[Word.HALT] = 1
 
     def resume(self) -> None:
-        """Continue the run; no ticks are run for the paused time.
+        """Continue the run after a pause, without ticks for the time of the pause.
 
         Raises:
             InputError: If the scene has hardware.
@@ -326,10 +327,10 @@ class LiveSession(RealTimeSession):
         self.ring.words[Word.HALT] = 0
 
     def advance(self, ticks: int = 1) -> None:
-        """Run a number of ticks at the normal rate during a pause; a run that is not paused is paused first.
+        """Run a number of ticks at the normal rate, and pause again; a run that is not paused is paused first.
 
         Raises:
-            InputError: If the scene has hardware, or the number is not an integer above zero.
+            InputError: If the scene has hardware, or `ticks` is not an integer above zero.
         """
         self.require_no_hardware("step")
         if type(ticks) is not int or ticks < 1:
@@ -341,13 +342,13 @@ class LiveSession(RealTimeSession):
         words[Word.HALT] = max(int(words[Word.HALT]) - 1, int(words[Word.HEAD])) + ticks + 1
 
     def require_no_hardware(self, action: str) -> None:
-        """Require that the scene has no hardware, which displays forces to a person.
+        """Check that the scene has no hardware, with which `action` is not possible.
 
         Raises:
-            InputError: If it has hardware.
+            InputError: If the scene has hardware.
         """
         if self.servo.hardware:
             raise InputError(
                 action, ", ".join(self.servo.hardware), "a scene with simulated devices only",
-                "hardware displays the force of every tick; use rest() instead",
+                "a run with hardware cannot be paused, because a person feels its forces; use rest() instead",
             )  # fmt: skip

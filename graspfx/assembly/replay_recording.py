@@ -1,4 +1,4 @@
-"""Replay of a recording: recorded motion of the fingers, recomputed forces and objects."""
+"""Replay of a recording: forces and motions of objects are recomputed from the recorded motion of the fingers."""
 
 from __future__ import annotations
 
@@ -44,28 +44,28 @@ def replay(
     overwrite: bool = False,
     trust: bool = False,
 ) -> Recording:
-    """Replay a recording: fingers follow their recorded motion, and forces and objects are recomputed.
+    """Replay a recording: recompute forces and motions of objects from the recorded motion of the fingers.
 
-    Without overrides, forces and objects are identical to the recording bit by bit, also after held samples, skipped
-    periods, key changes and device faults. With overrides, forces and motions of objects are computed for the same
-    motion of the fingers. This replay is open-loop, because fingers do not respond to the changed force.
+    Without overrides, the results are bit-identical to the recording, also after held samples, skipped periods, changes
+    of keys and device faults. With overrides, the results are those of the changed scene for the same motion of the
+    fingers. Such a replay is open-loop, because the fingers do not respond to the changed forces.
 
     Args:
-        recording: Recording of every tick, or its path.
-        overrides: Values by dotted key, which replace those of the run.
-        out: Folder for recording.h5.
-        overwrite: Whether to replace an existing recording.
-        trust: Whether Python files that the recording names (drivers, hands, bodies) may run, and files outside the
+        recording: Recording of every tick, or path of such a recording.
+        overrides: Values by dotted key that replace values of the recorded scene; none if None.
+        out: Folder in which the replay is saved as recording.h5; not saved if None.
+        overwrite: Whether to replace an existing recording in `out`.
+        trust: Whether Python files that the recording names (drivers, hands, dynamics) may run, and files outside the
             scene's folder may be used, as with `graspfx replay --trust`. Read these files first.
 
     Returns:
-        Recording of the replay, with the columns that follow from the fingers' motion.
+        Recording of the replay, with the columns that follow from the motion of the fingers.
 
     Raises:
         InputError, UnknownNameError, SceneError: If an override is unknown or not allowed in the scene, or `trust` is
             neither True nor False.
-        RecordingError: If the recording lacks data that a replay needs, its scene cannot be restored, its mesh has
-            changed, it names Python files without `trust` or GRASPFX_TRUST=1, or `out` already has a recording.
+        RecordingError: If the recording lacks data that a replay needs, its scene cannot be restored, one of its meshes
+            has changed, it names Python files without `trust` or GRASPFX_TRUST=1, or `out` already has a recording.
     """
     if not isinstance(trust, bool):
         raise InputError("trust", trust, "True or False")
@@ -82,13 +82,13 @@ def replay(
 
 @dataclass(frozen=True)
 class Replay:
-    """A replay and its original.
+    """A replay and its original recording.
 
     Attributes:
         original: Original recording.
         recording: Recording of the replay.
-        is_open_loop: Whether values of the scene other than its engine were replaced.
-        differences: Differences between the two, by column.
+        is_open_loop: Whether values of the scene other than the engine were replaced.
+        differences: Differences between the two recordings, one for each column that differs.
     """
 
     original: Recording
@@ -103,7 +103,7 @@ class Replay:
 
 
 def replayed_with(original: Recording, overrides: Mapping[str, Any]) -> Replay:
-    """Replay a recording with some values replaced, and compare the two; raise the errors of `replay`."""
+    """Replay a recording with overrides, and compare the two recordings; errors are those of `replay`."""
     _require(original)
     is_open = any(key != OWN for key in overrides)
     scene = _scene_of(original, overrides)
@@ -126,11 +126,12 @@ def replayed_with(original: Recording, overrides: Mapping[str, Any]) -> Replay:
 
 
 def _require(recording: Recording) -> None:
-    """Require a recording with all data that a replay needs."""
+    """Check that a recording has all data that a replay needs."""
     header, layout = recording.header, recording.layout
     if header.every > 1:
         raise RecordingError(
-            f"a replay needs every tick, but this recording has one tick in {header.every}: run with record.every = 1"
+            f"a replay needs every tick, but this recording has only one in {header.every}: run again with "
+            "record.every = 1"
         )
     needs = [*NEEDS, *(("fresh",) if layout.timed else ()), *(("largest_force",) if layout.timed else ())]
     missing = [name for name in needs if name in layout.omitted]
@@ -140,17 +141,17 @@ def _require(recording: Recording) -> None:
             "record.columns empty, and run again"
         )
     if not header.scene_table:
-        raise RecordingError("a replay needs the scene, which this recording of an earlier format does not have")
+        raise RecordingError("a replay needs the scene, which this recording, of an earlier format, does not contain")
     if recording.outcome.lost:
         raise RecordingError(
-            f"a replay needs every tick, and {recording.outcome.lost} rows of this recording were lost"
+            f"a replay needs every tick, but {recording.outcome.lost} rows of this recording were lost"
         )
     if not len(recording):
-        raise RecordingError("a replay needs at least one tick, and this recording has none")
+        raise RecordingError("a replay needs at least one tick, but this recording has none")
 
 
 def _scene_of(original: Recording, overrides: Mapping[str, Any]) -> Scene:
-    """Restore the scene of a recording with some values replaced; the folder of relative paths is unchanged."""
+    """Restore the scene of a recording with overrides; relative paths refer to the folder of the original scene."""
     from graspfx.scene.model import make_scene
 
     header = original.header
@@ -179,7 +180,7 @@ def _scene_of(original: Recording, overrides: Mapping[str, Any]) -> Scene:
 
 
 def _is_sound(table: Mapping[str, Any], source: Source) -> bool:
-    """Return whether a scene is valid without overrides."""
+    """Return whether the table of a recorded scene is valid without overrides."""
     from graspfx.scene.model import make_scene
 
     try:
@@ -190,41 +191,43 @@ def _is_sound(table: Mapping[str, Any], source: Source) -> bool:
 
 
 def _require_meshes(original: Recording, parts: Parts) -> None:
-    """Require meshes with unchanged centres and axes."""
+    """Check that the centres of mass and principal axes of a recording's meshes have not changed."""
     for name, frame in original.header.frames.items():
         now = parts.mesh_frames.get(name)
         if now is not None and any(list(frame[key]) != list(now[key]) for key in frame):
             raise RecordingError(
-                f"the mesh of {name} has changed since it was recorded: its centre of mass or its axes differ; put "
-                "the original file back"
+                f"the mesh of {name} has changed since the recording: its centre of mass or its principal axes differ; "
+                "restore the original file"
             )
 
 
 def _lacks_largest(original: Recording, parts: Parts) -> bool:
-    """Return whether largest forces depended on the fingers' positions and are not recorded."""
+    """Return whether the largest force of a device may change during the run and is not recorded."""
     from graspfx.assembly.device_limits import changes
 
     return any(changes(wire) for wire in parts.wires) and "largest_force" not in original.layout.columns
 
 
 def _largest_forces(original: Recording, scene: Scene, overrides: Mapping[str, Any]) -> Recording:
-    """Repeat a simulation, and record the largest forces that its devices report."""
+    """Repeat the simulation of a recording, and return a recording with the largest forces that devices report."""
     if overrides:
         scene = _scene_of(original, {key: value for key, value in overrides.items() if key == OWN})
     if not resolve(scene).simulated:
-        raise RecordingError("a replay needs largest_force, which this recording does not have: run the scene again")
+        raise RecordingError(
+            "a replay needs the column largest_force, which this recording does not have: run the scene again"
+        )
     with Replaying(original, scene, None) as session:
         session.follow()
     return session.recording
 
 
 class Replaying(Session):
-    """A run with recorded readings, or a repeated simulation, with the recorded key changes at their ticks.
+    """A run with recorded readings, or a repeated simulation, in which keys change at the recorded ticks.
 
     Args:
         original: Original recording.
         scene: Scene to run.
-        playback: Playback of the recording; None for the scene's own simulations.
+        playback: Playback of the readings in the recording; None to simulate the scene's devices again.
     """
 
     def __init__(self, original: Recording, scene: Scene, playback: Playback | None) -> None:
@@ -248,7 +251,7 @@ class Replaying(Session):
         )  # fmt: skip
 
     def follow(self) -> None:
-        """Run the recorded number of ticks."""
+        """Run as many ticks as the recording has, with the recorded changes of keys."""
         original, count = self._original, len(self._original)
         events = sorted(original.outcome.changes, key=lambda change: change.tick)
         with waiting(f"replaying {original.header.scene or 'a recording'}", count, "ticks", lambda: self.tick):
@@ -262,7 +265,7 @@ class Replaying(Session):
                 self.step(count - self.tick)
 
     def _change(self, changes: Sequence[KeyChange]) -> None:
-        """Apply the recorded key changes before the next tick."""
+        """Apply recorded changes of keys before the next tick."""
         self.set({change.key: change.value for change in changes if change.key not in OF_THE_RUN})
         for change in changes:
             if change.key == REST and self.servo.safety is not None:

@@ -1,4 +1,4 @@
-"""Parts of a scene, resolved once for all users: connected devices, loaded shapes, laws and hands."""
+"""Parts of a scene, made once for all their users: connected devices, loaded shapes, coupling laws and hands."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ Point = tuple[float, ...]
 
 
 def start_of(scene: SceneTable, i: int, stock: Stock) -> Point | None:
-    """Compute the start position of finger i, (d,) [m]; None for a faulty table.
+    """Compute the start position of finger i, (d,) [m]; None if no position fits the finger's table `start`.
 
-    A start that is a table contains a direction from the object's centre of mass, in world axes at the object's initial
-    pose. The fingertip comes from far away on the line in this direction, and starts at the gap that the table gives.
+    A table `start` has a direction, in world axes, of a line from the object's centre of mass at the object's initial
+    pose. The fingertip starts on this line, outside the object, with the gap in the table to the object's surface.
     """
     start = scene.finger[i].start
     if isinstance(start, tuple):
@@ -56,7 +56,7 @@ def start_of(scene: SceneTable, i: int, stock: Stock) -> Point | None:
 
 
 def placement_faults(scene: SceneTable, i: int, stock: Stock) -> Iterator[Finding]:
-    """Find the reasons why a finger has no start position on the line towards its object."""
+    """Find the reasons why no start position fits the table `start` of finger i."""
     start, at = scene.finger[i].start, ("finger", i, "start")
     if isinstance(start, tuple):
         return
@@ -65,7 +65,7 @@ def placement_faults(scene: SceneTable, i: int, stock: Stock) -> Iterator[Findin
         return
     thing = scene.object[scene.finger_objects[i]]
     if thing.shape is None:
-        yield at, f"expected coordinates: {thing.name!r} has no shape from which a gap could be measured"
+        yield at, f"expected coordinates, because {thing.name!r} has no shape from which a gap could be measured"
         return
     with suppress(GraspFXError):  # the shape has a fault
         if start_of(scene, i, stock) is None:
@@ -101,16 +101,16 @@ Index = NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False)
 class ObjectPart:
-    """An object of a scene, prepared for its coupling.
+    """An object of a scene with the coupling of its fingers.
 
     Attributes:
         scene: Scene of the object.
         table: Table of the object.
         index: Index of the object in the scene.
-        fingers: Indices of its fingers.
+        fingers: Indices of the object's fingers.
         solid: Shape of the object.
-        gains: Gains of eq. (4) for its fingers; gains in the object's axes are converted to its body's axes.
-        rules: Contact rules of its fingers.
+        gains: Gains of eq. (4) for these fingers; gains in the object's axes are converted to the body's frame.
+        rules: Contact rules of these fingers.
     """
 
     scene: Scene
@@ -123,12 +123,12 @@ class ObjectPart:
 
     @property
     def name(self) -> str:
-        """The object's name."""
+        """Name of the object."""
         return self.table.name
 
     @property
     def law(self) -> Coupling:
-        """New coupling law with these gains. Each run needs its own law, because the law records its warnings."""
+        """Copy of `gains`. Every run needs a separate copy, because a coupling law records which warnings it issued."""
         return replace(self.gains)
 
     def grasped(
@@ -137,10 +137,10 @@ class ObjectPart:
         """Make the grasped object with a new block.
 
         Args:
-            limits: Largest forces of all fingers of the scene [N], infinite for a finger without a limit; None without
-                limits.
-            predicts: Whether the implicit integrator is used as such (`bodies.fill`).
-            live: Names of the block's fields that may change during a run.
+            limits: Largest forces of all fingers of the scene [N], inf for a finger without a limit; None if no finger
+                has a limit.
+            predicts: Whether the object may have the integrator "implicit" (`bodies.fill`).
+            live: Names of the fields of the block that may change during a run.
         """
         scene, own = self.scene, self.fingers
         return GraspedObject(
@@ -151,7 +151,7 @@ class ObjectPart:
 
 
 def make_objects(scene: Scene, stock: Stock, wired: Sequence[Wire]) -> Iterator[ObjectPart]:
-    """Make the law and the rules of each object of a scene; masses for the split are those of `wired`."""
+    """Make the coupling law and contact rules of each object of a scene; a mass metric uses the masses of `wired`."""
     masses = device_masses(scene, wired) if scene.coupling.split == "mass" else None
     if scene.coupling.split == "weights":
         masses = np.array(scene.coupling.weights)
@@ -163,7 +163,7 @@ def make_objects(scene: Scene, stock: Stock, wired: Sequence[Wire]) -> Iterator[
 
 
 def device_masses(scene: Scene, wired: Sequence[Wire]) -> FloatArray:
-    """Return the mass of the device at each fingertip from its features, (n,) [kg]."""
+    """Return the mass that the device of each finger reports, (n,) [kg]."""
     masses = np.zeros(len(scene.finger))
     for wire in wired:
         masses[wire.used] = wire.features.mass
@@ -171,7 +171,7 @@ def device_masses(scene: Scene, wired: Sequence[Wire]) -> FloatArray:
 
 
 def make_law(scene: Scene, fingers: Index, solid: Solid) -> Coupling:
-    """Make the gains of eq. (4) for the fingers of one object; convert gains in object axes to body axes."""
+    """Make the gains of eq. (4) for the fingers of one object, and convert gains in object axes to body axes."""
     part = scene.coupling.external
     (K, D), inner = (
         [_own(_given(gains, quantity), fingers) for quantity in ("stiffness", "damping")]
@@ -189,7 +189,10 @@ def make_law(scene: Scene, fingers: Index, solid: Solid) -> Coupling:
 
 
 def _given(part: Any, quantity: str) -> Any:
-    """Return a gain from a table, or from a cached table, which has only fields; an object's gain as a matrix."""
+    """Return the gain `quantity` from a table of gains; the gain of an object is returned as a matrix.
+
+    The table may be a cached one, which has the fields but not the methods of its class.
+    """
     if not hasattr(part, "object_stiffness"):
         return getattr(part, quantity)
     value = getattr(part, f"object_{quantity}")
@@ -199,9 +202,9 @@ def _given(part: Any, quantity: str) -> Any:
 
 
 def _own(gain: Gains, fingers: Index) -> float | FloatArray:
-    """Select these fingers from gains per finger; return other gains unchanged.
+    """Select the gains of `fingers` from gains per finger; return other gains unchanged.
 
-    Return one number for an object without fingers, because no force depends on it.
+    For an object without fingers, return one number, because no force depends on its gains.
     """
     values = np.asarray(gain, dtype=float)
     if values.ndim == 0 or not len(fingers):
@@ -210,7 +213,7 @@ def _own(gain: Gains, fingers: Index) -> float | FloatArray:
 
 
 def _rules(scene: Scene, fingers: Index, masses: FloatArray | None) -> Rules:
-    """Make the contact rules of one object's fingers."""
+    """Make the contact rules of one object's fingers; `masses` are the weights of all fingers, None if equal."""
     rules, own = scene.coupling, [scene.finger[i] for i in fingers]
     fade = None if rules.absent == "follow" else FADE if rules.fade == "auto" else rules.fade
     return Rules(
@@ -231,11 +234,11 @@ def _rules(scene: Scene, fingers: Index, masses: FloatArray | None) -> Rules:
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """A scene's parts, each made on demand.
+    """Parts of a scene, which are made when they are first used.
 
     Attributes:
-        scene: Description of the scene.
-        stock: Connected devices and shapes.
+        scene: Scene of the parts.
+        stock: Connected devices and shapes of the scene.
     """
 
     scene: Scene
@@ -243,20 +246,20 @@ class Parts:
 
     @property
     def folder(self) -> Path | None:
-        """Folder of the scene's relative paths; None for the current folder."""
+        """Folder to which relative paths in the scene refer; None for the current folder."""
         return self.stock.folder
 
     @cached_property
     def wires(self) -> tuple[Wire, ...]:
-        """Devices for inspection only; a run uses those of `claim`."""
+        """Connected devices, for inspection only; a run must use the devices of `claim`."""
         return wires(self.scene, self.stock)
 
     def claim(self, room: int = ROOM) -> tuple[tuple[Wire, ...], Memory]:
-        """Return devices as `own_wires` does, with the memory for their blocks.
+        """Return the devices of `own_wires`, and the memory with their blocks.
 
         Args:
-            room: Number of entries of that memory; the memory of devices connected by the checks has the
-                default size.
+            room: Number of entries of the memory for newly connected devices; the memory of devices that the checks
+                connected has the default size.
         """
         if self.stock.claim():
             return self.wires, self.stock.memory
@@ -264,10 +267,10 @@ class Parts:
             return wires_anew(self.scene, self.folder), memory
 
     def own_wires(self) -> tuple[Wire, ...]:
-        """Return devices that no other run uses, to be opened or moved by a plant.
+        """Return connected devices that no other run uses.
 
-        The first caller gets the devices that the checks connected. A later caller gets newly connected devices,
-        because a device contains the state of one run, and hardware may still be open.
+        The first call returns the devices that the scene's checks connected. Later calls return newly connected
+        devices, because a device contains the state of its run, and the hardware of an earlier run may still be open.
         """
         return self.claim()[0]
 
@@ -278,7 +281,7 @@ class Parts:
 
     @cached_property
     def objects(self) -> tuple[ObjectPart, ...]:
-        """Objects with their solids, laws and rules, in the scene's order."""
+        """Objects with their shapes, coupling laws and contact rules, in the order of the scene."""
         return tuple(make_objects(self.scene, self.stock, self.wires))
 
     @cached_property
@@ -288,12 +291,12 @@ class Parts:
 
     @cached_property
     def obstacles(self) -> list[Obstacle]:
-        """Placed obstacles."""
+        """Obstacles at their poses."""
         return obstacles(self.scene, self.stock)
 
     @cached_property
     def limits(self) -> FloatArray | None:
-        """Largest force of each finger [N] by device or safety, infinite without a limit; None if all stay infinite."""
+        """Lower force limit of device and safety chain for each finger, (n,) [N], inf without one; None without any."""
         limits = force_limits(len(self.scene.finger), self.wires)
         if self.safety is None:
             return limits
@@ -301,12 +304,12 @@ class Parts:
 
     @cached_property
     def safety(self) -> SafetyLimits | None:
-        """Limits of the safety chain; None for a scene without one."""
+        """Limits of the safety chain; None for a scene without a safety chain."""
         return safety_limits(self.scene, self.wires)
 
     @cached_property
     def simulated(self) -> bool:
-        """Whether every device is a simulation."""
+        """Whether all devices are simulated."""
         return not self.hardware
 
     @property
@@ -321,27 +324,27 @@ class Parts:
 
     @property
     def mesh_notes(self) -> list[str]:
-        """Sentences about repairs and likely errors of the meshes."""
+        """Sentences about repairs and probable errors of the scene's meshes."""
         meshes = [(part.table, part.solid.mesh) for part in self.objects]
         return [f"{mesh_name(table)}: {note}" for table, mesh in meshes if mesh is not None for note in mesh.mesh.notes]
 
     @property
     def mesh_frames(self) -> dict[str, Mapping[str, list[float]]]:
-        """`SceneMesh.frame` of each object with a mesh, by name."""
+        """`SceneMesh.frame` of each object with a mesh, by name of the object."""
         meshes = [(part.name, part.solid.mesh) for part in self.objects]
         return {name: mesh.frame for name, mesh in meshes if mesh is not None}
 
 
 def reach_faults(scene: Scene) -> list[Finding]:
-    """Find the fingers that cannot be placed at their start, in a scene without other faults."""
+    """Find the fingers of a valid scene whose devices cannot be placed at the start positions."""
     parts = resolve(scene)
     return placing_faults(parts.start, parts.own_wires())
 
 
 def resolve(scene: Scene) -> Parts:
-    """Return the parts of a scene; every call for the same scene returns the same parts.
+    """Return the parts of a scene; every call with the same `Scene` object returns the same parts.
 
-    Devices and shapes that the scene's checks have connected and loaded are reused. A copy of a scene, or one with
+    Devices and shapes that the scene's checks have connected and loaded are reused. A copy of a scene, with or without
     replaced values, has separate parts.
     """
     if scene._stock is None:
@@ -354,7 +357,7 @@ def resolve(scene: Scene) -> Parts:
 
 
 def late_wires(parts: Parts) -> Iterator[tuple[Wire, float]]:
-    """List devices with late forces, each with the time from a motion to its force: lateness plus latency [s]."""
+    """Yield each device with late forces, and its delay from a motion to the force, lateness plus latency [s]."""
     for wire in parts.wires:
         late = (wire.features.lateness or 0.0) + (wire.features.latency or 0.0)
         if late > 0.0:
@@ -362,11 +365,11 @@ def late_wires(parts: Parts) -> Iterator[tuple[Wire, float]]:
 
 
 def require_no_host(scene: Scene, action: str) -> None:
-    """Reject an action that needs the scene's object if another program simulates it.
+    """Raise an error if a host program simulates the object that an action needs.
 
     Args:
         scene: Scene to check.
-        action: Name of the action in the message.
+        action: Name of the action for the message.
 
     Raises:
         InputError: If the scene has a host.
@@ -375,23 +378,23 @@ def require_no_host(scene: Scene, action: str) -> None:
     if host is not None:
         raise InputError(
             "host", host.name, f"a scene that simulates its object, for {action}",
-            "the host simulates the object, so the scene lacks its forces; gx.Feedback.limits computes the limits of "
-            "a linear host",
+            "the host program simulates the object, so that its forces are not known to the scene; "
+            "gx.Feedback.limits computes the limits of a linear host",
         )  # fmt: skip
 
 
 def require_prompt_simulations(parts: Parts) -> None:
-    """Reject simulated devices with late forces, because a simulation does not include this delay.
+    """Raise an error if a simulated device has late forces, because a simulation does not include this delay.
 
     Raises:
-        InputError: If there is such a device; a certificate supports any delay.
+        InputError: If there is such a device.
     """
     for wire, late in late_wires(parts):
         if isinstance(wire.device, SimulatedDevice):
             names = ", ".join(parts.scene.finger_names[i] for i in wire.used)
             raise InputError(
-                "measures.lateness", late, f"none in a simulation: forces of the simulated device of {names} start "
-                "at the beginning of a sample",
-                "`check` and `stability` support any delay; remove the measures to run it, or give the driver whole "
-                f"samples, delay = {round(late / parts.scene.period)}",
+                "measures.lateness", late, f"no lateness, because forces of the simulated device of {names} start at "
+                "the beginning of a sample",
+                "`check` and `stability` support any delay; to run the scene, remove the measures, or set a delay of "
+                f"whole samples in the device's settings, delay = {round(late / parts.scene.period)}",
             )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Runs of a scene, to its end or step by step as a session."""
+"""Runs of a scene, to the end or tick by tick as a session."""
 
 from __future__ import annotations
 
@@ -67,29 +67,31 @@ def open(
 ) -> Session:
     """Open a scene as a session that runs tick by tick: `with gx.open("paper-waving") as session: session.step(100)`.
 
-    The recording is identical to that of `gx.run`, bit by bit, for any division into steps.
+    The recording is bit-identical to that of `gx.run`, for any division into steps.
 
-    With `real_time`, the result is a `RealTimeSession`, which runs in real time in another process until it is closed.
-    Its scene may have hardware. Forces act as soon as the session is open.
+    If `real_time` is True, the result is a `RealTimeSession`, which runs in real time in another process until it is
+    closed. Its scene may have hardware, whose forces act as soon as the session is open.
 
     Args:
-        scene: Scene, its name or its path.
-        overrides: Values by dotted key.
-        live: Keys that `Session.set` may change during the run, such as "coupling.internal.stiffness"; `*` stands for
-            all entries of a list.
-        out: Folder for recording.h5; it may exist. While the session is open, its rows are in recording.h5.part.
-        overwrite: Whether to replace an existing recording, or the part of a killed run.
+        scene: `Scene`, or name or path of a scene.
+        overrides: Values by dotted key that replace values of the scene; none if None.
+        live: Keys whose values `Session.set` may change during the run, such as "coupling.internal.stiffness"; `*`
+            stands for all entries of a list.
+        out: Folder for recording.h5, which is created if it does not exist; None to keep the recording in memory. While
+            the session is open, its rows are in recording.h5.part.
+        overwrite: Whether to replace an existing recording, or the recording.h5.part of a killed run.
         real_time: Whether ticks follow the wall clock.
 
     Raises:
-        InputError, UnknownNameError: If the scene does not exist; a live key cannot change during a run; `out` is not a
-            path; there is hardware without `real_time`; or a finger on hardware is inside its object.
-        SceneError: If the scene has faults; the error lists all of them.
-        DeviceError: If a device does not open, or is not at rest.
-        RecordingError: If `out` already has a recording, another run is writing there, or it is not writable.
+        InputError, UnknownNameError: If the scene does not exist; the value of a live key cannot change during a run;
+            `out` is not a path; the scene has hardware and `real_time` is False; or a finger on hardware is inside its
+            object.
+        SceneError: If the scene has faults; the message lists all faults.
+        DeviceError: If a device does not open, or is not stationary.
+        RecordingError: If `out` already has a recording, another run is writing to `out`, or `out` is not writable.
     """
     if not isinstance(real_time, bool):
-        raise InputError("real_time", real_time, "True for the wall clock, or False for steps")
+        raise InputError("real_time", real_time, "True for the wall clock, or False for steps in simulated time")
     scene_ = _loaded(scene, overrides)
     if not real_time:
         return Session(scene_, live=live, out=out, overwrite=overwrite)
@@ -108,37 +110,40 @@ def run(
     stop: Callable[[], bool] | None = None,
     real_time: bool = False,
 ) -> Recording:
-    """Run a scene, as a simulation (time = tick x period; runs are bit-identical) or in real time.
+    """Run a scene in simulated time or in real time, and return its recording.
 
-    A scene with hardware runs in real time only. Its fingers must be still for a fifth of a second before the start.
-    However a run with hardware ends, forces are set to zero first, then files are closed, then the hardware. In the
-    main thread, SIGINT, SIGTERM and SIGHUP end such a run in the same way, and are passed on afterwards.
+    In simulated time, tick k is at the time k x period, and repeated runs are bit-identical. A scene with hardware runs
+    in real time only, and its fingers must be stationary for a fifth of a second before the start. At the end of such a
+    run, also after an error, forces are set to zero, then files are closed, and finally the hardware is closed. In the
+    main thread, SIGINT, SIGTERM and SIGHUP end the run in this way, and are handled afterwards.
 
     Args:
-        scene: Name of a built-in scene, path of a .toml or .py file, or a Scene.
-        overrides: Values by dotted key, as for `load`. (A bare number is interpreted as the duration, with a
-            FutureWarning.)
-        duration: Duration that replaces the scene's [s]; rounded to whole periods.
-        out: Folder for recording.h5; it may exist. During the run, rows are only in recording.h5.part, which
-            `Recording.load` can read even if the run is killed.
-        overwrite: Whether to replace an existing recording, or the part of a killed run.
-        stop: Function that is called before every tick or, for compiled ticks, once before every 64 ticks. The first
-            True ends the run, and the recording is marked as incomplete.
+        scene: `Scene`, name of a built-in scene, or path of a .toml or .py file.
+        overrides: Values by dotted key that replace values of the scene, as for `load`; none if None. (A number is
+            interpreted as the duration, with a FutureWarning.)
+        duration: Duration [s], rounded to whole periods; the scene's duration if None.
+        out: Folder for recording.h5, which is created if it does not exist; None to keep the recording in memory.
+            During the run, rows are in recording.h5.part, which `Recording.load` can read, also after the run was
+            killed.
+        overwrite: Whether to replace an existing recording, or the recording.h5.part of a killed run.
+        stop: Function that is called before every tick or, for compiled ticks, once before every 64 ticks; None without
+            one. When it returns True, the run ends, and the recording is marked as incomplete.
         real_time: Whether each tick waits for its time on the wall clock; a late tick skips whole periods. The results
-            of a simulation do not change.
+            of a simulation do not depend on this argument.
 
     Raises:
         InputError: If the duration is not a positive time, or too long for memory or disk; `out` is not a path; `stop`
-            is not callable; there is hardware without `real_time`; or a finger on hardware is inside its object.
+            is not callable; the scene has hardware and `real_time` is False; or a finger on hardware is inside its
+            object.
         UnknownNameError, PluginError: If the scene cannot be loaded.
-        SceneError: If the scene has faults, or a finger starts outside its device's reach.
-        DeviceError: If a device does not open, or is not at rest before the run.
-        RecordingError: If `out` already has a recording, another run is writing there, or it is not writable. If rows
-            have been written, the error states their location.
+        SceneError: If the scene has faults, or a finger starts outside the workspace of its device.
+        DeviceError: If a device does not open, or is not stationary before the run.
+        RecordingError: If `out` already has a recording, another run is writing to `out`, or `out` is not writable. If
+            rows have been written, the message states their file.
     """
     if isinstance(overrides, int | float):
         if duration is not None:
-            raise InputError("overrides", overrides, "values by dotted key", "the duration is also given as a keyword")
+            raise InputError("overrides", overrides, "values by dotted key", "the duration is given as `duration`")
         note = (
             "a number as second argument (overrides) is interpreted as the duration, which is deprecated: "
             f"write run(scene, duration={overrides})"
@@ -153,8 +158,8 @@ def run(
     host: Any = getattr(scene_, "host", None)
     if host is not None and not real_time:
         raise InputError(
-            "real_time", False, f"True for the scene of a host, {host.name!r}, which needs real time",
-            "`graspfx run SCENE --real-time`; gx.open(scene) steps it together with a host in the same program",
+            "real_time", False, f"True, because the scene has a host, {host.name!r}, which needs real time",
+            "use `graspfx run SCENE --real-time`, or gx.open(scene) for a host in the same program",
         )  # fmt: skip
     log.info("scene %s; objects: %d, fingers: %d", scene_.source.name, len(scene_.object), len(scene_.finger))
     ticks = ticks_of(scene_.duration if duration is None else duration, scene_.period)
@@ -170,12 +175,12 @@ def run(
 
 
 class WholeRun(Session):
-    """A run of all ticks, whose rows have only the columns that the scene records."""
+    """A run of all ticks, as `run` performs it, whose rows have only the columns that the scene's `record` selects."""
 
     is_repeated = True
 
     def finish(self, ticks: int, stop: Callable[[], bool] | None) -> None:
-        """Run to the end, or until `stop` returns true."""
+        """Run the ticks until the last one or until `stop` returns True, and close the recording."""
         text = f"running {source_name(self.scene.source)}"
 
         def done() -> int:
@@ -195,7 +200,7 @@ class WholeRun(Session):
 
     @property
     def place(self) -> Path | None:
-        """File of the recording."""
+        """Path of the recording's file; None for a recording in memory."""
         return self._place
 
     @property
@@ -205,9 +210,10 @@ class WholeRun(Session):
 
 
 class RealTimeRun(WholeRun):
-    """A real-time run, whose hardware is open until its end.
+    """A real-time run, as `run` performs it, with or without hardware.
 
-    With hardware, the servo runs in a separate process, if the system supports this and the clock is the machine's.
+    In a scene with hardware, the servo runs in a separate process if the operating system supports this and the clock
+    is the machine's clock.
     """
 
     is_paced = True
@@ -249,10 +255,10 @@ def _loaded(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | N
 
 
 def ticks_of(duration: float, period: float) -> int:
-    """Return a time in periods, rounded to a whole number.
+    """Return the number of ticks in a duration [s], rounded to a whole number.
 
     Raises:
-        InputError: If the time is at most half a period.
+        InputError: If the duration is at most half a period.
     """
     expected = f"a time of at least one period, {period} s"
     ratio = number("duration", duration, expected) / period

@@ -1,4 +1,4 @@
-"""Disk cache of validated scenes, which run without repeating their checks."""
+"""Disk cache of validated scenes, which can be run without repeated checks."""
 
 from __future__ import annotations
 
@@ -27,14 +27,19 @@ FORMAT = 4
 
 
 class Place(NamedTuple):
-    """Source of a scene with overrides, and its cache key: a digest of all inputs of its checks except data files."""
+    """Place of a scene in the cache.
+
+    Attributes:
+        key: Key in the cache: digest of all inputs of the scene's checks except its data files.
+        source: Source of the scene with its overrides.
+    """
 
     key: str
     source: Source
 
 
 class KeptTable:
-    """Fields of a validated table by name."""
+    """A table of a cached scene, with the fields of the validated table as attributes."""
 
     def __init__(self, fields: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
         self.__dict__.update(fields)
@@ -42,12 +47,12 @@ class KeptTable:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The table's other keys."""
+        """Keys of the table that are not fields, with their values."""
         return dict(self._settings)
 
 
 class KeptScene(Readable, KeptTable):
-    """A scene from the disk cache, for a run."""
+    """A scene from the disk cache, which `run` accepts in place of a `Scene`."""
 
     _stock = None
 
@@ -56,20 +61,20 @@ class KeptScene(Readable, KeptTable):
         self.source, self._written = source, written
 
     def to_dict(self) -> dict[str, Any]:
-        """Write the scene as nested tables, like `Scene.to_dict`."""
+        """Return the scene as nested tables, as `Scene.to_dict` does."""
         return self._written
 
     def error(self, faults: Iterable[tuple[Key, str]]) -> SceneError:
-        """Make the error for faults that the scene's checks did not find."""
+        """Return an error for faults that are found after the scene's checks."""
         return SceneError(self.source.name, [Fault(".".join(map(str, at)), text) for at, text in faults])
 
 
 def place(name: str, overrides: Mapping[str, Any], preset: str | None = None) -> Place | None:
-    """Compute the cache key of a TOML scene; None for a scene that cannot be cached.
+    """Compute the cache key of a scene in a TOML file; None for a scene that cannot be cached.
 
-    The key includes the file's text and path, overrides and preset, trust, Python's version, installed packages, and
-    time and size of every source file of GraspFX and of its device drivers, as for Python's bytecode. Meshes and
-    recorded paths are compared by content with those that were checked.
+    The key depends on the text and path of the file, overrides, preset, trust, the version of Python, installed
+    packages, and, as for Python's bytecode, on time and size of every source file of GraspFX and its drivers. Meshes
+    and recorded paths are not part of the key: `cached` compares their content with that of the checked files.
 
     Raises:
         UnknownNameError, InputError: As for `load`.
@@ -90,7 +95,7 @@ def place(name: str, overrides: Mapping[str, Any], preset: str | None = None) ->
 
 
 def cached(where: Place) -> tuple[Scene, list[str]] | None:
-    """Load a cached scene and its notes; None if it is not cached."""
+    """Return a scene and its notes from the cache; None if it is not cached, or one of its data files has changed."""
     content = cache.load(where.key)
     if content is None:
         return None
@@ -102,7 +107,7 @@ def cached(where: Place) -> tuple[Scene, list[str]] | None:
 
 
 def keep(where: Place, scene: Scene, notes: list[str]) -> None:
-    """Cache a scene that has been run, and its notes, if its key determines it completely."""
+    """Cache a scene that has been run, with its notes, if the scene is determined by its key and data files."""
     if scene.source.text != where.source.text or not is_self_contained(scene):
         return
     names = list(data_files(scene))
@@ -117,7 +122,7 @@ def keep(where: Place, scene: Scene, notes: list[str]) -> None:
 
 
 def is_self_contained(scene: Scene) -> bool:
-    """Return whether the scene uses only built-in dynamics, hands and drivers, and no hardware."""
+    """Return whether a scene has only built-in dynamics, hands and drivers, and no hardware."""
     from graspfx.assembly.resolve import resolve
 
     folder = scene.source.folder
@@ -135,7 +140,7 @@ def _hands(scene: Scene) -> list[Any]:
 
 
 def data_files(scene: Scene) -> Iterator[str]:
-    """List the data files of a scene: meshes and recorded paths."""
+    """Yield the names of a scene's data files: meshes and recorded paths."""
     for shape in (*(each.shape for each in scene.object), *(each.shape for each in scene.obstacle)):
         if shape is not None and shape.kind == "mesh" and shape.mesh is not None:
             yield shape.mesh
@@ -145,7 +150,7 @@ def data_files(scene: Scene) -> Iterator[str]:
 
 
 def digests(source: Source, names: Iterable[str]) -> list[list[str]] | None:
-    """Compute digests of a scene's files, each with its resolved path; None if one cannot be read."""
+    """Return path and digest of each named file of a scene; None if a file cannot be read."""
     try:
         paths = [to_path("file", name, folder=source.folder).resolve() for name in names]
         return [[str(path), sha256(path.read_bytes()).hexdigest()] for path in paths]
@@ -154,7 +159,7 @@ def digests(source: Source, names: Iterable[str]) -> list[list[str]] | None:
 
 
 def _kept(value: Any) -> Any:
-    """Replace the tables of a scene by their fields and settings, which can be read without the classes of tables."""
+    """Replace tables by `KeptTable`, which can be loaded without importing the classes of tables."""
     if isinstance(value, tuple | list):
         return type(value)(map(_kept, value))
     if isinstance(value, dict):

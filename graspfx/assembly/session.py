@@ -1,4 +1,4 @@
-"""Sessions: runs of a scene to the end or tick by tick, which can be inspected and steered."""
+"""Sessions: runs of a scene whose values can be read, and changed, during the run."""
 
 from __future__ import annotations
 
@@ -50,14 +50,14 @@ BoolArray = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class ObjectView:
-    """State of an object in one tick.
+    """State of an object in one tick of a scene of d dimensions.
 
     Attributes:
-        position: Position of its centre, (d,) [m].
-        velocity: Velocity of its centre, (d,) [m/s].
-        orientation: Angle [rad], quaternion x y z w, or None on a line.
-        angular_velocity: Angular velocity [rad/s], in space (3,) in world axes, or None on a line.
-        wrench: Wrench of the fingers on the object about its centre, (w,) [N, N m].
+        position: Position of the object's centre, (d,) [m].
+        velocity: Velocity of the object's centre, (d,) [m/s].
+        orientation: Angle [rad] for d = 2, quaternion x, y, z, w for d = 3, None for d = 1.
+        angular_velocity: Angular velocity [rad/s], a number for d = 2, in world axes (3,) for d = 3, None for d = 1.
+        wrench: Wrench of the fingers on the object about the object's centre, (w,) [N, N m].
     """
 
     position: FloatArray
@@ -68,15 +68,15 @@ class ObjectView:
 
 
 class Session(Carded):
-    """A run that is stepped by its caller. `open` creates it, and the end of its `with` block closes it.
+    """A run that its caller advances tick by tick. `gx.open` creates it, and the end of the `with` block closes it.
 
     Positions, velocities and forces are the recorded values of the last tick. Before the first tick, positions and
     velocities are those at the start, and forces are zero.
 
     Args:
         scene: Scene to run.
-        live, out, overwrite: Arguments of `open`.
-        ticks: Number of ticks of the whole run, if known.
+        live, out, overwrite: As for `gx.open`.
+        ticks: Number of ticks of the whole run; None if it is not known.
         how: Further arguments of `build`.
     """
 
@@ -137,11 +137,11 @@ class Session(Carded):
             self._stack = stack.pop_all()
 
     def _start(self, stack: ExitStack, parts: Parts, keys: Sequence[str]) -> Header:
-        """Prepare the servo while the stack is open; return the header of the recording."""
+        """Prepare the run, and return the header of the recording; closing `stack` ends what was prepared."""
         return header_of(parts, self.servo.objects)
 
     def _go(self) -> None:
-        """Begin the run, after the recording has been prepared."""
+        """Start the run when the recording is prepared; simulated time has nothing to start."""
 
     def _card(self) -> Card:
         rows = [("live", ", ".join(self.live)), ("fault", str(self.fault or ""))]
@@ -163,12 +163,12 @@ class Session(Carded):
         self._close(complete=kind is None)
 
     def close(self) -> None:
-        """End the run: write the recording, close devices and bodies. A second call has no effect."""
+        """End the run: write the recording, and close devices and bodies; a second call has no effect."""
         self._close(complete=True)
 
     def _require_open(self) -> None:
         if self._finished is not None:
-            raise InputError("session", self, "an open session", "it is closed; start another run with gx.open")
+            raise InputError("session", self, "an open session", "this session is closed; open another with gx.open")
 
     def _close(self, *, complete: bool) -> None:
         if self._finished is not None:
@@ -199,10 +199,11 @@ class Session(Carded):
     def step(self, ticks: int = 1) -> None:
         """Run a number of ticks.
 
+        A failure of a device does not raise an error; it is recorded as a fault.
+
         Raises:
-            InputError: If the number is not an integer above zero, the session is closed, memory is exhausted, or a
-                block was written directly instead of by `set`. A failing device does not raise an error; its failure is
-                recorded as a fault.
+            InputError: If `ticks` is not an integer above zero, the session is closed, the recording does not fit into
+                memory, or a block was written directly instead of by `set`.
         """
         count = ticks if type(ticks) is int else number("ticks", ticks, WHOLE)
         if count < 1.0 or count % 1.0 or isinstance(ticks, bool | np.bool_):
@@ -213,7 +214,7 @@ class Session(Carded):
         self._advance(int(count))
 
     def _advance(self, ticks: int, stop: Callable[[], bool] | None = None) -> None:
-        """Run a number of ticks, or fewer if `stop` returns true."""
+        """Run a number of ticks, or fewer if `stop` returns True."""
         began = perf_counter()
         try:
             self._tick(ticks, self._recorder, stop)
@@ -225,24 +226,24 @@ class Session(Carded):
 
     @property
     def tick(self) -> int:
-        """Number of ticks so far, which is the index of the next tick."""
+        """Number of ticks that have been run, which is the index of the next tick."""
         return self.servo.ticks
 
     @property
     def time(self) -> float:
-        """Time of the next tick, tick x period [s]."""
+        """Time of the next tick, `tick` times the period [s]."""
         return self.tick * self.servo.period
 
     @property
     def fault(self) -> RunFault | None:
-        """First fault, after which every force is zero; None without a fault."""
+        """First fault of the run, after which all forces are zero; None without a fault."""
         return self.servo.fault
 
     # Looking at it ------------------------------------------------------------------------------------------------
 
     @property
     def recording(self) -> Recording:
-        """Recording of the ticks so far, or of all ticks after the session is closed."""
+        """Recording of all ticks that have been run."""
         if self._finished is not None:
             return self._finished
         state = self.tick, len(self._recorder.changes)
@@ -278,7 +279,7 @@ class Session(Carded):
 
     @property
     def external_force(self) -> FloatArray:
-        """Parts of the fingers' forces that move their objects, (n, d) [N]; computed in a few hundred microseconds."""
+        """Parts of the fingers' forces that move their objects, (n, d) [N]; takes a few hundred microseconds."""
         layout = self.servo.layout
         if not self.tick:
             return np.zeros(layout.columns["finger_force"].shape)
@@ -293,7 +294,7 @@ class Session(Carded):
 
     @property
     def objects(self) -> Mapping[str, ObjectView]:
-        """Each object by its name."""
+        """State of each object, by name of the object."""
         return by_name("object", {part.name: self._object(i) for i, part in enumerate(self.servo.objects)})
 
     def _object(self, i: int) -> ObjectView:
@@ -317,7 +318,7 @@ class Session(Carded):
         return values
 
     def _column(self, i: int, name: str) -> FloatArray:
-        """Return a quantity of object i as a flat array, which is empty if the object does not have it."""
+        """Return a quantity of object i as a flat array; the array is empty if the object lacks the quantity."""
         part = self.servo.objects[i]
         column = self.servo.layout.columns.get(f"objects/{part.name}/{name}")
         if column is None:
@@ -330,41 +331,42 @@ class Session(Carded):
 
     @property
     def live(self) -> tuple[str, ...]:
-        """Keys that `set` may change."""
+        """Keys whose values `set` may change."""
         return self._steering.keys
 
     @property
     def values(self) -> Mapping[str, Any]:
-        """Present values of the live keys."""
+        """Present values of the live keys, by key."""
         return by_name("live key", {key: value_of(self.scene, key) for key in self.live})
 
     def get(self, key: str) -> Any:
-        """Return the present value of a key of the scene; for `*`, the common value or else a tuple of all values.
+        """Return the present value of a key of the scene.
 
-        A device's mass or damping that the scene omits is None.
+        If the key contains `*`, the value is that of all tables if they are equal, otherwise a tuple of their values.
+        Mass and damping of a device are None if the scene does not set them.
 
         Raises:
-            UnknownNameError: If the key does not exist; the error names a close match.
-            InputError: If the scene omits another setting, so that its driver decides, or if the table is defined
-                elsewhere.
+            UnknownNameError: If the key does not exist; the message suggests a close match.
+            InputError: If the scene does not set the setting of a device, so that the driver's default applies, or if
+                the key goes through a name that refers to another table.
         """
         return value_of(self.scene, numbered(self.scene, key))
 
     def set(self, key: str | Mapping[str, Any], value: Any = None) -> None:
-        """Change live keys from the next tick on: `session.set("coupling.internal.stiffness", 55.0)`.
+        """Change the values of live keys from the next tick on: `session.set("coupling.internal.stiffness", 55.0)`.
 
-        Dependent values, such as an automatic `coupling.fade`, change too. States (positions, contacts, anchors) are
-        unchanged. The change is recorded with its tick.
+        Values that depend on the keys, such as an automatic `coupling.fade`, change too. Positions, contacts and other
+        states do not change. The change is recorded with its tick.
 
         Args:
-            key: Key, or values by key, which change together.
-            value: Value of the key.
+            key: Key, or several values by key, which change in the same tick.
+            value: New value if `key` is a single key.
 
         Raises:
-            InputError: If the key is not live, the value would change more than numbers, or a block was written
-                directly instead of by `set`.
-            UnknownNameError: If the key does not exist; the error names a close match.
-            SceneError: If the scene does not allow the value; nothing is changed.
+            InputError: If the key is not live, the new value requires another form or another computation, or a block
+                was written directly instead of by `set`.
+            UnknownNameError: If the key does not exist; the message suggests a close match.
+            SceneError: If the scene does not allow the value; then nothing is changed.
         """
         changes = dict(key) if isinstance(key, Mapping) else {key: value}
         if not changes:
@@ -374,7 +376,7 @@ class Session(Carded):
             plain = numbered(self.scene, each)
             self._steering.require_live(plain, new)
             if plain in values:
-                raise InputError(each, new, f"one value for {plain}", "use its number or its name, not both")
+                raise InputError(each, new, f"one value for {plain}", "the same key is given by name and by number")
             values[plain] = new
         self._require_open()
         self.servo.watch.require()
@@ -383,7 +385,7 @@ class Session(Carded):
         self.scene = scene
 
     def _write(self, update: Update) -> None:
-        """Write new numbers; if the split of forces depends on them, record the new split from the next tick on."""
+        """Write new values to the servo; if they change the split of forces, record the new split."""
         self.servo.write(update, self._recorder)
         split = split_rules(self.servo.objects)
         if split != self._splits[-1][1]:
@@ -392,7 +394,7 @@ class Session(Carded):
 
 
 def warn_of_axes(parts: Parts) -> None:
-    """Warn of matrix gains in axes in which they generate energy on a rotating object."""
+    """Warn if matrix gains generate energy on a rotating object (`axes_notes`)."""
     scene = parts.scene
     if scene.coupling.axes == "object" and scene.coupling.reaction == "fingertip":
         return
@@ -404,7 +406,7 @@ def warn_of_axes(parts: Parts) -> None:
 
 
 def require_room(ticks: int, layout: Layout, every: int, out: str | PathLike[str] | None) -> None:
-    """Raise InputError if the ticks do not fit on the disk of `out`, or in memory if `out` is None."""
+    """Raise InputError if the rows of the ticks do not fit on the disk of `out`, or into memory if `out` is None."""
     if out is None:
         require_memory(ticks, 8 * layout.width / every)
     else:
@@ -412,7 +414,7 @@ def require_room(ticks: int, layout: Layout, every: int, out: str | PathLike[str
 
 
 def require_memory(ticks: float, size: float) -> None:
-    """Raise InputError if `ticks` rows of `size` bytes do not fit in memory."""
+    """Raise InputError if `ticks` rows of `size` bytes do not fit into memory."""
     _require_room(ticks, size, "this machine's memory", _memory())
 
 
@@ -429,15 +431,15 @@ def _require_room(ticks: float, size: float, where: str, limit: float) -> None:
         raise InputError(
             "duration",
             ticks,
-            f"at most {limit / size:.3g} periods: each takes {size:g} bytes to record, and {where} has room for "
+            f"at most {limit / size:.3g} periods, because a row takes {size:g} bytes, and {where} has room for "
             f"{limit / 1e9:.3g} GB, not {ticks * size / 1e9:.3g} GB",
-            "make the duration shorter or the period longer",
+            "use a shorter duration or a longer period",
         )
 
 
 @cache
 def _memory() -> float:
-    """Return the machine's memory in bytes; if unknown, the addressable memory."""
+    """Return the machine's memory [bytes], or the addressable memory if the machine's memory is unknown."""
     try:
         return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):

@@ -1,4 +1,4 @@
-"""Transfer of live values to a running servo: the scene validates them, and they are written to the servo's memory."""
+"""Changes of live keys in a running servo: new values are validated and written into the servo's memory."""
 
 from __future__ import annotations
 
@@ -60,16 +60,17 @@ CACHES = {"gains_known": ALL_GAINS, "pads_known": ALL_GAINS, "split_known": ("co
 
 
 class Steering:
-    """Live keys of a servo.
+    """Live keys of a servo, and updates of the servo for new values of these keys.
 
     Args:
         servo: Servo that was built with these live keys.
-        scene: Scene from which it was built.
-        keys: Keys, with numbers in place of table names.
-        playback: Playback that replaces the servo's devices, hands and plants, so that their keys have no effect.
+        scene: Scene of the servo.
+        keys: Live keys, in which tables are denoted by numbers.
+        playback: Playback that replaces the servo's devices, hands and plants, so that their keys have no effect; None
+            without a playback.
 
     Raises:
-        InputError: If this scene's parts do not allow changes of a key; the error gives the reason.
+        InputError: If the parts of the scene do not allow changes of a key; the message states the reason.
     """
 
     def __init__(
@@ -82,16 +83,16 @@ class Steering:
                 raise InputError("live", key, "a key that may change during a run", reason)
 
     def _obstacle(self, plain: str) -> str:
-        """Return the reason why this scene's parts do not allow changes of a key; empty if they do."""
+        """Return the reason why the parts of the scene do not allow changes of a key; empty if they allow changes."""
         servo, coupling = self.servo, self.scene.coupling
         if self._playback is not None and (plain in DEVICE or is_of_a_hand(plain)):
             return ""
         if plain in (*BODY, *DEVICE) and coupling.passivity != "off":
-            return "the energy ledger of coupling.passivity uses the initial numbers in every sample"
+            return "the energy ledger of coupling.passivity uses the initial value in every sample"
         if plain in ALL_GAINS and servo.safety is not None and any(part.grasped.matrices for part in servo.objects):
             return "the energy tank of [safety], which limits increases of gains, does not support matrices"
         if plain in BODY and not all(isinstance(mover.body, NativeBody) for mover in servo.movers):
-            return "other software moves an object, and has a separate copy of the number"
+            return "a physics engine moves an object, and has its own copy of the value"
         if plain in DEVICE and coupling.split == "mass":
             return "coupling.split = 'mass' weights fingers by the masses of their devices"
         if plain in DEVICE and not (
@@ -99,24 +100,24 @@ class Steering:
         ):
             return "only the mechanics of a simulated point device can change"
         if is_of_a_hand(plain) and not all(_is_steerable(m.hand) for m in servo.plants):
-            return "a hand or a motion of a plug-in has separate numbers"
+            return "a hand or a motion of a plug-in does not use the values in the scene's memory"
         return ""
 
     def update(self, scene: Scene, values: Mapping[str, Any]) -> Update:
-        """Make the update to a scene with other values.
+        """Make the update of the servo for new values of live keys.
 
         Args:
-            scene: Scene of the servo with these values.
-            values: Values by live key, with numbers for names of tables.
+            scene: Scene of the servo with the new values.
+            values: New values by live key, in which tables are denoted by numbers.
 
         Raises:
-            InputError: If the values would change the form of a gain, a switch or a layout, instead of only numbers; or
-                if a key affects no number of a run.
+            InputError: If a new value has another form, requires another memory layout or selects another computation;
+                or if a key does not affect a run.
             SceneError, DeviceError: As for `build`.
         """
         for key, value in values.items():
             if not is_live(general(key)):  # a change of the key would be recorded but have no effect
-                raise InputError(key, value, "a key that affects a number of the run", "write numbers for names")
+                raise InputError(key, value, "a key of a value in the run", "denote tables by numbers, not by names")
         keys = [general(key) for key in values]
         with build(scene, engine="interpreted", live=self.keys, playback=self._playback) as other:
             entries: list[Numbers] = []
@@ -142,11 +143,12 @@ class Steering:
         return Update(dict(values), entries, parts, [j for j, _ in plants])
 
     def _plants(self, other: Servo, values: Mapping[str, Any]) -> Iterator[tuple[int, tuple[PlantWiring, PlantWiring]]]:
-        """List the plants whose hands get new numbers, by index, each with the corresponding plant of `other`.
+        """Yield index and wiring of each plant that needs an update, with the corresponding wiring of `other`.
 
-        Before the first tick, all plants whose hands may change are listed. A hand closes along the normals at its
-        fingers' start. With the implicit integrator, these normals depend on the object's free motion, and so on mass,
-        viscosity and gravity.
+        A plant needs an update if a key of hands or devices changes. Before the first tick, every plant whose hand can
+        change needs an update, because hands close along the normals at the fingers' start positions. With the
+        integrator "implicit", these normals depend on the free motion of the object, and thus on mass, viscosity and
+        gravity.
         """
         if self._playback is not None:
             return
@@ -157,28 +159,31 @@ class Steering:
             elif self.servo.ticks == 0 and not np.array_equal(_normals(self.servo), _normals(other)):
                 raise InputError(
                     ", ".join(values), list(values.values()), "values that preserve the normals at the fingers' start",
-                    "a hand or a motion of a plug-in has received the normals; start the run with these values",
+                    "a hand or a motion of a plug-in already uses the normals; start a run with these values",
                 )  # fmt: skip
 
     def _goals(self, other: Servo) -> Iterator[Numbers]:
-        """Yield the goals of guided hands, which do not require another call of the plant's `hold`."""
+        """Yield the entries of guided hands' goals; a change of goals does not require a call of the plants' `hold`."""
         if self._playback is None:
             for own, new in zip(goal_places(self.servo), goal_places(other), strict=True):
                 yield own.memory, own.entries, new.memory[new.entries]
 
     def _entries(self, own: GraspedObject, new: GraspedObject, keys: Sequence[str]) -> Iterator[Numbers]:
-        """Yield the numbers to write into a grasp's block; before the first tick, all of them."""
+        """Yield the entries of a grasp's block that an update writes; before the first tick, all entries."""
         if self.servo.ticks == 0:
             yield own.block, np.arange(own.block.size), new.block.copy()
             return
         places = _places(own)
-        if self.servo.safety is not None:  # the energy tank pays for increases of gains
+        if self.servo.safety is not None:  # the safety chain's energy tank limits increases of gains
             places = np.setdiff1d(places, steered_entries(own))
         yield own.block, places, new.block[places]
         yield from _caches(own, new, keys)
 
     def _of_chain(self, i: int, other: Servo) -> Iterator[Numbers]:
-        """Yield the safety chain's numbers for object i; before the first tick, all of them."""
+        """Yield the entries of the safety chain's buffer for object i that an update writes.
+
+        Before the first tick, these are all entries.
+        """
         own, new = self.servo.safety, other.safety
         if own is None or new is None:
             return
@@ -191,43 +196,43 @@ class Steering:
         yield own.buffers[i], entries, numbers
 
     def require_live(self, key: str, value: Any) -> None:
-        """Require that a key, with numbers for names, is live.
+        """Check that a key, in which tables are denoted by numbers, is live.
 
         Raises:
             InputError: If the key is not live.
-            UnknownNameError: If no scene has this key.
+            UnknownNameError: If the key is unknown.
         """
         if not any(covers(each, key) for each in self.keys):
             with suppress(InputError):  # an omitted setting or table
                 value_of(self.scene, key)
-            live = f"live are {', '.join(self.keys)}" if self.keys else "no key is"
-            raise InputError(key, value, "a live key", f"{live}: list it in gx.open(scene, live=[{key!r}, ...])")
+            live = f"live keys are {', '.join(self.keys)}" if self.keys else "there are no live keys"
+            raise InputError(key, value, "a live key", f"{live}: add it, as in gx.open(scene, live=[{key!r}, ...])")
 
 
 def _is_steerable(hand: Any) -> bool:
-    """Return whether the numbers of a hand may change."""
+    """Return whether the values of a hand may change during a run."""
     return isinstance(hand, Steerable) and isinstance(hand, FusedHand)
 
 
 def _normals(servo: Servo) -> FloatArray:
-    """Collect the unit normals into the objects at the fingers' contacts, object by object."""
+    """Return the unit normals into the objects at the fingers' contacts, object by object, (n, d)."""
     return np.concatenate([part.grasped.inward() for part in servo.objects])
 
 
 def _require_structure(own: GraspedObject, new: GraspedObject, values: Mapping[str, Any]) -> None:
-    """Require a block of the same layout and, except for switches that live keys change, the same switches."""
+    """Raise an error if new values change the layout of a grasp's block, or a switch that no live key may change."""
     key, value = next(iter(values.items()))
     keys = key if len(values) == 1 else ", ".join(values)
     slips, stays = (each.array(FingerState.coefficient) > 0.0 for each in (new, own))
     if not np.array_equal(slips, stays):
         raise InputError(
             keys, value, "coefficients of friction that are above zero for the same fingers as before",
-            "only a contact with friction has a state of friction; start the run with this value",
+            "contacts with and without friction have different states; start a run with this value",
         )  # fmt: skip
     if new.block.size != own.block.size:
         raise InputError(
             keys, value, "a value of the same form as at the start",
-            "another form needs another memory layout; start the run with this form",
+            "another form requires another memory layout; start a run with this value",
         )  # fmt: skip
     places = own.structure
     same = own.block[places].view(np.int64) == new.block[places].view(np.int64)
@@ -235,12 +240,12 @@ def _require_structure(own: GraspedObject, new: GraspedObject, values: Mapping[s
         field = name_of(GraspState, int(places[np.flatnonzero(~same)[0]]), own.block)
         raise InputError(
             keys, value, "a value that changes only numbers",
-            f"{field} would also change, which selects what is computed; start the run with this value",
+            f"{field} would also change, which selects the computation; start a run with this value",
         )  # fmt: skip
 
 
 def _places(grasped: GraspedObject) -> Index:
-    """List the entries of a block with the scene's numbers."""
+    """List the entries of a grasp's block with values of the scene, or values that depend on them."""
     grasp = grasped.state
     places = entries_of(GraspState, *NUMBERS) + entries_of(BodyState, *OF_BODY, at=start_of(GraspState, "body"))
     for finger in grasp.fingers:
@@ -254,7 +259,7 @@ def _places(grasped: GraspedObject) -> Index:
 def _caches(
     own: GraspedObject, new: GraspedObject, keys: Iterable[str]
 ) -> Iterator[tuple[FloatArray, Index, FloatArray]]:
-    """Invalidate the values that a block has computed from changed numbers."""
+    """Yield the entries that mark values in the block `own` as computed, set to zero, if their inputs have changed."""
     for name, inputs in CACHES.items():
         if any(key in inputs for key in keys):
             entry = np.array(entries_of(GraspState, name), dtype=np.intp)
@@ -262,16 +267,16 @@ def _caches(
 
 
 def _require_hand(own: Any, new: Any, values: Mapping[str, Any]) -> None:
-    """Require a hand of the same structure; plants differ between hands with and without an operator model."""
+    """Raise an error if new values change the structure of a hand, or whether a hand has an operator model."""
     if (getattr(own, "operator", None) is None) != (getattr(new, "operator", None) is None):
         raise InputError(
-            ", ".join(values), list(values.values()), f"one of {', '.join(PARTS)} either always or never",
-            "a hand with this part has another simulation; start the run with a part without effect, such "
+            ", ".join(values), list(values.values()), f"a hand with one of {', '.join(PARTS)} either always or never",
+            "a hand with such a part is simulated differently; start a run with a part that has no effect, such "
             "as stiffening = { stiffness = 0, lag = 0.1 }",
         )  # fmt: skip
     same = own.state.shape == new.state.shape and np.array_equal(own.structure, new.structure)
     if not same or not np.array_equal(own.state[own.structure], new.state[new.structure]):
         raise InputError(
-            ", ".join(values), list(values.values()), "the same numbers and kinds of motions and turns",
-            "a hand's motion has a fixed memory layout; start the run with this motion",
+            ", ".join(values), list(values.values()), "the same kinds of motions and turns, and as many as before",
+            "a hand's motion has a fixed memory layout; start a run with this motion",
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Ahead-of-time compilation of the program of all scenes, and of scenes' third-party kernels."""
+"""Ahead-of-time compilation of the program that all scenes share, and of kernels of plug-ins."""
 
 from __future__ import annotations
 
@@ -27,11 +27,12 @@ class Warmed:
     """Result of ahead-of-time compilation.
 
     Attributes:
-        scene: Name or path of the scene, or `KERNELS`.
-        state: "compiled" (now in the cache), "was there", "nothing" (no kernels of its own) or "cannot".
-        seconds: Time taken [s].
+        scene: Name or path of the scene, or `KERNELS` for the program that all scenes share.
+        state: "compiled" if the machine code was compiled and cached, "was there" if it was cached before, "nothing" if
+            the scene has no kernels of plug-ins, or "cannot" if compilation is not possible.
+        seconds: Computing time [s].
         size: Size of the machine code [bytes].
-        why: Reason for "cannot".
+        why: Reason why compilation is not possible; otherwise empty.
     """
 
     scene: str
@@ -42,7 +43,7 @@ class Warmed:
 
 
 def warm_kernels() -> Warmed:
-    """Compile the program of all scenes, the real-time loop, and the kernels of `gx.Split`, unless they are cached."""
+    """Compile the program that all scenes share, the real-time loop and the kernels of `gx.Split`, if not cached."""
     began = perf_counter()
     natives = [program(), *([beat.program()] if HAS_NATIVE else [])]
     point_sets.warm()
@@ -50,7 +51,7 @@ def warm_kernels() -> Warmed:
 
 
 def warm(name: str, overrides: Mapping[str, Any], preset: str | None = None) -> Warmed:
-    """Compile a scene's third-party kernels, without opening real devices."""
+    """Compile the kernels of a scene's plug-ins, without opening hardware."""
     began = perf_counter()
     try:
         with build(load(name, overrides, preset=preset), engine="interpreted") as servo:

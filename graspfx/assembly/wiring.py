@@ -1,4 +1,4 @@
-"""Connected devices of a scene before they are opened, and the comparison of their features with the scene's needs."""
+"""Connection of a scene's devices, which are not opened, and comparison of their features with the scene."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ SLACK = 1e-6  # relative tolerance of a rate, for rounding of the period
 
 
 def fitting_of(table: DeviceTable, scene: SceneTable) -> Fitting:
-    """Make the fitting of a valid device table."""
+    """Make the `Fitting` that a valid table of a device describes."""
     place, deadman, rate = table.frame, table.deadman, table.rate
     if place is None and deadman is None and rate is None and table.measures is None:
         return PLAIN
@@ -59,7 +59,7 @@ def fitting_faults(scene: SceneTable, at: Key, table: DeviceTable, device: Devic
         if isinstance(device, SimulatedDevice):
             for key in KEYS:
                 if getattr(table, key) is not None:
-                    yield (*at, key), "only for hardware; a simulated device has the scene's axes and is always held"
+                    yield (*at, key), f"only hardware has this setting: remove {key!r} from the simulated device"
             return
     with suppress(NotValid):
         yield from _frame_faults(scene, at, table)
@@ -82,18 +82,18 @@ def _deadman_faults(at: Key, table: DeviceTable, device: Device) -> Iterator[Fin
     deadman, switches = table.deadman, device.features.switches
     if deadman is not None and deadman >= switches:
         has = f"{table.name!r} has {switches or 'no'} switch{'' if switches == 1 else 'es'}"
-        yield (*at, "deadman"), f"expected the number of a switch of the device, counted from 0: {has}; given {deadman}"
+        yield (*at, "deadman"), f"expected the index of a switch of the device, from 0: {has}; given {deadman}"
 
 
 def _rate_faults(scene: SceneTable, at: Key, table: DeviceTable) -> Iterator[Finding]:
     rate = table.rate
     if rate is not None and _ticks(rate, scene.period) > MOST:
         least = 1.0 / (MOST * scene.period)
-        yield (*at, "rate"), f"expected at least {least:g} Hz, a call in {MOST} ticks; given {rate:g}"
+        yield (*at, "rate"), f"expected at least {least:g} Hz, one call in {MOST} ticks; given {rate:g} Hz"
 
 
 def _ticks(rate: float, period: float) -> int:
-    """Return the number of ticks between calls of a device."""
+    """Return the number of ticks from one call of a device to the next, for a rate of calls [Hz]."""
     return max(1, math.ceil((1.0 - SLACK) / (rate * period)))
 
 
@@ -104,14 +104,14 @@ AUTOMATIC = "dimensions"  # argument for drivers that accept it, from the scene'
 
 @dataclass(frozen=True)
 class Wire:
-    """A connected device and its features before it is opened.
+    """A connected device, and its relation to the scene.
 
     Attributes:
-        at: Key of its table.
-        device: Device, not opened.
-        fingers: Finger of each of its channels, -1 for none.
-        features: Features that the device reports, converted to axes and units of the scene.
-        fitting: Relation of the device to the scene.
+        at: Location of the device's table in the scene.
+        device: Device, which is not opened.
+        fingers: Index of the finger on each channel of the device; -1 for a channel without a finger.
+        features: Features that the device reports, in axes and units of the scene.
+        fitting: Axes, deadman switch, rate and measured properties of the device in the scene.
     """
 
     at: Key
@@ -122,12 +122,12 @@ class Wire:
 
     @property
     def used(self) -> NDArray[np.intp]:
-        """Fingers of its used channels."""
+        """Indices of the fingers on the device."""
         return self.fingers[self.fingers >= 0]
 
 
 def connect(driver: ModuleType, table: DeviceTable, dimensions: int) -> Device:
-    """Connect a driver with the settings of a table, and with the scene's `dimensions` if `connect` accepts them."""
+    """Call a driver's `connect` with the settings in a table; `dimensions` is added if `connect` accepts it."""
     settings = table.settings
     if AUTOMATIC in signature(driver.connect).parameters:
         settings.setdefault(AUTOMATIC, dimensions)
@@ -147,7 +147,7 @@ def table_at(scene: SceneTable, i: int) -> tuple[Key, DeviceTable]:
 def fitted(
     at: Key, device: Device, fingers: NDArray[np.intp], table: DeviceTable, scene: SceneTable
 ) -> Wire:  # fmt: skip
-    """Combine a connected device with the fitting from its table."""
+    """Make the `Wire` of a connected device, with the fitting in the device's table."""
     fitting = fitting_of(table, scene)
     return Wire(at, device, fingers, fitting.features(device.features), fitting)
 
@@ -155,7 +155,7 @@ def fitted(
 def wires(scene: SceneTable, stock: Stock) -> tuple[Wire, ...]:
     """Return all devices of a valid scene, in the order of their first fingers.
 
-    Devices that are not in the stock are connected and added to it.
+    Devices that are not yet in the stock are connected and added to the stock.
     """
     with within(stock.memory):
         return tuple(_wires(scene, stock.folder, stock.devices))
@@ -180,7 +180,7 @@ def _wires(scene: SceneTable, folder: Path | None, devices: dict[Key, Device]) -
 
 
 def wiring_faults(scene: SceneTable, connected: Connected) -> Iterator[Finding]:
-    """Find inconsistencies between fingers and connected devices."""
+    """Find inconsistencies between the fingers of a scene and its connected devices."""
     from graspfx.scene.tables.fields import NotValid
 
     channels: dict[Key, list[int]] = {at: [] for at in connected}
@@ -206,7 +206,7 @@ def wiring_faults(scene: SceneTable, connected: Connected) -> Iterator[Finding]:
         sound = used and max(used) < k and len(set(used)) == len(used)  # otherwise the channels are the fault
         yield from fitting_faults(scene, at, _table(scene, at), device)
         if free and sound and isinstance(device, SimulatedDevice):
-            yield at, f"no finger uses its channel {free[0]}: a simulated device needs a finger for each channel"
+            yield at, f"expected a finger on each channel of a simulated device: no finger uses channel {free[0]}"
 
 
 def _table(scene: SceneTable, at: Key) -> DeviceTable:
@@ -217,7 +217,7 @@ def _table(scene: SceneTable, at: Key) -> DeviceTable:
 
 
 def _hand_table(scene: SceneTable, finger: Finger) -> object:
-    """Find the table of the hand that holds a finger."""
+    """Return the table of the hand that holds a finger; None without a hand."""
     if isinstance(finger.hand, str):
         return next((table for table in scene.hand if table.name == finger.hand), None)
     return finger.hand
@@ -229,7 +229,7 @@ def _hand_faults(
     if finger.hand is None:
         return
     if not isinstance(device, SimulatedDevice):
-        yield at, "a real device is held by the operator's own hand: remove this finger's `hand`"
+        yield at, "a person's hand holds a real device: remove the simulated hand of this finger"
     elif is_operated(_hand_table(scene, finger)) and not isinstance(device, OperatedDevice):
         yield at, f"{type(device).__name__} supports only a spring and a damper; use the device 'simulated'"
     elif isinstance(finger.hand, str):
@@ -240,14 +240,14 @@ def _hand_faults(
 
 
 def placing_faults(start: FloatArray, wired: Iterable[Wire]) -> list[Finding]:
-    """Find the fingers of simulated devices that cannot be placed at their start, in a scene without other faults.
+    """Find the fingers on simulated devices that cannot be placed at their start positions, in a valid scene.
 
-    The loading of a scene does not include this check, because the placement of a plant may import the packages that
-    simulate it.
+    This check is not part of loading a scene, because the placement of a plant may import the packages that simulate
+    it.
 
     Args:
-        start: Start positions of all fingers of the scene (n, d) [m].
-        wired: Devices that no other run uses; each gets a plant.
+        start: Start positions of all fingers of the scene, (n, d) [m].
+        wired: Devices that no other run uses.
     """
     faults: list[Finding] = []
     for wire in wired:
@@ -263,7 +263,7 @@ def placing_faults(start: FloatArray, wired: Iterable[Wire]) -> list[Finding]:
 
 
 def outside_faults(wire: Wire, start: FloatArray) -> Iterator[Finding]:
-    """Find the fingers of a simulated device that start outside its workspace."""
+    """Find the fingers on a simulated device that start outside the workspace of the device."""
     workspace = wire.features.workspace
     if workspace is None or not isinstance(wire.device, SimulatedDevice):
         return

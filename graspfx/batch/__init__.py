@@ -1,1 +1,1 @@
-"""Many variants of a scene at once."""
+"""Batches: simulation of many variants of a scene in one process."""

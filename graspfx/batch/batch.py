@@ -1,4 +1,4 @@
-"""Many variants of a scene at once: `run_batch`."""
+"""Simulation of many variants of a scene (`run_batch`) and its results (`Batch`)."""
 
 from __future__ import annotations
 
@@ -39,18 +39,23 @@ MEASURED = ("finger_position", "object_position", "finger_force")
 
 @dataclass(frozen=True, repr=False)
 class Batch(Carded):
-    """Results of many runs. Each array begins with the axes of the grid: one axis per key, or a single axis with `zip`.
+    """Results of the runs of many variants of a scene.
+
+    The shape of the grid of variants has one axis per key, or a single axis if `run_batch` was called with `zip=True`.
+    The first axes of each array are those of the grid.
 
     Attributes:
-        values: Values of each variant by key, as arrays of the grid's shape; numbers are floats.
-        fault_tick: Tick of the first fault of each variant, -1 without a fault.
-        measures: Statistics by quantity and name, (*grid, *quantity), in the unit of the quantity; growth has no unit.
-        recordings: Recordings as an array of the grid's shape; None unless they were kept.
-        summaries: `Recording.summary()` of each run, as an array of the grid's shape; None unless summaries were kept.
-        notes: Reasons why parts of the batch took longer than usual.
-        build_time, run_time: Times to build the variants and to run them [s].
+        values: Values of the variants by key, as arrays of the grid's shape; numbers are floats.
+        fault_tick: Tick of the first fault of each variant, -1 for a variant without a fault, as an array of the grid's
+            shape.
+        measures: Statistics by name of the quantity and name of the statistic, (*grid, *quantity), in the unit of the
+            quantity; growth has no unit. Empty if measures were not kept.
+        recordings: Recordings as an array of the grid's shape; None if recordings were not kept.
+        summaries: `Recording.summary()` of each run, as an array of the grid's shape; None if summaries were not kept.
+        notes: Reasons why the batch took longer than usual.
+        build_time, run_time: Times to build and to run the variants [s].
         scene: Name of the scene.
-        layout: Columns of the rows of a run; those of one variant if they differ.
+        layout: Columns of the rows of a run; if variants differ, those of one variant.
     """
 
     values: dict[str, NDArray[Any]]
@@ -86,7 +91,7 @@ class Batch(Carded):
         return Card(title, rows, calls)
 
     def _results(self) -> str:
-        """List the calls that return the kept results."""
+        """Return a text with the calls that return the kept results."""
         if self.recordings is not None:
             return ".recordings, .stacked(quantity)"
         return "[quantity][statistic], .growth(quantity)" if self.summaries is None else ".summaries"
@@ -97,34 +102,41 @@ class Batch(Carded):
         return self.fault_tick.shape
 
     def __len__(self) -> int:
-        """Count the variants."""
+        """Number of variants."""
         return self.fault_tick.size
 
     def __getitem__(self, quantity: str) -> dict[str, FloatArray]:
-        """Return the statistics of a quantity by name.
+        """Return the statistics of a quantity, by name of the statistic.
 
         Raises:
-            UnknownNameError: If the quantity was not measured, or the batch kept no measures.
+            UnknownNameError: If the quantity was not measured, or measures were not kept.
         """
         if quantity in self.measures:
             return self.measures[quantity]
         name = str(quantity)
         if not self.measures:
             outcomes = "summaries" if self.recordings is None else "recordings"
-            remedy = f"batch.{outcomes} has one entry per run; for statistics run the batch with keep='measures'"
-            raise UnknownNameError("measure", name, (), f"this batch kept {outcomes}: {remedy}")
+            remedy = f"use batch.{outcomes}, or run the batch with keep='measures' for statistics"
+            raise UnknownNameError("measure", name, (), f"this batch has only {outcomes}: {remedy}")
         if self.layout is not None and is_quantity(self.layout, name):
             raise UnknownNameError(
-                "measure", name, (), f"not measured: pass measure=[{name!r}] (measured: {', '.join(self.measures)})"
+                "measure",
+                name,
+                (),
+                f"it was not measured: run the batch with measure=[{name!r}] (measured: {', '.join(self.measures)})",
             )
         raise UnknownNameError("measure", name, self.measures)
 
     def growth(self, quantity: str = "finger_position") -> FloatArray:
-        """Return, for each variant, the largest growth over the entries of a quantity; inf if no entry has a growth.
+        """Return the largest growth over the entries of a quantity for each variant, as an array of the grid's shape.
 
-        Growth is the peak magnitude in the second half of the run divided by that in the first half; it exceeds 1 if
-        the motion grows. After a fault (`fault_tick`) all forces are zero, so that a small growth does not imply that
-        the run was stable.
+        The growth of an entry is the largest magnitude in the second half of the run divided by the largest magnitude
+        in the first half; it exceeds 1 if the motion grows. The result is inf if the growth of every entry is nan.
+        After a fault (`fault_tick`), all forces are zero, so that a small growth does not imply that the run was
+        stable.
+
+        Raises:
+            UnknownNameError: If the quantity or its growth was not measured.
         """
         statistics = self[quantity]
         if "growth" not in statistics:
@@ -133,15 +145,21 @@ class Batch(Carded):
         return np.asarray(np.nanmax(np.where(np.isnan(values).all(axis=-1, keepdims=True), np.inf, values), axis=-1))
 
     def stacked(self, quantity: str) -> FloatArray:
-        """Return a quantity over time, (*grid, N, *quantity), from recordings of equal length and columns."""
+        """Return a quantity in the N rows of every recording, (*grid, N, *quantity).
+
+        The recordings must have equal lengths and columns.
+
+        Raises:
+            InputError: If recordings were not kept.
+        """
         if self.recordings is None:
             keep = "measures" if self.summaries is None else "summary"
-            raise InputError("keep", keep, "recordings", "run the batch with keep='recordings'")
+            raise InputError("keep", keep, "'recordings'", "run the batch with keep='recordings'")
         stack = np.array([each.array(quantity) for each in self.recordings.ravel()])
         return stack.reshape(*self.shape, *stack.shape[1:])
 
     def column(self, quantity: str) -> Column:
-        """Return the description of a quantity: dimensions, unit and meaning.
+        """Return dimensions, unit and meaning of a quantity.
 
         Raises:
             UnknownNameError: If the quantity does not exist.
@@ -151,10 +169,10 @@ class Batch(Carded):
         return columns_of(self.layout, [quantity])[0][quantity]
 
     def to_xarray(self) -> xarray.Dataset:
-        """Convert to an xarray Dataset with one dimension per key, or `variant` with `zip`.
+        """Convert to an xarray Dataset with one dimension per key, or the dimension `variant` if `zip` was True.
 
-        Measures become variables such as `finger_force_rms`; recordings become the variables of
-        `Recording.to_xarray`, and summaries their numbers. Variables of measures and recordings have `units` and
+        Measures become variables such as `finger_force_rms`, recordings become the variables of `Recording.to_xarray`,
+        and numbers in summaries become variables. Variables of measures and recordings have the attributes `units` and
         `long_name`.
 
         Raises:
@@ -178,7 +196,7 @@ class Batch(Carded):
         return batch_frame(self)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return values, faults, measures and summaries as nested lists, for JSON."""
+        """Return values, fault ticks, measures, notes and summaries as a dictionary that JSON can represent."""
         table: dict[str, Any] = {
             "values": {key: each.tolist() for key, each in self.values.items()},
             "fault_tick": self.fault_tick.tolist(),
@@ -204,43 +222,42 @@ def run_batch(
     statistics: Sequence[str] = STATISTICS,
     threads: int | None = None,
 ) -> Batch:
-    """Simulate many variants of a scene; each is the scene with some values replaced.
+    """Simulate many variants of a scene, in which some values of the scene are replaced.
 
-    The results of each run are bit-identical to `gx.run`, except for the sign of a zero. Every value is validated as in
-    a scene file.
+    The results of each run are bit-identical to those of `gx.run`, except for the sign of a zero. Every value is
+    validated as in a scene file.
 
-    More than 16 variants are not built one by one. Gains, coefficients of friction, mass and viscosities are written
-    into the memory of all variants as columns; one variant of each kind is built, and other built variants verify the
-    columns. Numbers of devices and hands take 1 to 2 ms per combination. For any other key one variant is built for
-    each value, and combinations are assembled from these variants. To verify the assembly, up to 64 combinations of
-    extreme values and some other combinations are built. For keys that interact, every combination is built.
+    If there are more than 16 variants, most of them are not built from the scene. Gains, coefficients of friction,
+    masses and viscosities are computed for all variants at once and written into copies of one built variant; some
+    other variants are built to verify the copies. Values of devices and hands take 1 to 2 ms per combination. For other
+    keys, one variant is built for each value, other combinations are assembled from these variants, and up to 64
+    combinations of extreme values and some others are built to verify the assembly. If keys interact, every combination
+    is built.
 
-    Each thread runs one variant at a time, by the program of all scenes; nothing is compiled for a batch.
-
-    Measures need a few hundred bytes of memory per variant, and some megabytes per thread. Recordings need the
+    Each thread runs one variant at a time by the program that all scenes share; nothing is compiled for a batch.
+    Measures require a few hundred bytes of memory per variant, and some megabytes per thread. Recordings require the
     memory of their rows.
 
     Args:
-        scene: Scene, name or path. Every device, hand and body must be computed by kernels; run variants of other
-            scenes with `gx.sweep`.
-        values: Lists of values by dotted key, as for `scene.replace`. All combinations are run; the last key changes
-            fastest.
-        duration: Duration [s], rounded to whole periods; by default the duration in the scene.
-        zip: Whether to combine the first values of all keys, then the second values, and so on, instead of all
-            combinations.
-        keep: Results to keep: "measures" of the quantities in `measure`, "recordings", or "summary" for
+        scene: `Scene`, or name or path of a scene. All devices, hands and bodies must be kernels; variants of other
+            scenes can be run with `gx.sweep`.
+        values: Lists of values by dotted key, as for `scene.replace`. All combinations are run; the value of the last
+            key changes fastest.
+        duration: Duration [s], rounded to whole periods; the scene's duration if None.
+        zip: Whether to run one variant for each index of the lists, instead of all combinations of values.
+        keep: Results to keep: "measures" for statistics of the quantities in `measure`, "recordings", or "summary" for
             `Recording.summary()`, which takes a millisecond per run.
-        measure: Quantities: columns of a recording; `internal_force`, `external_force`, `internal_displacement`,
-            `external_displacement` and `displayed_force`, which take some microseconds per row; or `object_position`,
-            `object_velocity`, `object_orientation` and `wrench` of the first object.
-        statistics: Statistics of each number: first, last, mean, rms, min, max, peak (largest magnitude) and growth
-            (peak of the second half of the run over the peak of the first half).
-        threads: Number of threads; by default the number of processors. The results do not depend on this number.
+        measure: Names of quantities: columns of a recording; `internal_force`, `external_force`,
+            `internal_displacement`, `external_displacement` and `displayed_force`, which take some microseconds per
+            row; or `object_position`, `object_velocity`, `object_orientation` and `wrench` of the first object.
+        statistics: Statistics of each entry of a quantity: first, last, mean, rms, min, max, peak (largest magnitude)
+            and growth (peak of the second half of the run divided by the peak of the first half).
+        threads: Number of threads, which does not affect results; the number of processors if None.
 
     Raises:
-        SceneError: If a variant is not a valid scene; the error names the variant's values.
-        InputError: If lists have different lengths with `zip`, there are no values, or a part of the scene is not a
-            kernel.
+        SceneError: If a variant is not a valid scene; the message states the values of the variant.
+        InputError: If there are no values, lists have different lengths and `zip` is True, or a part of the scene is
+            not a kernel.
         UnknownNameError: If a quantity or statistic does not exist.
         MissingPackageError: If llvmlite is not installed, and the installation does not include the compiled program.
     """
@@ -282,7 +299,7 @@ def run_batch(
 
 
 def names_of(argument: str, names: Sequence[str]) -> Sequence[str]:
-    """Return a list of names; a single name may be a string."""
+    """Return names, given as a list or as a single string, as a list."""
     if isinstance(names, str):
         return [names]
     if not isinstance(names, Iterable):
@@ -302,7 +319,10 @@ def require_known(kind: str, names: Sequence[str], choices: Sequence[str]) -> No
 def grid(
     values: Mapping[str, Sequence[Any] | NDArray[Any]], *, zip: bool
 ) -> tuple[tuple[int, ...], dict[str, list[Any]], IndexArray]:
-    """Return the grid's shape, the values of each key, and the indices of each variant's values."""
+    """Return the shape of the grid, the list of values of each key, and the index of each variant's value, (V, keys).
+
+    Equal values of a key have the same index.
+    """
     for key, items in values.items():
         if isinstance(items, str | bytes) or not isinstance(items, Iterable):
             raise InputError(f"values[{key!r}]", items, "a list of values")
@@ -313,10 +333,11 @@ def grid(
     if not lists or not all(lists.values()):
         raise InputError("values", dict(values), "at least one key, each with a list of values")
     if "duration" in lists:
-        raise InputError("values", "duration", "keys of the scene", "pass it as the argument `duration`")
+        raise InputError("values", "duration", "keys of the scene", "use the argument `duration` for the duration")
     lengths = [len(items) for items in lists.values()]
     if zip and len(set(lengths)) > 1:
-        raise InputError("values", {key: len(items) for key, items in lists.items()}, "lists of equal length with zip")
+        lengths_by_key = dict(builtins.zip(lists, lengths, strict=True))
+        raise InputError("values", lengths_by_key, "lists of equal length, because zip is True")
     alike = [_first_alike(items) for items in lists.values()]
     axes = np.tile(np.arange(lengths[0]), (len(lengths), 1)) if zip else np.indices(lengths).reshape(len(lengths), -1)
     numbers = np.array([same[axis] for same, axis in builtins.zip(alike, axes, strict=True)]).T
@@ -324,7 +345,7 @@ def grid(
 
 
 def _first_alike(items: Sequence[Any]) -> IndexArray:
-    """Return for each value the index of the first value with the same text."""
+    """Return, for each value, the index of the first value with the same `repr`."""
     if all(type(value) is float for value in items):
         _, first, choice = np.unique(np.array(items).view(np.int64), return_index=True, return_inverse=True)
         return np.asarray(first[choice.ravel()])
@@ -333,7 +354,7 @@ def _first_alike(items: Sequence[Any]) -> IndexArray:
 
 
 def _plain(value: Any) -> Any:
-    """Convert arrays in a value to lists, because numpy abbreviates the text of arrays."""
+    """Convert arrays in a value to lists, because NumPy abbreviates the `repr` of arrays."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if isinstance(value, Mapping):
@@ -342,14 +363,14 @@ def _plain(value: Any) -> Any:
 
 
 def as_array(values: Sequence[Any]) -> NDArray[Any]:
-    """Convert values to an array, of floats if all are numbers, else of objects."""
+    """Convert values to an array of floats if all values are numbers, otherwise to an array of objects."""
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
         return np.array(values, dtype=float)
     return as_objects(values, (len(values),))
 
 
 def as_objects(values: Sequence[Any], shape: tuple[int, ...]) -> NDArray[Any]:
-    """Put objects in an array of a shape."""
+    """Return an array of the given shape whose entries are the objects."""
     objects = np.empty(len(values), dtype=object)
     objects[:] = list(values)
     return objects.reshape(shape)

@@ -1,4 +1,4 @@
-"""Runs of variants by the program of all scenes, as in `gx.run`, with their measures or recordings."""
+"""Runs of the variants of a batch, which compute measures or recordings."""
 
 from __future__ import annotations
 
@@ -44,24 +44,24 @@ MOST_TICKS = 2**53  # larger numbers are not all floats
 
 
 class Runs:
-    """Runs of some variants of a scene.
+    """Runs of variants of a scene.
 
     Args:
-        scene: Scene that consists of kernels only.
-        lists: Values by key.
-        numbers: Index of each key's value in each variant, (V, keys).
-        duration: Duration that replaces the scene's [s].
+        scene: Scene whose parts are all kernels.
+        lists: List of values of each key.
+        numbers: Index of each variant's value in the list of each key, (V, keys).
+        duration: Duration [s]; the scene's duration if None.
         threads: Number of threads, which does not affect results.
-        memory: Memory of other variants of the scene that this thread has run.
+        memory: Programs and built variants of the same scene from previous `Runs` in this thread; None without any.
 
     Attributes:
-        variants: The variants, with notes on long computing times.
-        groups: Their groups.
-        faults: Tick of each variant's first fault, -1 without a fault, (V,).
+        variants: Variants, with notes on long computing times.
+        groups: Groups of variants that run by the same program.
+        faults: Tick of each variant's first fault, -1 for a variant without a fault, (V,).
         run_time: Time spent on runs [s].
 
     Raises:
-        SceneError: If a variant is not a valid scene; the error names the variant's values.
+        SceneError: If a variant is not a valid scene; the message states the values of the variant.
         InputError: If a part of the scene is not a kernel.
     """
 
@@ -82,7 +82,7 @@ class Runs:
                 self.groups = self.variants.groups()
 
     def measured(self, measure: Sequence[str], statistics: Sequence[str]) -> Measures:
-        """Measure the variants; the arguments are those of `run_batch`."""
+        """Run the variants, and return statistics of quantities; the arguments are those of `run_batch`."""
         measures: Measures = {}
         for group in self.groups:
             columns, derived = columns_of(group.program.servo.layout, measure)
@@ -99,14 +99,18 @@ class Runs:
                 for name in statistics:
                     array = of.setdefault(name, np.full((len(self.faults), *column.shape), np.nan))
                     if array.shape[1:] != column.shape:
-                        raise InputError("measure", quantity, "a quantity of the same shape in all variants")
+                        shapes = f"{array.shape[1:]} and {column.shape}"
+                        raise InputError("measure", quantity, f"a quantity of one shape in all variants, not {shapes}")
                     each = statistic(name, raw[:, start : start + size], runs.ticks)
                     array[group.members] = each.reshape(len(each), *column.shape)
                 start += size
         return measures
 
     def recorded(self, make: Callable[[Recording], Any], *, whole: bool) -> list[Any]:
-        """Record the variants; return the results of `make` for each recording. `whole`: results keep the rows."""
+        """Run the variants, and return the result of `make` for each recording.
+
+        If `whole`, the results contain the rows, so that the rows of all variants must fit into memory.
+        """
         results: list[Any] = [None] * len(self.faults)
         header = header_of(resolve(self.scene))
         for group in self.groups:
@@ -131,8 +135,8 @@ class Runs:
         duration = self.duration if self.duration is not None else self.scene.duration
         ticks = ticks_of(duration, period)
         if ticks > MOST_TICKS:
-            most = f"at most {MOST_TICKS:.3g} periods of {period} s: more cannot be counted"
-            raise InputError("duration", duration, most, "make the duration shorter or the period longer")
+            most = f"at most {MOST_TICKS:.3g} periods of {period} s, the largest number of ticks"
+            raise InputError("duration", duration, most, "use a shorter duration or a longer period")
         return GroupRuns(group, ticks)
 
     def _header(self, header: Header, group: Group, member: int) -> Header:
@@ -144,9 +148,14 @@ class Runs:
 
 @dataclass(frozen=True)
 class Ended:
-    """End of a recorded variant's run: rows, the tick of its fault or -1, and its buffers, (arena,).
+    """Result of the run of a recorded variant.
 
-    `arena_copy` contains the buffers after the tick of the fault; the fault's message quotes values from these buffers.
+    Attributes:
+        rows: Rows of all ticks, (ticks, width).
+        fault: Tick of the fault; -1 without a fault.
+        arena: Buffers at the end of the run, (arena,).
+        arena_copy: Buffers after the tick of the fault, with the values in the fault's message; `arena` without a
+            fault.
     """
 
     rows: FloatArray
@@ -156,14 +165,14 @@ class Ended:
 
 
 class GroupRuns:
-    """Runs of the variants of a group, one at a time in each thread, which has its own buffers.
+    """Runs of the variants of a group; each thread has its own buffers, and runs one variant at a time.
 
     Args:
         group: Group of variants.
-        ticks: Ticks of a run.
+        ticks: Number of ticks of a run.
 
     Attributes:
-        done: Number of variants that have run.
+        done: Number of variants that have been run.
     """
 
     def __init__(self, group: Group, ticks: int) -> None:
@@ -173,15 +182,15 @@ class GroupRuns:
         self._lock = Lock()
 
     def measured(self, columns: Sequence[int], derived: Sequence[str], threads: int) -> tuple[FloatArray, IndexArray]:
-        """Measure all variants.
+        """Run all variants, and compute measures of some columns.
 
         Args:
-            columns: Indices of the measured numbers in a row that is followed by the derived variables.
+            columns: Indices of the measured columns in a row to which the derived variables are appended.
             derived: Names of the derived variables.
             threads: Number of threads.
 
         Returns:
-            Measures (V, columns, MEASURES), and the tick of each variant's fault, -1 for none.
+            Measures (V, columns, MEASURES), and the tick of each variant's fault, -1 for a variant without a fault.
         """
         count, where = len(self.group.members), np.array(columns, dtype=np.intp)
         measures, faults = empty(count, len(where)), np.full(count, -1)
@@ -207,14 +216,14 @@ class GroupRuns:
         return measures, faults
 
     def recorded(self, threads: int) -> Iterator[Ended]:
-        """Run as many variants at a time as there are threads; yield the results in the order of the variants."""
+        """Run all variants, as many at a time as there are threads, and yield their results in order."""
         count = len(self.group.members)
         with ThreadPoolExecutor(threads) as pool:
             for k in range(0, count, threads):  # at most one group of rows in advance of the consumer
                 yield from pool.map(self._record, range(k, min(k + threads, count)))
 
     def _record(self, variant: int) -> Ended:
-        """Run a variant and record its rows."""
+        """Run a variant, given by its position in the group, and return its rows and buffers."""
         arena, steps, rows = self._bound(self.ticks)
         self._fill(arena, self.group.arenas(slice(variant, variant + 1))[0])
         k, copy = 0, arena
@@ -225,14 +234,14 @@ class GroupRuns:
         return Ended(rows, self._fault(arena), arena, copy)
 
     def _bound(self, count: int) -> tuple[FloatArray, Callable[..., int], FloatArray]:
-        """Bind the program to a new arena; return the arena, the function that runs ticks, and the rows it writes."""
+        """Return a new arena, a function that runs ticks in this arena, and the `count` rows that it writes."""
         arena, rows = np.zeros(self.group.program.size), np.zeros((count, self._width))
         arrays = {"arena": arena, "rows": rows.reshape(-1)}
         bound = self._program.bind(*(arrays[name] for name in self._program.arrays))
         return arena, partial(bound.long, self._arena.offset), rows
 
     def _fill(self, arena: FloatArray, start: FloatArray) -> None:
-        """Copy a variant's initial contents, and the addresses of third-party kernels, into an arena."""
+        """Copy the initial buffers of a variant, and the addresses of plug-ins' kernels, into an arena."""
         arena[:] = start
         for each, native in self._kernels:
             arena[list(each.entries)] = float(native.entry)
@@ -243,7 +252,7 @@ class GroupRuns:
 
 
 def _shared(run: Callable[[IndexArray], None], jobs: Iterable[IndexArray], threads: int) -> None:
-    """Distribute jobs over threads; after an error or an interruption, no thread starts another job."""
+    """Run jobs in threads; after an error or an interruption, no further job is started."""
     with ThreadPoolExecutor(threads) as pool:
         try:
             for future in as_completed([pool.submit(run, job) for job in jobs]):
@@ -253,7 +262,7 @@ def _shared(run: Callable[[IndexArray], None], jobs: Iterable[IndexArray], threa
 
 
 def _outcome(group: Group, ended: Ended) -> Outcome:
-    """Return the outcome of a run from its buffers at the end."""
+    """Return the outcome of a variant's run from its buffers."""
     program, servo = group.program, group.program.servo
     for part in servo.objects:
         block, first = part.grasped.block, program.arena.place(part.grasped.block)

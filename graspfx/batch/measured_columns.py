@@ -1,4 +1,4 @@
-"""Measured quantities: columns of a row, variables computed from a row, and statistics instead of rows."""
+"""Measured quantities of a batch: columns of rows, variables derived from rows, and statistics over rows."""
 
 from __future__ import annotations
 
@@ -28,7 +28,10 @@ OF_OBJECT = {  # quantities of the first object, as named by `Recording`
 
 
 def columns_of(layout: Layout, quantities: Sequence[str]) -> tuple[dict[str, Column], list[str]]:
-    """Return the columns of quantities, and the names of computed variables, whose columns follow those of the row."""
+    """Return the column of each quantity, and the names of the derived variables among the quantities.
+
+    Columns of derived variables follow the columns of a row, in the order of these names.
+    """
     derived = {column.name: column for column in layout.derived}
     columns: dict[str, Column] = {}
     behind: list[str] = []
@@ -47,7 +50,7 @@ def columns_of(layout: Layout, quantities: Sequence[str]) -> tuple[dict[str, Col
 
 
 def is_quantity(layout: Layout, name: str) -> bool:
-    """Return whether a batch of runs with this layout can measure a quantity."""
+    """Return whether a batch can measure a quantity in rows of a layout."""
     try:
         columns_of(layout, [name])
     except UnknownNameError:
@@ -56,7 +59,7 @@ def is_quantity(layout: Layout, name: str) -> bool:
 
 
 def split_of(group: Group, arena: FloatArray) -> dict[str, dict[str, Any]]:
-    """Read the split rule of each object from a variant's buffers."""
+    """Return the split rule of each object, by name of the object, from a variant's buffers."""
     program = group.program
     return {
         part.name: SplitRule.of(GraspState(arena, program.arena.place(part.grasped.block))).table()
@@ -65,7 +68,7 @@ def split_of(group: Group, arena: FloatArray) -> dict[str, dict[str, Any]]:
 
 
 def _friction(group: Group, arena: FloatArray) -> FloatArray:
-    """Read the fingers' coefficients of friction from a variant's buffers; NaN for none."""
+    """Return the fingers' coefficients of friction from a variant's buffers; nan for a finger without friction."""
     program = group.program
     found = np.full(len(program.servo.layout.fingers), np.nan)
     for part in program.servo.objects:
@@ -76,7 +79,7 @@ def _friction(group: Group, arena: FloatArray) -> FloatArray:
 
 
 def divider(group: Group, names: Sequence[str], arena: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """Make the function that computes variables (r, numbers) from rows (r, width) of a variant with this arena."""
+    """Make a function that computes derived variables (r, entries) from rows (r, width) of a variant in a group."""
     layout = group.program.servo.layout
     splits, friction = [(0, split_of(group, arena))], [(0, _friction(group, arena))]
 
@@ -95,14 +98,14 @@ STATISTICS = ("first", "last", "mean", "rms", "min", "max", "peak", "growth")
 
 
 class Statistics(dict[str, FloatArray]):
-    """Statistics of a quantity by name; errors for unknown names suggest the closest name."""
+    """Statistics of a quantity, by name of the statistic; the error for an unknown name suggests the closest name."""
 
     def __missing__(self, name: str) -> FloatArray:
         raise UnknownNameError("statistic", str(name), self)
 
 
 def empty(*shape: int) -> FloatArray:
-    """Make empty measures, (*shape, MEASURES)."""
+    """Return the measures of no rows, (*shape, MEASURES)."""
     measures = np.zeros((*shape, MEASURES))
     measures[..., [LOW, LATE_LOW]] = np.inf
     measures[..., [HIGH, LATE_HIGH]] = -np.inf
@@ -110,9 +113,9 @@ def empty(*shape: int) -> FloatArray:
 
 
 def take(rows: FloatArray, measures: FloatArray, k: int, ticks: int) -> None:
-    """Update measures (numbers, MEASURES) with the rows (r, numbers) of the ticks k, k + 1, ... of a run.
+    """Update the measures (columns, MEASURES) of a run of `ticks` ticks with rows (r, columns) of ticks k, k + 1, ...
 
-    Sums are computed row by row, so that they do not depend on the division into blocks.
+    Sums are computed row by row, so that they do not depend on the division of a run into calls.
     """
     if k == 0:
         measures[:, FIRST] = rows[0]
@@ -129,10 +132,10 @@ def take(rows: FloatArray, measures: FloatArray, k: int, ticks: int) -> None:
 
 
 def statistic(name: str, measures: FloatArray, ticks: int) -> FloatArray:
-    """Compute a statistic from measures (..., MEASURES) of a run of `ticks` ticks; NaN without finite numbers.
+    """Compute a statistic from the measures (..., MEASURES) of a run of `ticks` ticks.
 
-    The growth is the peak magnitude of the second half of the ticks over that of the first half, whose number of
-    ticks is rounded down.
+    The growth is the largest magnitude in the second half of the ticks divided by the largest magnitude in the first
+    half; the first half has `ticks // 2` ticks. Minimum, maximum, peak and growth are nan without finite values.
     """
     if name in ("first", "last"):
         return measures[..., FIRST if name == "first" else LAST]

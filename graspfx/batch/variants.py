@@ -1,4 +1,4 @@
-"""Variants of a scene as entries of its buffers: a few are built, all others are assembled from each key's changes."""
+"""Variants of a scene as contents of buffers: a few variants are built, and the others are assembled from these."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ FULL = 16  # number of variants up to which all are built
 
 @dataclass(frozen=True)
 class Program:
-    """Shared program of variants: a servo that was built for one variant, and its arena."""
+    """Program that several variants share: a servo that was built for one of them, and the servo's arena."""
 
     servo: Servo
     arena: Arena
@@ -46,11 +46,11 @@ class Program:
         return self.arena.memory.used
 
     def fill(self, arena: FloatArray) -> None:
-        """Copy a variant's arena into that of the servo."""
+        """Copy a variant's arena into the arena of the servo."""
         self.arena.memory.floats[: self.size] = arena
 
     def check_activity(self, arena: FloatArray) -> None:
-        """Warn, as `gx.run` does, if matrix gains in a variant's arena can generate energy."""
+        """Warn, as `gx.run` does, if the matrix gains in a variant's arena can generate energy."""
         if any(part.grasped.matrices for part in self.servo.objects):
             self.fill(arena)
             for part in self.servo.objects:
@@ -59,11 +59,11 @@ class Program:
 
 @dataclass(frozen=True)
 class Built:
-    """A built variant.
+    """A variant that was built from its scene.
 
     Attributes:
-        arena: Initial memory of the variant.
-        layout: Digest of the arena's layout; variants with equal digests run in one servo.
+        arena: Initial contents of the variant's arena.
+        layout: Digest of the layout of the arena; variants with equal digests can be run by the same servo.
     """
 
     arena: FloatArray
@@ -72,11 +72,11 @@ class Built:
 
 @dataclass
 class PartMemory:
-    """Memory for variants of a scene that are run in several parts, in one thread.
+    """Programs and built variants that several `Variants` of a scene share, in one thread.
 
     Attributes:
-        programs: Programs by layout.
-        bases: Built and verified variant for each kind of values of some keys.
+        programs: Programs by digest of the layout.
+        bases: Built variant, whose columns were verified, by keys and kind of their values (`Columns.kinds`).
     """
 
     programs: dict[str, Program] = field(default_factory=dict)
@@ -85,13 +85,14 @@ class PartMemory:
 
 @dataclass
 class Group:
-    """Variants with the same program.
+    """Variants that share a program.
 
     Attributes:
-        program: Shared program.
-        base: Buffer contents of one variant, (arena,).
+        program: Program of the variants.
+        base: Contents of the arena of one variant, (arena,).
         members: Indices of the variants, (V,).
-        factors: Differences: entries of the arena, a row of values for each choice, and the choice of each member.
+        factors: Differences from `base`. Each factor consists of indices of entries of the arena, rows with alternative
+            values of these entries, and the index of each member's row, (V,).
     """
 
     program: Program
@@ -101,11 +102,11 @@ class Group:
 
     @cached_property
     def varying(self) -> Index:
-        """Entries of the arena that differ between members."""
+        """Indices of the entries of the arena in which members differ."""
         return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *(entries for entries, _, _ in self.factors)]))
 
     def arenas(self, members: Any) -> FloatArray:
-        """Return the buffers of some members, (v, arena)."""
+        """Return the arenas of some members, (v, arena), given by a slice or an index array."""
         count = len(self.members[members])
         copies = np.repeat(self.base[None], count, axis=0)
         for entries, rows, choice in self.factors:
@@ -113,7 +114,7 @@ class Group:
         return copies
 
     def add(self, columns: Iterable[Column]) -> None:
-        """Add a factor with the members' values of the buffer entries that differ from the base."""
+        """Add a factor with the values in `columns` of those entries that differ from `base` in some member."""
         numbers: dict[int, FloatArray] = {}
         for block, entry, values in columns:
             place = self.program.arena.place(block) + entry
@@ -125,18 +126,18 @@ class Group:
 
 
 class ForeignPartsError(InputError):
-    """A scene has parts that are not kernels, so that its variants must be run one by one."""
+    """A part of a scene is not a kernel, so that variants of the scene cannot be run as a batch."""
 
 
 class Variants:
-    """All variants of a scene.
+    """Variants of a scene.
 
     Args:
         scene: Scene of the variants.
-        values: Values by dotted key.
-        numbers: Index of each key's value in each variant, (V, keys).
-        beside: Values of other keys, common to all variants.
-        memory: Memory of other variants of the scene.
+        values: List of values of each dotted key.
+        numbers: Index of each variant's value in the list of each key, (V, keys).
+        beside: Values of other keys, which are equal in all variants; none if None.
+        memory: Programs and built variants that are shared with other `Variants` of the scene; None to share none.
     """
 
     def __init__(
@@ -161,10 +162,10 @@ class Variants:
         return {**self.beside, **own}
 
     def built(self, numbers: Index) -> Built:
-        """Build the variant with these values.
+        """Build the variant whose values have the indices `numbers` (keys,), or return it if it was built before.
 
         Raises:
-            SceneError: If the scene is invalid; the error names the values.
+            SceneError: If the variant is not a valid scene; the message states its values.
             InputError: If a part of the scene is not a kernel.
         """
         key = tuple(numbers.tolist())
@@ -193,18 +194,18 @@ class Variants:
             if others:
                 raise ForeignPartsError(
                     "scene", self.scene.source.name, "kernels for all parts",
-                    f"not kernels: {', '.join(others)}; run its variants with `gx.sweep`, or one by one with `gx.run`",
+                    f"not kernels: {', '.join(others)}; run the variants with `gx.sweep`, or one by one with `gx.run`",
                 )  # fmt: skip
             self._programs[built.layout] = Program(servo, arena)
         return built
 
     @property
     def builds(self) -> int:
-        """Number of built variants."""
+        """Number of variants that were built."""
         return len(self._built)
 
     def groups(self) -> list[Group]:
-        """Group all variants by layout.
+        """Divide all variants into groups that share a program.
 
         Raises:
             SceneError, InputError: As for `built`.
@@ -214,7 +215,7 @@ class Variants:
         return self._of_values(np.arange(len(self.numbers)))
 
     def _of_values(self, members: Index) -> list[Group]:
-        """Group some variants by building one variant for each value of every key."""
+        """Divide some variants into groups, for which one variant is built for each value of every key."""
         groups_: list[Group] = []
         for part in self._patterns(members):
             groups_ += self._split(part)
@@ -223,7 +224,7 @@ class Variants:
     # Columns ------------------------------------------------------------------------------------------------------
 
     def _in_columns(self, plain: Sequence[str]) -> list[Group]:
-        """Group variants with some plain keys, whose values are computed for all variants at once."""
+        """Divide all variants into groups; values of the plain keys are computed for many variants at once."""
         own = [self.keys.index(key) for key in plain]
         values = {
             key: np.array(self.values[key], dtype=float)[self.numbers[:, i]] for key, i in zip(plain, own, strict=True)
@@ -239,7 +240,10 @@ class Variants:
         return groups_
 
     def _spread(self, members: Index, values: Mapping[str, FloatArray], own: Sequence[int]) -> list[Group] | None:
-        """Group variants of a kind by the other keys, and add the columns; None if built variants contradict them."""
+        """Divide variants of one kind into groups, and add columns with the values of the plain keys `own`.
+
+        Return None if the columns differ from variants that were built to verify them.
+        """
         middle = self.numbers[members[len(members) // 2]]
         others = [i for i in range(len(self.keys)) if i not in own]
         kind = None if others else (tuple(self.keys), int(Columns(self.scene, values).kinds()[0]))
@@ -263,20 +267,22 @@ class Variants:
             except NotAlikeError:
                 same = False
             if not same:
-                self.notes.append(f"{len(group.members)} variants: columns of values differ from built variants")
+                self.notes.append(
+                    f"{len(group.members)} variants not computed as columns, which differ from built ones"
+                )
                 return None
         if kind is not None:
             self.memory.bases[kind] = base
         return groups_
 
     def _extreme_ones(self, group: Group, values: Mapping[str, FloatArray]) -> list[int]:
-        """List positions in a group: the most extreme variant of each key, and a random one."""
+        """List members to verify, by position in a group: one with an extreme value of each key, and a random one."""
         random = np.random.default_rng(len(group.members))
         some = [int(np.argmax(np.abs(each - each[len(each) // 2]))) for each in values.values()]
         return [*some, int(random.integers(len(group.members)))]
 
     def _is_as_built(self, group: Group, some: Iterable[int]) -> bool:
-        """Compare assembled variants at some positions in a group with built ones."""
+        """Return whether members at some positions in a group are bit-identical to variants built for comparison."""
         for k in dict.fromkeys(some):
             built = self.built(self.numbers[group.members[k]])
             if self._programs[built.layout] is not group.program:
@@ -288,7 +294,7 @@ class Variants:
     # Equal values -------------------------------------------------------------------------------------------------
 
     def _patterns(self, members: Index) -> Iterator[Index]:
-        """Group variants by equality of their values, because entries depend on whether kep = kip."""
+        """Yield sets of variants in which the same keys have equal values; entries depend on whether kep = kip."""
         numbers = self.numbers[members]
         same = [
             self._same(key, other, numbers[:, i], numbers[:, j])
@@ -300,7 +306,7 @@ class Variants:
             yield members[np.flatnonzero(pattern_of.ravel() == k)]
 
     def _same(self, key: str, other: str, one: Index, two: Index) -> NDArray[np.bool_]:
-        """Return in which variants two keys have equal values."""
+        """Return a mask of the variants in which two keys, whose values have the indices `one` and `two`, are equal."""
         lists = self.values[key], self.values[other]
         if all(type(each) in (int, float) for items in lists for each in items):
             a, b = (np.array(items, dtype=float) for items in lists)
@@ -308,7 +314,7 @@ class Variants:
         return np.array([[_equal(a, b) for b in lists[1]] for a in lists[0]])[one, two]
 
     def _tied(self, members: Index) -> list[list[int]]:
-        """Group keys that have equal values in all of these variants; every other key is its own group."""
+        """Divide the keys, by index, into sets of keys whose values are equal in all of some variants."""
         together: list[list[int]] = []
         for i, key in enumerate(self.keys):
             for group in together:
@@ -324,7 +330,7 @@ class Variants:
     # Assembly -----------------------------------------------------------------------------------------------------
 
     def _split(self, members: Index) -> list[Group]:
-        """Split variants that may have different layouts."""
+        """Divide variants, which may have different layouts, into groups, and assemble those that are not built."""
         if len(members) <= FULL:
             return self._each(members)
         middle = self.numbers[members[len(members) // 2]]
@@ -340,7 +346,7 @@ class Variants:
             except SceneError:
                 if self._is_grid():
                     raise
-                return self._all(members, "a value of one key is invalid without the values of the others")
+                return self._all(members, "a value of one key is invalid without the values of other keys")
             for (_, choice), built in zip(choices, alone, strict=True):
                 layouts = [each.layout for each in built]
                 kinds = [layouts.index(each) for each in layouts]
@@ -362,19 +368,19 @@ class Variants:
                 group.factors.append((where, np.array([each.arena[where] for each in built]), choice))
         if len(factors) < 2 or self._holds(group):
             return [group]
-        return self._all(members, "their keys interact")
+        return self._all(members, "the values of several keys interact")
 
     def _choices(self, members: Index, keys: Sequence[int]) -> tuple[Index, Index]:
-        """List the combinations of values of some keys, and the index of each variant's combination."""
+        """Return the distinct combinations of values of some keys, and the index of each variant's combination."""
         rows, choice = np.unique(self.numbers[members][:, keys], axis=0, return_inverse=True)
         return rows, choice.ravel()
 
     def _is_grid(self) -> bool:
-        """Return whether every value occurs together with all values of the other keys."""
+        """Return whether the variants are all combinations of the values of the keys."""
         return len(np.unique(self.numbers, axis=0)) == math.prod(len(np.unique(each)) for each in self.numbers.T)
 
     def _holds(self, group: Group) -> bool:
-        """Compare assembled variants with built ones: up to 64 combinations of extreme values, and some others."""
+        """Return whether assembled variants equal built ones, for up to 64 with extreme values and some others."""
         numbers = self.numbers[group.members]
         ends = [np.isin(numbers[:, i], _extremes(self.values[key], numbers[:, i])) for i, key in enumerate(self.keys)]
         corners = np.flatnonzero(np.all(ends, axis=0))
@@ -388,7 +394,7 @@ class Variants:
         return self._each(members)
 
     def _each(self, members: Index) -> list[Group]:
-        """Build every variant."""
+        """Build every one of some variants, and divide them into groups by layout."""
         kinds: dict[str, list[tuple[int, Built]]] = {}
         for member in members.tolist():
             built = self.built(self.numbers[member])
@@ -404,16 +410,16 @@ class Variants:
 
 
 def _layout(arena: Arena) -> str:
-    """Compute the digest of what the memory does not contain: places of blocks, names of columns, period, world."""
+    """Compute the digest of an arena's layout: places of blocks, names of columns, period and world."""
     places = [(arena.place(array), array.size) for array in arena.arrays]
     columns, period = list(arena.parts.layout.columns), arena.servo.period
     return sha256(repr((places, columns, period)).encode() + bytes(arena.world.buffer)).hexdigest()
 
 
 def _apart(arena: Arena) -> Iterator[str]:
-    """Yield reasons why a copy of an arena's memory is not a copy of the scene."""
+    """Yield texts on parts whose data is outside the memory of an arena, so that a copy of the memory is incomplete."""
     if not arena.is_whole:
-        yield "a part's block is separate"
+        yield "a part whose block does not fit into the arena"
     for each in arena.foreign:
         yield f"the kernel {each.kernel.__module__}.{each.kernel.__qualname__}"
 
@@ -425,13 +431,13 @@ def _with(numbers: Index, keys: Sequence[int], row: Sequence[int]) -> Index:
 
 
 def _changed(base: Built, built: Sequence[Built]) -> set[int]:
-    """List entries of the arena that differ in some of these variants, bit by bit."""
+    """Return the indices of the arena's entries whose bits differ between `base` and any of the other variants."""
     first = base.arena.view(np.int64)
     return {int(k) for each in built for k in np.flatnonzero(each.arena.view(np.int64) != first)}
 
 
 def _extremes(values: Sequence[Any], used: Index) -> list[int]:
-    """List the indices of the first, last, smallest and largest of some values."""
+    """List the indices of the first, last, smallest and largest values among those that are used."""
     numbers = np.unique(used).tolist()
     extremes = [numbers[0], numbers[-1]]
     if all(isinstance(values[n], int | float) for n in numbers):
@@ -440,7 +446,7 @@ def _extremes(values: Sequence[Any], used: Index) -> list[int]:
 
 
 def _equal(a: Any, b: Any) -> bool:
-    """Return whether two values are equal, as scalars or arrays."""
+    """Return whether two values are equal as numbers, or as arrays if one of them is a list."""
     if type(a) in (int, float) and type(b) in (int, float):
         return bool(a == b)
     if not isinstance(a, list) and not isinstance(b, list):

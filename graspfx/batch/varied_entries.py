@@ -1,9 +1,10 @@
-"""Values of a scene's keys for many variants, as columns of numbers for blocks' entries, without building each variant.
+"""Entries of blocks for many variants of a scene, computed as columns without building each variant.
 
-A key is plain if its values are written to entries directly or by a short formula, and if a scene's checks of these
-values can be vectorised. Other keys require building. Special values, such as equal gains or a zero coefficient, define
-kinds of variants, and one variant of each kind is built. Blocks of devices and hands are made for each choice of values
-by the functions for single scenes, so that these blocks are bit-identical to those of single scenes.
+A key is plain if its values determine entries directly or by a short formula, and if the scene's checks of these values
+can be vectorised. Variants with values of other keys must be built. Special values, such as equal gains or a
+coefficient of zero, divide the variants into kinds, and one variant of each kind is built. The blocks of devices and
+hands are made by the functions for a single scene, once for each combination of values, and are therefore bit-identical
+to those of a single scene.
 """
 
 from __future__ import annotations
@@ -56,16 +57,16 @@ SAME = ("fingers", "dimensions", "continuous_force", "stiffness", "delay")  # fe
 
 
 class NotAlikeError(Exception):
-    """Values select different computations, so that variants have several programs."""
+    """The values of variants select different computations, so that the variants cannot share a program."""
 
 
 @dataclass(frozen=True, eq=False)
 class PartColumns:
-    """Values of the keys of devices and hands, for every variant.
+    """Values of plain keys of devices and hands in V variants.
 
     Args:
-        scene: Scene, whose other keys may also be replaced.
-        values: Values by key with indices of tables, (V,).
+        scene: Scene of the variants.
+        values: Values of each key, (V,); tables in the keys are denoted by their indices.
     """
 
     scene: Scene
@@ -73,7 +74,7 @@ class PartColumns:
 
     @cached_property
     def _choices(self) -> tuple[FloatArray, Index]:
-        """Return the distinct combinations of values, and the index of each variant's combination."""
+        """Return the distinct combinations of values, (R, keys), and the index of each variant's combination, (V,)."""
         bits = np.stack([each.view(np.int64) for each in self.values.values()], axis=1)
         rows, choice = np.unique(bits, axis=0, return_inverse=True)
         return rows.view(np.float64), choice.ravel()
@@ -83,7 +84,7 @@ class PartColumns:
         return any(map(is_of_a_hand, self.values))
 
     def sound(self, parts: Parts) -> BoolArray:
-        """Return which variants certainly pass the scene's checks, given that another variant passes."""
+        """Return a mask of variants that pass the scene's checks if another variant passes; others may pass too."""
         rows, choice = self._choices
         return np.array([self._is_sound(parts, row) for row in rows])[choice]
 
@@ -99,7 +100,7 @@ class PartColumns:
         return all(_fits(wire, own, parts.start) for wire, own in zip(wired, parts.wires, strict=True))
 
     def _scene(self, row: FloatArray) -> Scene:
-        """Copy the scene with a combination of values, which the fields of their tables validate."""
+        """Return a copy of the scene with a combination of values (keys,), which the fields of the tables validate."""
         tables: dict[str, list[Any]] = {name: list(getattr(self.scene, name)) for name in ("finger", "device", "hand")}
         for key, value in zip(self.values, row.tolist(), strict=True):
             first, number, *path = key.split(".")
@@ -108,18 +109,18 @@ class PartColumns:
         return self.scene.model_copy(update={name: tuple(items) for name, items in tables.items()})
 
     def _changed(self, parts: Parts, scene: Scene) -> list[Key]:
-        """List the locations of device tables that differ."""
+        """List the locations of the device tables in which `scene` differs from the original scene."""
         return [wire.at for wire in parts.wires if _device_at(scene, wire) is not _device_at(self.scene, wire)]
 
     def blocks(self, parts: Parts, servo: Servo) -> PartBlocks:
-        """Make the blocks of all combinations, for devices, plants and hands that depend on the keys.
+        """Make the blocks of the devices, plants and hands that depend on the keys, for all combinations of values.
 
         Args:
             parts: Parts of the scene.
             servo: Servo of one of the variants, which has not run.
 
         Raises:
-            NotAlikeError: If some values select different computations.
+            NotAlikeError: If the values select different computations.
         """
         rows, choice = self._choices
         first = self._scene(rows[0])
@@ -158,13 +159,14 @@ class PartColumns:
 
 @dataclass(frozen=True, eq=False)
 class PartBlocks:
-    """Blocks of devices, plants and hands for each combination of values.
+    """Blocks of devices, plants and hands for R combinations of values.
 
     Attributes:
         blocks: Blocks of the servo.
-        states: Values of each block for every combination, (R, size).
-        limits: Largest forces of fingers for every combination [N], (n,), or None.
-        pushes: Largest squeeze of each object [N], (R, objects).
+        states: Contents of each of these blocks for every combination, (R, size).
+        limits: Largest forces of the fingers for every combination, (n,) [N]; None for a combination without limits.
+        pushes: Largest squeezing force on each object for every combination, (R, objects) [N]; empty if it is not
+            needed.
         choice: Index of each variant's combination, (V,).
     """
 
@@ -175,25 +177,28 @@ class PartBlocks:
     choice: Index
 
     def columns(self) -> Iterator[Column]:
-        """Yield the entries that differ between combinations or from the servo."""
+        """Yield the columns of the entries whose value in a combination differs from the value in the servo."""
         for block, rows in zip(self.blocks, self.states, strict=True):
             for entry in np.flatnonzero((rows.view(np.int64) != block.view(np.int64)).any(axis=0)).tolist():
                 yield block, entry, rows[self.choice, entry]
 
     def limit(self, finger: int) -> FloatArray | None:
-        """Return the largest force of a finger in each variant [N]; None without a limit."""
+        """Return the largest force of a finger in each variant, (V,) [N]; None if a combination has no limits."""
         if any(each is None for each in self.limits):
             return None
         return np.array([each[finger] for each in self.limits if each is not None])[self.choice]
 
 
 def is_of_a_hand(own: str) -> bool:
-    """Return whether a numbered key belongs to a hand."""
+    """Return whether a key, in which tables are denoted by indices, belongs to a hand."""
     return own.startswith("hand.") or own.split(".")[2:3] == ["hand"]
 
 
 def is_of_a_part(scene: Scene, own: str) -> bool:
-    """Return whether a numbered key is a number of a device or hand that only affects blocks."""
+    """Return whether a key denotes a number of a device or hand that only affects blocks of devices, plants and hands.
+
+    Tables in the key are denoted by indices.
+    """
     first, *rest = own.split(".")
     path = rest[1:]
     if scene.coupling.split == "mass" or not path:
@@ -211,7 +216,7 @@ def is_of_a_part(scene: Scene, own: str) -> bool:
 
 
 def fades(scene: SceneTable) -> bool:
-    """Return whether the start of the fade is chosen automatically from the hands' squeeze."""
+    """Return whether the fade of a scene is computed automatically from the hands' squeeze."""
     rules = scene.coupling
     return rules.fade == "auto" and rules.absent != "follow" and rules.contact != "attached"
 
@@ -223,7 +228,7 @@ def _device_at(scene: SceneTable, wire: Wire) -> Any:
 
 
 def _wires(parts: Parts, scene: Scene, places: Collection[Key]) -> list[Wire]:
-    """Connect the devices at some locations again, and reuse the others."""
+    """Return the devices of a scene, of which those at the locations `places` are connected again."""
     out = []
     for wire in parts.wires:
         if wire.at not in places:
@@ -236,7 +241,7 @@ def _wires(parts: Parts, scene: Scene, places: Collection[Key]) -> list[Wire]:
 
 
 def _fits(wire: Wire, own: Wire, start: FloatArray) -> bool:
-    """Return whether a device differs from another only in numbers on which no other part of the scene depends."""
+    """Return whether a device can replace the device `own` without effects on other parts of the scene."""
     if wire is own:
         return True
     same = all(getattr(wire.features, name) == getattr(own.features, name) for name in SAME)
@@ -245,14 +250,14 @@ def _fits(wire: Wire, own: Wire, start: FloatArray) -> bool:
 
 
 def _parts(parts: Parts, scene: Scene, hands: Sequence[HandPart]) -> Parts:
-    """Return the parts of a scene with other hands."""
+    """Return the parts of a scene with the given hands and the start positions of `parts`."""
     anew = Parts(scene, Stock(parts.folder))
     vars(anew).update(start=parts.start, hands=tuple(hands))
     return anew
 
 
 def _ready(anew: Parts, wired: Sequence[Wire], servo: Servo, inward: FloatArray) -> Iterator[Any]:
-    """Prepare devices, plants and hands for the first tick; yield the devices, then each plant and its hand."""
+    """Prepare devices, plants and hands for the first tick; yield all devices, and then each plant and its hand."""
     plants = list(make_plants(anew, wired, inward))
     for wire in wired:
         with wire.device:
@@ -272,7 +277,7 @@ def _ready(anew: Parts, wired: Sequence[Wire], servo: Servo, inward: FloatArray)
 
 
 def _alike(part: Any, own: Any) -> FloatArray:
-    """Copy the block of a part with the same layout as a part of the servo."""
+    """Return a copy of a part's block; raise NotAlikeError if its structure differs from that of the servo's part."""
     if part.state.shape != own.state.shape or not np.array_equal(part.structure, own.structure):
         raise NotAlikeError
     places = own.structure
@@ -282,7 +287,7 @@ def _alike(part: Any, own: Any) -> FloatArray:
 
 
 def _with(table: Any, path: list[str], value: float) -> Any:
-    """Copy a table with one number replaced, at any depth; its fields validate the number."""
+    """Return a copy of a table with the number at `path` replaced by `value`, which the field validates."""
     name, *rest = path
     if isinstance(table, Device) and not rest and name in table.settings:
         return table.model_copy(update={name: value})
@@ -303,11 +308,11 @@ ROUGH = 1e6  # coefficient of friction above which variants are built one by one
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Values of the plain keys of a scene, for every variant.
+    """Values of plain keys in V variants of a scene.
 
     Args:
-        scene: Scene, whose other keys may also be replaced.
-        values: Values by key, (V,).
+        scene: Scene of the variants.
+        values: Values of each key, (V,).
     """
 
     scene: Scene
@@ -315,13 +320,13 @@ class Columns:
 
     @cached_property
     def by_field(self) -> dict[str, FloatArray]:
-        """Values of the keys that belong to no device or hand, by key with indices of tables, or with `*` for all."""
+        """Values of the keys that do not belong to devices or hands, by key with indices of tables or `*`."""
         numbers = {_own(self.scene, key): each for key, each in self.values.items()}
         return {key: each for key, each in numbers.items() if not is_of_a_part(self.scene, key)}
 
     @cached_property
     def of_parts(self) -> PartColumns | None:
-        """Values of devices and hands; None if there are none."""
+        """Values of the keys that belong to devices or hands; None without such keys."""
         numbers = {_own(self.scene, key): each for key, each in self.values.items()}
         own = {key: each for key, each in numbers.items() if key not in self.by_field}
         return PartColumns(self.scene, own) if own else None
@@ -331,7 +336,7 @@ class Columns:
         return len(next(iter(self.values.values())))
 
     def of(self, key: str, own: Any) -> FloatArray:
-        """Return the values of a key, or the scene's value for every variant if the key is not replaced."""
+        """Return the values (V,) of a key: those in `by_field` or, for another key, the scene's value `own`."""
         if key in self.by_field:
             return self.by_field[key]
         return np.full(self.count, np.nan if own is None else float(own))
@@ -341,7 +346,7 @@ class Columns:
         return self.of(key, getattr(getattr(self.scene.coupling, share), quantity))
 
     def body(self, k: int, field: str) -> FloatArray:
-        """Return a number of an object's body in each variant, (V,); NaN if not given."""
+        """Return a number of the body of object k in each variant, (V,); nan if the scene does not give it."""
         key, table = f"object.{k}.{field}", self.scene.object[k]
         if key in self.by_field:
             return self.by_field[key]
@@ -351,7 +356,7 @@ class Columns:
     # Kinds and checks ---------------------------------------------------------------------------------------------
 
     def kinds(self) -> NDArray[np.int_]:
-        """Assign numbers to the kinds of variants; the values of all variants of a kind select the same computation."""
+        """Return the number of each variant's kind, (V,); variants of the same kind require the same computation."""
         tests = [self.gain(key) == 0.0 for key in GAINS] if self.has_gains else []
         if self.has_gains:
             tests += [self.gain(one) == self.gain(other) for one, other in PAIRS]
@@ -365,7 +370,7 @@ class Columns:
         return any(key in GAINS for key in self.by_field)
 
     def sound(self, parts: Parts) -> BoolArray:
-        """Return which variants certainly pass the scene's checks, given that another variant passes."""
+        """Return a mask of variants that pass the scene's checks if another variant passes; others may pass too."""
         sound = np.ones(self.count, dtype=bool)
         if self.of_parts is not None:
             sound &= self.of_parts.sound(parts)
@@ -387,7 +392,7 @@ class Columns:
         return sound
 
     def _slowed(self, part: ObjectPart) -> BoolArray:
-        """Return for which variants the integrator is stable with the viscosity, by the same test as for one scene."""
+        """Return a mask of variants in which an object's integrator is stable with the object's viscosities."""
         table, T = part.table, self.scene.period
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             ratio = self.body(part.index, "viscosity") * T / self.body(part.index, "mass")
@@ -404,17 +409,17 @@ class Columns:
         return sound
 
     def moments(self, part: ObjectPart) -> FloatArray:
-        """Compute the moments of inertia of an object's body, (V, 3), for each mass by the formula for one scene."""
+        """Compute the moments of inertia of an object's body in each variant, (V, 3) [kg m^2]."""
         masses, choice = np.unique(self.body(part.index, "mass"), return_inverse=True)
         return np.asarray(_moments(self.scene, part, masses.tolist())[choice.ravel()])
 
     # Entries ------------------------------------------------------------------------------------------------------
 
     def fill(self, parts: Parts, servo: Servo) -> Iterator[Column]:
-        """Yield the entries of a servo's blocks that depend on these values, with their numbers.
+        """Yield the columns of the entries of a servo's blocks that depend on the values.
 
         Raises:
-            NotAlikeError: If values of devices and hands select different computations.
+            NotAlikeError: If values of devices or hands select different computations.
         """
         blocks = None if self.of_parts is None else self.of_parts.blocks(parts, servo)
         if blocks is not None:
@@ -456,7 +461,7 @@ class Columns:
     def _fade(
         self, parts: Parts, servo: Servo, block: FloatArray, index: int, blocks: PartBlocks | None
     ) -> Iterator[Column]:
-        """Compute the start and end of an automatic fade, as `set_fade` does."""
+        """Yield the columns of start and end of an automatic fade, computed as in `set_fade`."""
         if not fades(self.scene):
             return
         inward = np.zeros_like(parts.start)
@@ -481,7 +486,7 @@ PAIRS = tuple(
 
 
 def plain_keys(scene: Scene, parts: Parts, values: Mapping[str, Sequence[Any]]) -> list[str]:
-    """Select the keys of a batch whose values can be written as columns."""
+    """Return the plain keys of a batch, whose values can be computed as columns."""
     if (
         scene.safety is not None
         or scene.coupling.passivity != "off"
@@ -532,7 +537,7 @@ def _is_plain(scene: Scene, parts: Parts, own: str) -> bool:
 
 
 def _own(scene: Scene, key: str) -> str:
-    """Return a key with the indices of its tables; the index of a single table is 0."""
+    """Return a key in which tables are denoted by indices; an omitted index of a single table becomes 0."""
     key = live.numbered(scene, key)
     first, *rest = key.split(".")
     if first in ("object", "finger", "device", "hand") and rest and not (rest[0].isdecimal() or rest[0] == "*"):
@@ -541,7 +546,7 @@ def _own(scene: Scene, key: str) -> str:
 
 
 def _moments(scene: Scene, part: ObjectPart, weights: Sequence[float]) -> FloatArray:
-    """Compute the moments of inertia in a body's block for some masses, (M, 3), as `fill_body` does."""
+    """Compute the moments of inertia in a body's block for M masses `weights` [kg], (M, 3), as `fill_body` does."""
     rows = np.zeros((len(weights), 3))
     for k, weight in enumerate(weights):
         own = part.table.inertia

@@ -98,7 +98,7 @@ def test_measures_go_into_the_scene_and_its_certificate(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("settings", "says"),
-    [({"stuck": True}, "moved by 0 um under 0.1 N"), ({"way": -1.0}, "its motors turn in the wrong direction")],
+    [({"stuck": True}, "moved by 0 um under 0.1 N"), ({"way": -1.0}, "moves against a force along axis 0")],
 )
 @pytest.mark.usefixtures("virtual")
 def test_a_finger_that_does_not_answer_is_told(settings: dict[str, Any], says: str, tmp_path: Path) -> None:
@@ -119,7 +119,7 @@ def test_a_finger_that_runs_away_is_stopped(tmp_path: Path, monkeypatch: pytest.
         self.push[0] = 0.5 if forces.any() else self.push[0]
 
     monkeypatch.setattr(LateMass, "write", pushed)
-    with pytest.raises(DeviceError, match=r"let nothing touch it|faster than|against a force"):
+    with pytest.raises(DeviceError, match=r"make sure that nothing touches it|faster than|against a force"):
         calibrate(square(file), pulses=20)
     assert late_masses(file)[-1].log[-2:] == ["stop", "close"]
 
@@ -175,7 +175,7 @@ def test_limits_of_the_scene_hold_and_a_signal_ends_it(tmp_path: Path, monkeypat
 
 
 def test_simulations_and_odd_arguments_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="expected one with hardware"):
+    with pytest.raises(InputError, match="expected a scene with hardware"):
         calibrate("reference-1dof")
     scene = square(late_driver(tmp_path))
     for share in (0.0, 0.5, math.nan):

@@ -118,7 +118,7 @@ def test_a_frame_that_is_none_is_refused_by_its_key(tmp_path: Path, key: str, va
 def test_keys_of_hardware_are_no_simulation_s(tmp_path: Path) -> None:
     for key, value in (("frame", {"scale": 2.0}), ("deadman", 0), ("rate", 100.0)):
         other = {**PARTNER, "device": {**PARTNER["device"], key: value}}
-        with pytest.raises(SceneError, match=rf"finger\.0\.device\.{key}: only for hardware"):
+        with pytest.raises(SceneError, match=rf"finger\.0\.device\.{key}: only hardware has this setting"):
             gx.Scene(**{**SPACE, "finger": [other, {**PARTNER, "start": [-0.025, 0.0, 0.0]}]})
 
 

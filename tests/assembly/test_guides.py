@@ -23,7 +23,7 @@ GOALS: dict[str, Any] = {"offset": [[0.0, 0.0, 0.001], [0.0, 0.002, 0.0], [0.003
     [
         ({"lag": 0.0}, "lag", "expected more than 0"),
         ({"offset": [0.1]}, "offset", "expected 3 numbers"),
-        ({"offset": [[0.0, 0.0, 0.0]] * 2}, "offset", "one for each of its 3 fingers; given 2"),
+        ({"offset": [[0.0, 0.0, 0.0]] * 2}, "offset", "one offset for each of the 3 fingers; given 2"),
         ({"offset": [[0.0] * 3, [0.0] * 2, [0.0] * 3]}, "offset.1", "expected 3 numbers"),
         ({"offset": [0.0, 0.0, float("nan")]}, "offset.2", "a finite number"),
         ({"ofset": [0.0]}, "ofset", "did you mean 'offset'"),
@@ -80,8 +80,8 @@ def test_goals_are_live_and_lead_to_where_the_scene_with_them_comes_to_rest() ->
 @pytest.mark.parametrize(
     ("live", "text"),
     [
-        ("hand.0.guide.lag", "only the goals of a guide can change"),
-        ("hand.0.guide", "only the goals of a guide can change"),
+        ("hand.0.guide.lag", "of a guide, only offset and squeeze can change"),
+        ("hand.0.guide", "of a guide, only offset and squeeze can change"),
         ("hand.0.guide.offset", "this scene has no such value"),
     ],
 )

@@ -198,7 +198,9 @@ def test_contact_is_met_where_the_finger_is(tmp_path: Path) -> None:
 def test_a_finger_inside_its_object_is_refused_by_name(tmp_path: Path) -> None:
     """With the depth and what to do; and it is stopped and closed, and was never told a force."""
     file = driver(tmp_path)
-    with pytest.raises(InputError, match=r"finger0 is 4\.0 mm inside object, .*move it out .* 'ramp' to increase"):
+    with pytest.raises(
+        InputError, match=r"finger0 is 4\.0 mm inside object, .*move the finger out .* 'ramp' to increase"
+    ):
         gx.run(cart(file, -0.021), real_time=True, out=tmp_path / "out")
     fake = fakes(file)[-1]
     assert not any(force.any() for _, force in fake.forces)

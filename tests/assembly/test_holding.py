@@ -173,12 +173,12 @@ def test_two_hands_and_a_finger_without_one() -> None:
 REACH = {"kind": "reach", "angle": 1.0, "duration": 1.0}
 OVER = [{"to": 0.01, "begin": 0.5, "duration": 0.5}, {"to": 0.0, "begin": 0.9, "duration": 0.5}]
 FAULTS: list[tuple[Any, int, dict[str, Any], str]] = [
-    (table, 1, {"turn": REACH}, "turn: a line has no rotation: leave it out"),
-    (table, 3, {"turn": REACH}, "turn.axis: required in space: x, y, z or a direction"),
-    (table, 3, {"turn": REACH | {"axis": [0, 0, 0]}}, "turn.axis: expected a direction of nonzero length"),
+    (table, 1, {"turn": REACH}, "turn: a hand in one dimension does not turn: remove the turn"),
+    (table, 3, {"turn": REACH}, "turn.axis: required in three dimensions: expected x, y, z or a direction"),
+    (table, 3, {"turn": REACH | {"axis": [0, 0, 0]}}, "turn.axis: expected a direction that is not zero"),
     (table, 3, {"turn": REACH | {"axis": [1, 0]}}, "turn.axis: expected 3 numbers (dimensions = 3); given [1.0, 0.0]"),
     (table, 3, {"turn": REACH | {"axis": "up"}}, "turn.axis: expected 0, 1, 2, 'x', 'y' or 'z'; given 'up'"),
-    (table, 2, {"turn": REACH | {"axis": "x"}}, "turn.axis: a turn in 2-D is about z: remove it; given 'x'"),
+    (table, 2, {"turn": REACH | {"axis": "x"}}, "turn.axis: a turn in two dimensions is about z: remove the axis"),
     (table, 2, {"turn": REACH | {"centre": [0.0] * 3}}, "turn.centre: expected 2 numbers (dimensions = 2)"),
     (table, 2, {"turn": [REACH, REACH | {"duration": 0}]}, "turn.1.duration: expected more than 0; given 0"),
     (table, 2, {"turn": {"kind": "path"}}, "turn.kind: unknown kind of turn 'path' (known: sine, reach)"),
@@ -189,21 +189,21 @@ FAULTS: list[tuple[Any, int, dict[str, Any], str]] = [
     (table, 2, {"squeeze": []}, "squeeze: expected a number, or at least one step"),
     (table, 2, {"squeeze": [{"to": 0.1, "begin": 0.0}]}, "squeeze.0.duration: required, but not given"),
     (table, 2, {"squeeze": "tight"}, "squeeze: expected a number; given 'tight'"),
-    (table, 2, {"squeeze": OVER[0], "squeeze_ramp": 1.0}, "squeeze_ramp: steps of a squeeze have their own times"),
-    (table, 2, {"closing": [[1, 0]]}, "closing: expected a direction for each of its 3 fingers; given 1"),
+    (table, 2, {"squeeze": OVER[0], "squeeze_ramp": 1.0}, "squeeze_ramp: each step of the squeeze"),
+    (table, 2, {"closing": [[1, 0]]}, "closing: expected a direction for each of the 3 fingers; given 1"),
     (table, 2, {"closing": [[1, 0], [1], [1, 0]]}, "closing.1: expected 2 numbers (dimensions = 2); given [1.0]"),
     (table, 2, {"closing": "inwards"}, "closing: expected 'normal' or 'centre'; given 'inwards'"),
-    (table, 2, {"share": [1.0, 2.0]}, "share: expected one for each of its 3 fingers; given [1.0, 2.0]"),
+    (table, 2, {"share": [1.0, 2.0]}, "share: expected one number per finger (3); given [1.0, 2.0]"),
     (table, 2, {"motion": [{"kind": "rest"}, {"kind": "reach", "displacement": [0.1], "duration": 1.0}]},
      "motion.1.displacement: expected 2 numbers"),
     (table, 2, {"motion": {"kind": "sine", "amplitude": 0.1, "frequency": 1.0, "axis": [0, 0]}},
-     "motion.axis: expected a direction of nonzero length; given [0.0, 0.0]"),
+     "motion.axis: expected a direction that is not zero; given [0.0, 0.0]"),
     (table, 2, {"motion": [{"kind": "sine", "amplitude": 0.1, "frequency": 1.0, "axis": "z"}]},
      "motion.0.axis: expected an axis of 2 dimensions; given 'z'"),
     (own, 2, {"closing": [1.0, 0.0, 0.0]}, "closing: expected 2 numbers (dimensions = 2); given [1.0, 0.0, 0.0]"),
-    (own, 2, {"closing": [0.0, 0.0]}, "closing: expected a direction of nonzero length"),
+    (own, 2, {"closing": [0.0, 0.0]}, "closing: expected a direction that is not zero"),
     (own, 2, {"closing": "centre"}, "closing: expected 'normal'; given 'centre'"),
-    (own, 1, {"turn": REACH}, "turn: a line has no rotation: leave it out"),
+    (own, 1, {"turn": REACH}, "turn: a hand in one dimension does not turn: remove the turn"),
     (own, 3, {"squeeze": OVER, "turn": REACH | {"axis": "z"}}, "squeeze.1.begin: expected 1 or more"),
 ]  # fmt: skip
 
@@ -250,8 +250,8 @@ def test_without_a_shape_there_are_no_normals_to_close_along(make: Any) -> None:
     [found] = faults(made)
     hand = made["hand"][0] if make is table else made["finger"][0]["hand"]
     at = "hand.0" if make is table else "finger.0.hand"
-    without = "'object' has no shape, and therefore no normals as closing directions"
-    assert found == f"{at}.closing: a direction is required: {without}"
+    without = "'normal' requires an object with a shape, and 'object' has none"
+    assert found == f"{at}.closing: expected a direction: {without}"
     hand["closing"] = "centre" if make is table else [1.0, 0.0]
     assert faults(made) == []
 
@@ -338,7 +338,7 @@ finger = [{ start = [-0.03], device = { name = "simulated", mass = 0.1 }, hand =
 MADE: list[tuple[str, dict[str, Any], str]] = [
     ("", {}, r"\.stiffness: required by '.*sway\.py', but not given"),
     ("", {"stiffness": -1.0}, r"\.stiffness: given -1\.0, expected zero or more \[N/m\]"),
-    ("", {"stiffness": 1.0, "rest": [0.0]}, r"\.rest: the scene sets it: remove it"),
+    ("", {"stiffness": 1.0, "rest": [0.0]}, r"\.rest: this setting is defined by the scene: remove it"),
     ("", {"stiffness": float("nan")}, r"\.stiffness: expected finite numbers"),
     ("", {"stiffness": "x"}, r": hand '.*sway\.py' cannot be created: .*sway\.py:16: TypeError"),
     (

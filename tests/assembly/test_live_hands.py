@@ -126,7 +126,7 @@ def test_a_part_that_a_plain_hand_has_not_is_refused_with_what_to_do(name: str, 
     with gx.open(built, live=[key]) as session:
         if before:
             session.step(before)
-        with pytest.raises(InputError, match="start the run with") as error:
+        with pytest.raises(InputError, match="start a run with") as error:
             session.set(key, PARTS[name])
         assert key.replace("right", "0") in str(error.value)
         assert not session.recording.changes

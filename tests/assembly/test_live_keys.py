@@ -71,20 +71,21 @@ def test_an_update_that_would_change_nothing_is_refused() -> None:
     with build(scene, live=[key]) as servo:
         steering = Steering(servo, scene, [key])
         assert steering.update(scene.replace({key: 0.4}), {key: 0.4}).parts
-        with pytest.raises(InputError, match="a key that affects a number of the run"):
+        with pytest.raises(InputError, match="a key of a value in the run"):
             steering.update(scene.replace({key: 0.4}), {"finger.thumb.device.mass": 0.4})
 
 
 def test_what_is_not_live_cannot_be_set() -> None:
     with gx.open("reference-1dof", live=[KIP]) as session:
         with pytest.raises(
-            InputError, match=r"live are coupling.internal.stiffness: list it in gx.open\(scene, live=\['object.mass"
+            InputError,
+            match=r"live keys are coupling.internal.stiffness: add it, as in gx.open\(scene, live=\['object.mass",
         ):
             session.set("object.mass", 0.2)
         with pytest.raises(InputError, match="a live key"):
             session.set({KIP: 50.0, "period": 0.001})
         assert session.get(KIP) == 70.0 and not session.recording.changes
-    with gx.open("reference-1dof") as session, pytest.raises(InputError, match="no key is: list it"):
+    with gx.open("reference-1dof") as session, pytest.raises(InputError, match="there are no live keys: add it"):
         session.set(KIP, 50.0)
 
 
@@ -133,11 +134,11 @@ def test_what_would_change_more_than_numbers_is_refused(case: str) -> None:
 @pytest.mark.parametrize(
     ("name", "overrides", "key", "why"),
     [
-        ("reference-1dof", {}, "period", "time is counted in periods"),
-        ("reference-1dof", {}, "object.position", "moving parts continue from their present state"),
-        ("reference-1dof", {}, "finger.0.start", "moving parts continue from their present state"),
+        ("reference-1dof", {}, "period", "ticks are counted in periods"),
+        ("reference-1dof", {}, "object.position", "objects and fingers continue from their present state"),
+        ("reference-1dof", {}, "finger.0.start", "objects and fingers continue from their present state"),
         ("reference-1dof", {}, "object.shape.size", "which bodies exist"),
-        ("reference-1dof", {}, "coupling.contact", "it selects what is computed"),
+        ("reference-1dof", {}, "coupling.contact", "its value selects the computation of forces"),
         ("reference-1dof", {}, "coupling.passivity", "whether energy is observed or controlled"),
         ("reference-1dof", {}, "finger.*.radius", "the memory layout of contacts"),
         ("reference-1dof", {"coupling.passivity": "observe"}, "object.mass", "the energy ledger"),
@@ -158,7 +159,7 @@ def test_a_hand_of_a_plug_in_that_has_its_directions_refuses_others(tmp_path: Pa
     scene = gx.load("sphere-three-fingers").replace({"hand": [hand]})
     moving = scene.replace({"object.integrator": "implicit", "object.velocity": [0.3, 0.0, 0.0]})
     with gx.open(moving, live=[key]) as session:
-        with pytest.raises(InputError, match="a hand or a motion of a plug-in has received the normals"):
+        with pytest.raises(InputError, match="a hand or a motion of a plug-in already uses the normals"):
             session.set(key, 30.0)
         assert not session.recording.changes
         session.step(2)
@@ -216,7 +217,7 @@ def test_keys_that_are_none() -> None:
         gx.open("reference-1dof", live="coupling.internal.stifness")
     with pytest.raises(UnknownNameError, match=r"known: coupling.blend"):
         gx.open("reference-1dof", live=["colour"])
-    with pytest.raises(InputError, match="a key of the scene with dots"):
+    with pytest.raises(InputError, match="a dotted key of the scene"):
         gx.open("reference-1dof", live=[3])  # type: ignore[list-item]
 
 
@@ -260,8 +261,8 @@ def test_keys_without_a_value_here() -> None:
     with gx.open("knob", {"engine": "interpreted"}, live=[KIP]) as session:
         for key, says in (
             ("finger.0.device.resolution", "a setting that is in the scene; the driver's default applies"),
-            ("finger.0.hand.stiffness", "if a name denotes a table"),
-            ("finger.*.hand.stiffness", "if a name denotes a table"),
+            ("finger.0.hand.stiffness", "if a finger refers to a table by its name"),
+            ("finger.*.hand.stiffness", "if a finger refers to a table by its name"),
             ("period.x", "period is a value and has no parts"),
         ):
             with pytest.raises(InputError, match=says):

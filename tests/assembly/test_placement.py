@@ -163,7 +163,9 @@ def test_faults_have_their_lines(start: str, key: str, message: str, tmp_path: P
 
 
 def test_directions_that_lead_nowhere() -> None:
-    with pytest.raises(SceneError, match=r"finger.0.start: expected coordinates: 'object' has no shape from which"):
+    with pytest.raises(
+        SceneError, match=r"finger.0.start: expected coordinates, because 'object' has no shape from which"
+    ):
         scene(1, None, [{"toward": [1.0]}], **{"coupling.contact": "attached"})
     with pytest.raises(SceneError, match=r"start.toward: 'object' has no surface along \[0.0, 0.0, 1.0\] from its"):
         scene(3, SHAPES["mesh"][1], [{"toward": [0.0, 0.0, 1.0]}], **{"object.orientation": [0.0, 0.0, 0.0, 1.0]})

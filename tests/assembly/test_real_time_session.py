@@ -37,7 +37,7 @@ def test_a_steered_session_is_the_run_that_is_steered_at_the_same_ticks(tmp_path
         assert session.values == {STIFFNESS: 40.0, FRICTION: 0.1}
         assert 0 < len(session.recording) <= session.tick + 100
         wait_until(lambda: session.force.any())
-        with pytest.raises(InputError, match="ticks run automatically"):
+        with pytest.raises(InputError, match="use wait instead of step"):
             session.step()
     rec = session.recording
     assert rec.outcome.complete
@@ -71,7 +71,7 @@ def test_a_session_with_hardware_rests_at_its_end_and_after_a_signal() -> None:
             session.rest()
             wait_until(lambda: not wire.torque.any())  # the line has its own delay
             assert not session.wait(0.01)
-            with pytest.raises(InputError, match="a session that is running; it has ended"):
+            with pytest.raises(InputError, match="a session that is running; this session has ended"):
                 session.set(STIFFNESS, 50.0)
         assert session.recording.displayed_force.any()
         assert not session.recording.faults

@@ -312,7 +312,7 @@ def test_largest_forces_that_move_with_the_arm() -> None:
 
 
 REFUSED: list[tuple[dict[str, Any], str]] = [
-    ({"record.every": 2}, "a replay needs every tick, but this recording has one tick in 2"),
+    ({"record.every": 2}, "a replay needs every tick, but this recording has only one in 2"),
     ({"record.columns": ["finger_force"]}, "a replay needs finger_position, finger_velocity, which .*record.columns"),
 ]
 

@@ -109,7 +109,7 @@ def test_a_block_that_breaks_off_leaves_devices_closed_and_the_recording() -> No
         session.servo.stations[0].device.read()
     with pytest.raises(InputError, match="closed"):
         session.step()
-    with pytest.raises(InputError, match="expected an open session; it is closed"), session:
+    with pytest.raises(InputError, match="expected an open session; this session is closed"), session:
         pass
     session.close()  # a second time nothing happens
     assert not session.recording.outcome.complete

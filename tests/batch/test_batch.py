@@ -105,11 +105,12 @@ def test_the_two_forces_are_measured_as_single_runs_have_them(name, values):
 def test_what_was_not_measured_is_told_from_what_there_is_not(line):
     batch = gx.run_batch(line, {BV: [0.5, 0.6]}, 0.1, measure=["finger_force"])
     with pytest.raises(
-        UnknownNameError, match=r"'internal_force'; not measured: pass measure=\['internal_force'\]"
+        UnknownNameError,
+        match=r"'internal_force'; it was not measured: run .* measure=\['internal_force'\]",
     ) as error:
         batch["internal_force"]
     assert "did you mean" not in str(error.value)
-    with pytest.raises(UnknownNameError, match=r"pass measure=\['finger_position'\] \(measured: finger_force\)"):
+    with pytest.raises(UnknownNameError, match=r"with measure=\['finger_position'\] \(measured: finger_force\)"):
         batch.growth()
     with pytest.raises(UnknownNameError, match=r"unknown measure 'finger_fore'; did you mean 'finger_force'"):
         batch["finger_fore"]
@@ -122,13 +123,13 @@ def test_what_was_not_measured_is_told_from_what_there_is_not(line):
 def test_a_batch_without_measures_says_what_it_kept(line, keep, kept):
     batch = gx.run_batch(line, {BV: [0.5, 0.6]}, 0.1, keep=keep)
     for ask in (lambda: batch["finger_force"], batch.growth):
-        with pytest.raises(UnknownNameError, match=rf"this batch kept {kept}: batch\.{kept} has .*keep='measures'"):
+        with pytest.raises(UnknownNameError, match=rf"this batch has only {kept}: use batch\.{kept}, .*'measures'"):
             ask()
     card = repr(batch)
     assert f".{kept}" in card and ".growth" not in card and "[statistic]" not in card
     assert (".stacked" in card) == (keep == "recordings")
     if keep == "summary":
-        with pytest.raises(InputError, match="given 'summary', expected recordings"):
+        with pytest.raises(InputError, match="given 'summary', expected 'recordings'"):
             batch.stacked("finger_force")
 
 
@@ -187,7 +188,7 @@ def test_what_does_not_add_up_is_built_whole(line, by_values, monkeypatch):
     expected = gx.run_batch(line, values, 0.1)
     monkeypatch.setattr(Variants, "_holds", lambda self, group: False)
     found = gx.run_batch(line, values, 0.1)
-    assert found.notes == ("20 variants were built one by one: their keys interact",)
+    assert found.notes == ("20 variants were built one by one: the values of several keys interact",)
     assert not expected.notes
     require_same(found, expected)
 

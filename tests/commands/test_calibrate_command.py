@@ -47,7 +47,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_measures_are_printed_and_written(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", "mine.toml", "--yes", "--pulses", "20"]) == 0
     out = capsys.readouterr().out
-    assert "finger0: 20 pulses of 0.1 N" in out and "axes        not checked: that needs a person" in out
+    assert "finger0: 20 pulses of 0.1 N" in out and "axes        not checked: a person must push the finger" in out
     overrides = tomllib.loads((folder / "mine-measures.toml").read_text())
     assert overrides["finger.0.device.measures"]["mass"] == pytest.approx(0.2, rel=0.01)
     assert gx.load("mine.toml", overrides).linearise("start").mass == pytest.approx(0.2, rel=0.01)
@@ -61,5 +61,5 @@ def test_nobody_at_the_terminal_and_simulations_are_refused(folder: Path, capsys
     assert main(["calibrate", "mine.toml"]) != 0
     assert "add --yes, or start the command in a terminal" in capsys.readouterr().err
     assert main(["calibrate", "reference-1dof", "--yes"]) != 0
-    assert "expected one with hardware" in capsys.readouterr().err
+    assert "expected a scene with hardware" in capsys.readouterr().err
     assert not list(folder.glob("*-measures.toml"))

@@ -314,7 +314,7 @@ def test_more_ticks_than_the_disk_has_room_for(compression: str, monkeypatch: py
     scene = graspfx.load("reference-1dof", {"record.compression": compression})
     rec = graspfx.run(scene)
     assert len(rec) == 400 and rec.rows.nbytes == 400 * row
-    with pytest.raises(graspfx.errors.InputError, match=rf"given 400, .*each takes {each} bytes .*disk of here"):
+    with pytest.raises(graspfx.errors.InputError, match=rf"given 400, .*a row takes {each} bytes.*disk of here"):
         graspfx.run(scene, out="here")
     monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(total=1, free=400 * each))
     assert len(graspfx.run(scene, out="there")) == 400

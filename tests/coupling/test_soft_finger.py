@@ -256,7 +256,7 @@ def test_soft_fingers_hold_what_would_turn_between_hard_ones() -> None:
     [
         ({"coupling.friction": 0.0}, "torsion of a soft finger requires friction"),
         ({"finger.0.model": "hard"}, "only soft fingers have this setting"),
-        ({"coupling.internal.stiffness": [500.0, 500.0]}, "each gain as one number"),
+        ({"coupling.internal.stiffness": [500.0, 500.0]}, "one number for each gain"),
     ],
 )
 def test_soft_fingers_that_cannot_be(change: dict[str, Any], message: str) -> None:

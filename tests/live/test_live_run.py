@@ -229,7 +229,7 @@ def test_a_servo_that_dies_ends_its_run_and_a_reset_begins_another() -> None:
         wait_until(lambda: run.state == "ended")
         wait_until(lambda: bool(run.cause))
         assert run.cause == "the servo's process was ended by SIGKILL"
-        with pytest.raises(InputError, match="it has ended: the servo's process was ended by SIGKILL"):
+        with pytest.raises(InputError, match="this run has ended: the servo's process was ended by SIGKILL"):
             run.set({STIFFNESS: 40.0}).result(PATIENCE)
         run.guide(0, [0.0, 0.0])
         run.let_go(0)

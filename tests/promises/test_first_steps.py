@@ -90,7 +90,7 @@ def test_without_a_command_the_help_is_printed(capsys: pytest.CaptureFixture[str
 
 def test_calibrate_says_first_that_there_is_no_hardware(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", "paper-waving"]) == 2
-    assert "expected one with hardware" in capsys.readouterr().err
+    assert "expected a scene with hardware" in capsys.readouterr().err
 
 
 def test_a_picture_goes_into_a_folder(tmp_path: Path) -> None:

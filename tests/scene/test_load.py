@@ -320,7 +320,9 @@ def test_paths_in_a_scene_are_relative_to_its_file(folder: Path, monkeypatch: py
     scene = load(folder / "deep" / "s.toml")
     assert scene.finger[0].hand.motion.file == "path.csv"  # type: ignore[union-attr]
     write("t,x,y\n0,0,0\n1,0.01,0\n", str(folder / "deep/path.csv"))
-    assert report(folder / "deep" / "s.toml")[0].endswith("expected 1 number (dimensions = 1) after the time; given 2")
+    assert report(folder / "deep" / "s.toml")[0].endswith(
+        "expected 1 number (dimensions = 1) after the time in each row; given 2"
+    )
 
 
 def test_python_scenes_take_parameters_then_dotted_keys() -> None:
@@ -432,7 +434,9 @@ def test_an_override_replaces_either_name(written: str, key: str) -> None:
 
 
 def test_both_names_are_a_fault() -> None:
-    with pytest.raises(SceneError, match=r"friction: the former name of 'damping', which is also given: remove it"):
+    with pytest.raises(
+        SceneError, match=r"friction: a former name of 'damping', which is also given: remove 'friction'"
+    ):
         load(write(GOOD.replace("damping = 0.2", "damping = 0.2, friction = 0.2", 1)))
 
 

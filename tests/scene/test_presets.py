@@ -164,7 +164,7 @@ def test_a_preset_that_is_not_well_formed_has_its_line(text: str, place: str | N
 def test_a_name_that_no_preset_can_have() -> None:
     head = '[preset."a b"]'
     [text] = faults(head + '\nreason = "x"\nset = { "object.mass" = 0.2 }\n')
-    assert text.startswith(f"wrong.toml:{line(head, head)}: preset.a b: expected letters")
+    assert text.startswith(f"wrong.toml:{line(head, head)}: preset.a b: expected a name of letters")
 
 
 WRONG = """\

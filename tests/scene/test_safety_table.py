@@ -27,7 +27,7 @@ FAULTS: list[tuple[dict[str, Any], str, str]] = [
     ({"safety.workspace": "mine"}, "safety.workspace", "'device' or 'none'"),
     ({"safety.workspace": [[-0.1, -0.1], [0.1, 0.1]]}, "safety.workspace", "two corners of 1 number"),
     ({"safety.forse": 2.0}, "safety.forse", "did you mean"),
-    ({"finger.0.safety.force": 2.0}, "finger.0.safety", "expected a scene with [safety]"),
+    ({"finger.0.safety.force": 2.0}, "finger.0.safety", "a simulation has no safety chain"),
     ({"safety.hold": 3, "finger.0.safety.rate": 0.0}, "finger.0.safety.rate", "expected more than 0"),
     ({"safety.hold": 3, "finger.1.safety.workspace": [[0.0, 0.0], [1.0, 1.0]]}, "finger.1.safety.workspace",
      "two corners of 1 number"),

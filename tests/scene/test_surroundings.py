@@ -75,7 +75,11 @@ CASES: list[tuple[list[dict[str, Any]], dict[str, Any], str]] = [
     ([], {"world": {"restitution": 0.5}}, "world.restitution: box with native dynamics does not bounce"),
     ([], {"world": {"restitution": 1.5}}, "world.restitution: expected no more than 1; given 1.5"),
     ([], {"world": {"friction": -1.0}}, "world.friction: expected no less than 0"),
-    ([], {"obstacle": [FLOOR, FLOOR]}, "obstacle.1.name: 'floor' is used twice; every obstacle needs a different name"),
+    (
+        [],
+        {"obstacle": [FLOOR, FLOOR]},
+        "obstacle.1.name: 'floor' is the name of an earlier obstacle; expected a different name",
+    ),
     ([], {"obstacle": [FLOOR | {"position": [0.0]}]}, "obstacle.0.position: expected 3 numbers"),
     (
         [],
@@ -85,7 +89,11 @@ CASES: list[tuple[list[dict[str, Any]], dict[str, Any], str]] = [
     ([], {"obstacle": [FLOOR | {"shape": {"kind": "half-space", "normal": [1.0]}}]}, "obstacle.0.shape.normal: expec"),
     ([], {"obstacle": [{"name": "floor"}]}, "obstacle.0.shape: required, but not given"),
     ([thing(position=[0.0, 0.0, 0.02])], {}, "object.0.position: the object starts 5 mm inside the obstacle 'floor'"),
-    ([thing(**LYING)], {}, "object.0.shape.kind: a half-space is unbounded: lock all its degrees of freedom"),
+    (
+        [thing(**LYING)],
+        {},
+        "object.0.shape.kind: a half-space is unbounded and cannot move: lock all its degrees of freedom",
+    ),
     ([thing(), thing("b", 0.2)], {"world": {"collide": True}}, "object.0.dynamics: native objects do not collide with"),
 ]
 

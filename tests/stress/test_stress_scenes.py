@@ -229,7 +229,7 @@ def test_a_box_rests_on_the_stiffest_floor_and_a_stiffer_one_is_refused(d: int, 
         sunk = float(recording.object_position[-1, -1]) - 0.025
         expected = -mass * 9.81 / (2 ** (d - 1) * 0.999 * stiffest)
         RESTS.check(abs(sunk / expected - 1.0), 1e-5, f"{d}-D, {mass:g} kg, {1e3 * period:g} ms, {integrator}")
-    with pytest.raises(SceneError, match=r"world.stiffness: .*rounding errors throw the object off"):
+    with pytest.raises(SceneError, match=r"world.stiffness: .*rounding errors cause the object to jump off"):
         resting(d, mass, period, 1.01 * stiffest, "exact")
 
 

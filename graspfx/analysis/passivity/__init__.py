@@ -1,4 +1,4 @@
-"""Passivity: how stiff a display may be without ever giving energy to the operator."""
+"""Passivity limits: largest stiffness of a display that never supplies energy to the operator."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Responses of a sampled display from positions to held forces, and the motion that extracts the most energy."""
+"""Sampled displays as functions from positions to held forces, and the motion that extracts most energy from them."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ LONGEST = 5000  # largest number of samples times channels, for a matrix of 200 
 
 @dataclass(frozen=True, eq=False)
 class StateSpace:
-    """H(z) = C (z I - A)^-1 B + D with n channels, from position [m] to the opposing force [N].
+    """Display H(z) = C (z I - A)^-1 B + D from n positions [m] to the n opposing forces [N].
 
     Attributes:
-        A, B, C, D: Matrices (s, s), (s, n), (n, s), (n, n).
+        A, B, C, D: Matrices (s, s), (s, n), (n, s), (n, n) for s states.
     """
 
     A: FloatArray
@@ -48,28 +48,28 @@ class StateSpace:
         return np.linalg.eigvals(self.A).astype(complex)
 
     def stable(self) -> bool:
-        """True if all poles lie inside the unit circle."""
+        """Return whether all poles lie inside the unit circle."""
         return not self.states or bool(np.abs(self.poles()).max() < 1.0)
 
     def response(self, angles: FloatArray) -> ComplexArray:
-        """Evaluate H(e^{j th}) for angles (k,), (k, n, n)."""
+        """Evaluate H(z) at z = e^{j th} for angles th (k,) [rad]; the result is (k, n, n) [N/m]."""
         z = np.exp(1j * angles)[:, None, None]
         return np.asarray(self.C @ np.linalg.solve(z * np.eye(self.states) - self.A, self.B + 0j) + self.D)
 
     def static(self) -> FloatArray:
-        """Evaluate H(1), the static stiffness, (n, n) [N/m]; H must be stable."""
+        """Evaluate the static stiffness H(1), (n, n) [N/m]; the display must be stable."""
         return np.asarray(self.C @ np.linalg.solve(np.eye(self.states) - self.A, self.B) + self.D)
 
 
 @dataclass(frozen=True, eq=False)
 class Function:
-    """H(z) as a function of z that returns a number or (n, n); the caller guarantees that it is stable."""
+    """Display H(z) given as a function of z that returns a number or an array (n, n); it is assumed to be stable."""
 
     evaluate: Callable[[complex], Any]
     channels: int
 
     def response(self, angles: FloatArray) -> ComplexArray:
-        """Evaluate H(e^{j th}) for angles (k,), (k, n, n)."""
+        """Evaluate H(z) at z = e^{j th} for angles th (k,) [rad]; the result is (k, n, n) [N/m]."""
         n = self.channels
         values = [np.asarray(self.evaluate(cmath.exp(1j * th)), dtype=complex).reshape(n, n) for th in angles.tolist()]
         H = np.array(values)
@@ -82,10 +82,13 @@ Display = StateSpace | Function
 
 
 def display(H: object, period: float) -> Display:
-    """Create a display from a function of z, (A, B, C, D), an object with these (python-control, SciPy) or a stiffness.
+    """Create a display from H, given as a function of z, matrices (A, B, C, D), a system or a constant stiffness.
+
+    A system is an object with attributes A, B, C and D, such as those of python-control and SciPy.
 
     Raises:
-        InputError: If shapes do not fit, values are not finite, or the system is continuous or has another period.
+        InputError: If shapes do not match, a value is infinite or nan, or the system is in continuous time or has a
+            sampling period other than `period`.
     """
     period = number("period", period, "s", zero=False)
     _check_sampling(H, period)
@@ -118,10 +121,10 @@ def display(H: object, period: float) -> Display:
 
 
 def symmetric(name: str, matrix: ArrayLike, n: int) -> FloatArray:
-    """Return a damping or a mass as (n, n), from a number, one per direction, or a symmetric matrix.
+    """Return a damping or mass matrix (n, n), given as a number, one number per direction, or a symmetric matrix.
 
     Raises:
-        InputError: If the shape is wrong, or the matrix is not finite or not symmetric.
+        InputError: If the shape is wrong, a value is infinite or nan, or the matrix is not symmetric.
     """
     b = _real(name, matrix)
     if b.shape not in ((), (n,), (n, n)):
@@ -134,11 +137,12 @@ def symmetric(name: str, matrix: ArrayLike, n: int) -> FloatArray:
 
 
 def never_passive(system: Display, scale: float) -> bool:
-    """True if no device damping is sufficient: H is unstable, or H(1) is not symmetric or is negative.
+    """Return whether no damping of the device makes a display passive.
 
-    With a skew part of H(1), a sufficiently slow circular motion gains energy; with a negative stiffness, a
-    sufficiently long push gains energy. In both cases the energy exceeds the dissipation, which vanishes for slow
-    motion. `scale` is the magnitude of H elsewhere [N/m].
+    This is so if the display H is unstable, or if its static stiffness H(1) is not symmetric or has a negative
+    eigenvalue. With an asymmetric H(1), a circular motion gains energy; with a negative eigenvalue, a push gains
+    energy. If the motion is slow enough, this energy exceeds the energy that damping dissipates. `scale` is the
+    magnitude of H at other frequencies [N/m].
     """
     if isinstance(system, StateSpace):
         if not system.stable():
@@ -153,9 +157,9 @@ def never_passive(system: Display, scale: float) -> bool:
 def _check_sampling(H: object, period: float) -> None:
     dt = getattr(H, "dt", None)
     if (dt is not None and not isinstance(dt, bool) and dt == 0) or hasattr(H, "to_discrete"):
-        raise InputError("H", H, "a system in discrete time", "sample it with the hold of the display first")
+        raise InputError("H", H, "a system in discrete time", "discretise the system with a zero-order hold first")
     if isinstance(dt, int | float) and not isinstance(dt, bool) and abs(dt - period) > 1e-9 * period:
-        raise InputError("H", H, f"a system sampled every {period} s", f"its own period is {dt} s")
+        raise InputError("H", H, f"a system sampled every {period} s", f"the system is sampled every {dt} s")
 
 
 def _real(name: str, value: object) -> FloatArray:
@@ -171,13 +175,14 @@ def _square(name: str, matrix: object) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class WorstMotion:
-    """Motion from rest that leaves the least energy in device and display.
+    """Motion that extracts the most energy from a device and its display, relative to its squared displacements.
 
     Attributes:
-        margin: T E / sum |D_k|^2 [N s/m]: damping of the device in excess of what the motion requires; negative if the
-            damping is too small.
-        steps: Displacements D_k, (N, n), with sum |D_k|^2 = 1 m^2.
-        energy: Lower bound E of the energy absorbed over these steps [J]; negative if the motion extracts energy.
+        margin: Damping of the device minus the damping that the motion requires, T E / sum |D_k|^2 [N s/m]; negative if
+            the damping is too small. T is the sampling period.
+        steps: Displacements D_k in N samples, (N, n) [m], with sum |D_k|^2 = 1 m^2.
+        energy: Lower bound E of the energy that device and display absorb in this motion [J]; negative if the motion
+            extracts energy.
     """
 
     margin: float
@@ -186,17 +191,18 @@ class WorstMotion:
 
 
 def worst_motion(H: object, damping: ArrayLike, period: float, samples: int) -> WorstMotion:
-    """Minimise E = sum_k D_k'B D_k/T + f_k'D_k over D with sum_k |D_k|^2 = 1, for N samples from rest.
+    """Minimise the energy E = sum_k D_k'B D_k/T + f_k'D_k that a device and its display absorb in N samples.
 
-    f_k = sum_{j <= k} h_{k-j} x_j, with the impulse response h of H, and D_k = x_{k+1} - x_k, x_0 = 0. Of all motions
-    between two samples, uniform motion dissipates least, D'B D/T. As N grows, T times the smallest eigenvalue of this
-    form decreases to the damping margin, about as 1/N^2, and is never below it. A negative value is therefore proved by
-    its motion.
+    The minimum is over displacements D_k = x_{k+1} - x_k from x_0 = 0 with sum_k |D_k|^2 = 1. The displayed force is
+    f_k = sum_{j <= k} h_{k-j} x_j, with the impulse response h of H. Of all motions between two samples, uniform motion
+    dissipates the least energy, D_k'B D_k/T. The margin T E is an upper bound of `damping_margin` and converges to it
+    about as 1/N^2. A negative margin therefore proves that the display is not passive.
 
     Args:
-        H: (A, B, C, D), an object with them, or a stiffness; not a function of z.
+        H: Display: matrices (A, B, C, D), an object with these attributes, or a constant stiffness [N/m]; not a
+            function of z.
         damping: Damping B of the device, a number, (n,) or (n, n) [N s/m].
-        period: Period T [s].
+        period: Sampling period T [s].
         samples: Number N of samples. The computing time grows as (N n)^3, and N n may be at most 5000.
 
     Raises:
@@ -204,7 +210,7 @@ def worst_motion(H: object, damping: ArrayLike, period: float, samples: int) -> 
     """
     system = display(H, period)
     if not isinstance(system, StateSpace):
-        raise InputError("H", H, "matrices (A, B, C, D)", "a function of z has no impulse response to start from")
+        raise InputError("H", H, "matrices (A, B, C, D)", "the impulse response of a function of z is not known")
     samples = count("samples", samples, 1)
     if samples * system.channels > LONGEST:
         most = f"at most {LONGEST // system.channels} samples"

@@ -1,4 +1,4 @@
-"""Passive gains of eq. (4) at the devices: energy created by a held coupling versus dissipation by damping."""
+"""Passive gains of the coupling of eq. (4): energy that the hold generates, compared with dissipation by damping."""
 
 from __future__ import annotations
 
@@ -21,15 +21,16 @@ Integrator = Literal["explicit", "semi-implicit", "exact"]
 
 @dataclass(frozen=True, eq=False)
 class CouplingLimits:
-    """Limits of kip and kep for passivity at the devices' ports, for all operators and masses of devices and object.
+    """Largest internal and external stiffnesses kip and kep of a grasp that is passive for every operator.
 
-    The limit `internal` is also necessary. The limit `external` is necessary for a sufficiently heavy object if ked =
-    0. Below, b is the damping of each device, T the period, and B_o the object's viscosity.
+    The limits hold for all masses of devices and object. The limit of kip is also necessary for passivity. The limit of
+    kep is necessary if the object is sufficiently heavy and the damping ked is zero. In the formulas, b is the damping
+    of each device, T the sampling period, G the grasp matrix and B_o the object's viscosity.
 
     Attributes:
-        internal: Limit of kip, 2 (b - |kid|)/T, for squeezing [N/m]; inf if no force is internal.
-        external: Limit of kep, the minimum over modes of (2/T) (b B_i/(b + B_i) - |ked|), for moving the object
-            [N/m]; inf if there are no such modes.
+        internal: Limit of kip, 2 (b - |kid|)/T [N/m]; inf if the grasp has no internal forces.
+        external: Limit of kep, the minimum over i of (2/T) (b B_i/(b + B_i) - |ked|) [N/m]; inf if the fingers cannot
+            move the object.
         modal_viscosity: Eigenvalues B_i of (G G')^-1/2 B_o (G G')^-1/2 in ascending order [N s/m].
     """
 
@@ -39,21 +40,21 @@ class CouplingLimits:
 
 
 def external_limit(damping: float, period: float, object_viscosity: float, *, coupling_damping: float = 0.0) -> float:
-    """Compute k = (2/T) (b B/(b + B) - |ked|) [N/m]: a device and a viscous object at the two ends of a held spring.
+    """Compute the largest passive stiffness k = (2/T) (b B/(b + B) - |ked|) of a spring between a device and an object.
 
-    If the spring stretches by D in a sample, it generates k D^2/2; the two dampings in series dissipate at least
-    b B/(b + B) D^2/T. Below this stiffness the system is passive at the device's port for every operator and all masses
-    of device and object. Above this stiffness, without ked, a sufficiently heavy object generates energy. The object
-    must move exactly under a held force (integrator "exact"), without delay.
+    If the length of the spring changes by D in a sample, the hold generates the energy k D^2/2, and the dampings of
+    device and object dissipate at least b B/(b + B) D^2/T. Up to this stiffness, the device is passive for every
+    operator and all masses of device and object. With a larger stiffness and ked = 0, a sufficiently heavy object
+    generates energy. The object must move exactly under a held force (integrator "exact"), without delay.
 
     Args:
         damping: Damping b of the device [N s/m].
-        period: Period T [s].
+        period: Sampling period T [s].
         object_viscosity: Viscosity B of the object [N s/m]; inf for a fixed object.
-        coupling_damping: Damping ked on the backward difference of e [N s/m].
+        coupling_damping: Damping ked of the coupling, on the backward difference of the spring's elongation [N s/m].
 
     Returns:
-        The largest passive stiffness [N/m]; 0 if ked alone generates too much energy.
+        The largest passive stiffness [N/m]; 0 if no stiffness is passive because |ked| is too large.
     """
     number("period", period, "s", zero=False)
     for name, value in (("damping", damping), ("object_viscosity", object_viscosity)):
@@ -72,21 +73,23 @@ def coupling_limits(
     external_damping: float = 0.0,
     internal_damping: float = 0.0,
 ) -> CouplingLimits:
-    """Compute the limits of kep and kip for equal devices of damping b in all directions; see `CouplingLimits`.
+    """Compute the limits of kep and kip for devices with the same damping in all directions; see `CouplingLimits`.
 
-    For K = kep P + kip (I - P) the leak matrix is block diagonal: squeezing does not move the object, and in the object
-    coordinates (G G')^1/2 q each external mode couples one coordinate of the devices to one of the object with
-    stiffness kep. The two limits are therefore independent.
+    Let P be the projector on external forces. For a stiffness kep P + kip (I - P), the two limits are independent,
+    because internal motions do not move the object, and each external motion couples one device coordinate and one
+    object coordinate by the stiffness kep.
 
     Args:
-        G: Grasp matrix (w, m), with rows for the object's free directions; dependent rows are left out.
+        G: Grasp matrix (w, m), with one row for each direction in which the object can move; linearly dependent rows
+            are permitted.
         damping: Damping b of every device [N s/m].
-        period: Period T [s].
+        period: Sampling period T [s].
         object_viscosity: Viscosity B_o, a number, (w,) or symmetric (w, w) [N s/m; N m s/rad for rotations].
-        external_damping, internal_damping: Dampings ked and kid on backward differences of e [N s/m].
+        external_damping, internal_damping: Dampings ked and kid of the coupling [N s/m], on the backward difference of
+            the displacement.
 
     Raises:
-        InputError: If shapes do not fit, a damping is negative, or the period is not positive.
+        InputError: If shapes do not match, the damping of the devices is negative, or the period is not positive.
     """
     number("period", period, "s", zero=False)
     number("damping", damping, "N s/m")
@@ -108,22 +111,26 @@ def coupling_limits(
 
 
 def leak_matrix(K: ArrayLike, G: ArrayLike, period: float, *, damping: ArrayLike | None = None) -> FloatArray:
-    """Compute L = [I; -G] (T/2 K + |D|) [I, -G'], (m + w, m + w) [N s/m]: bound of the energy that the hold creates.
+    """Compute the leak matrix L = [I; -G] (T/2 K + |D|) [I, -G'], which bounds the energy that the hold generates.
 
-    On increments y = (Dx, Dq) of fingers and object, a held force absorbs f_k'De = V_{k+1} - V_k - 1/2 De'K De, with
-    De = Dx - G'Dq and V = 1/2 e'K e. The force thus generates 1/2 De'K De = y'L y/T beyond the stored energy. Damping
-    on the backward difference, D (e_k - e_{k-1})/T, returns up to De'|D| De/T at half the sampling rate. Frictions
-    dissipate at least y' diag(B_d, B_o) y/T. Device, coupling and object together are therefore passive in every sample
-    if diag(B_d, B_o) - L >= 0; without D this condition is also necessary for sufficiently heavy objects.
+    In a sample, fingers move by dx and the object by dq, the displacement e = x - G'q changes by de = dx - G'dq, and
+    the held force f_k = K e_k generates the energy 1/2 de'K de in addition to the change of the stored energy 1/2 e'K
+    e. Damping D on the backward difference of e generates at most de'|D| de/T. Together this is y'L y/T, with y = (dx,
+    dq). Devices with damping B_d and an object with viscosity B_o dissipate at least y' diag(B_d, B_o) y/T. Devices,
+    coupling and object are therefore passive in every sample if diag(B_d, B_o) - L is positive semidefinite. If D is
+    zero, this condition is also necessary for sufficiently heavy objects.
 
-    K must be symmetric positive semidefinite. Without D, frictionless fingers that touch and let go generate no more
-    energy, because their force is the gradient of a convex energy that is at most as stiff as K.
+    If D is zero, frictionless fingers that touch and release the object do not generate more energy, because their
+    force is the gradient of a convex energy that is at most as stiff as K.
 
     Args:
-        K: Stiffness, (m, m) [N/m].
-        G: Grasp matrix (w, m); without rows for a fixed object.
-        period: Period T [s].
-        damping: Damping D, (m, m) [N s/m], or None.
+        K: Symmetric positive semidefinite stiffness, (m, m) [N/m].
+        G: Grasp matrix (w, m); for a fixed object, w = 0.
+        period: Sampling period T [s].
+        damping: Symmetric damping D of the coupling, (m, m) [N s/m]; zero if None.
+
+    Returns:
+        Matrix L, (m + w, m + w) [N s/m].
     """
     number("period", period, "s", zero=False)
     G = _matrix("G", G)
@@ -145,15 +152,16 @@ def leak_margin(
     *,
     coupling_damping: ArrayLike | None = None,
 ) -> float:
-    """Compute the smallest eigenvalue of diag(B_d, B_o) - L; if >= 0, friction dissipates all that the hold creates.
+    """Compute the smallest eigenvalue of diag(B_d, B_o) - L, with the matrix L of `leak_matrix`.
 
-    The sign of the eigenvalue is meaningful even if the object can rotate; the magnitude then mixes units.
+    If the eigenvalue is not negative, damping dissipates at least the energy that the hold generates. If the object can
+    rotate, only the sign of the eigenvalue is meaningful, because units are mixed.
 
     Args:
         K, G, period: As for `leak_matrix`.
         damping: Damping B_d of the devices, a number, (m,) or (m, m) [N s/m].
         object_viscosity: Viscosity B_o, a number, (w,) or (w, w) [N s/m; N m s/rad for rotations].
-        coupling_damping: Damping D of the coupling, (m, m) [N s/m], or None.
+        coupling_damping: Damping D of the coupling, (m, m) [N s/m]; zero if None.
     """
     G = _matrix("G", G)
     w, m = G.shape
@@ -175,20 +183,23 @@ def grasp_display(
     damping: ArrayLike | None = None,
     integrator: Integrator = "exact",
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Compute H(z) at the devices of an object coupled by eq. (4), as (A, B, C, D), for example for `required_damping`.
+    """Compute the display H(z) of an object coupled to devices by eq. (4), for example for `required_damping`.
 
-    f = K e + D (e - e_{k-1})/T, e = x - G'q, M_o q'' + B_o q' = G f held over a sample, with states q, q', e_{k-1}. The
-    result is exact for this object, while `leak_margin` is valid for every mass. Contacts are fixed in the object,
-    whose rotation is small.
+    With finger positions x and object coordinates q, the displacement is e = x - G'q, the force f = K e + D (e -
+    e_{k-1})/T, and the object moves by M_o q'' + B_o q' = G f, with f held over a sample. Unlike `leak_margin`, which
+    is valid for every mass, the result is exact for the given mass. Contacts are fixed in the object, and its rotation
+    is assumed to be small.
 
     Args:
-        K, damping: Stiffness and damping, (m, m) [N/m], [N s/m].
-        G: Grasp matrix (w, m) with independent rows.
-        mass: Mass M_o, a number, (w,) or (w, w), positive definite [kg, kg m^2].
-        viscosity: Viscosity B_o, a number, (w,) or (w, w) [N s/m, N m s/rad]; with zero viscosity, the display is not
-            stable.
-        period: Period T [s].
-        integrator: Integrator of the object; "semi-implicit" moves with the new velocity, "explicit" with the old one.
+        K, damping: Stiffness K [N/m] and damping D [N s/m] of the coupling, each (m, m).
+        G: Grasp matrix (w, m) with linearly independent rows.
+        mass: Mass M_o, a number, (w,) or a positive definite matrix (w, w) [kg, kg m^2].
+        viscosity: Viscosity B_o, a number, (w,) or (w, w) [N s/m, N m s/rad]; if it is zero, the display is not stable.
+        period: Sampling period T [s].
+        integrator: Integrator of the object.
+
+    Returns:
+        Matrices (A, B, C, D) of H(z) from x to f, with the states q, q' and, if damping is not zero, e_{k-1}.
     """
     number("period", period, "s", zero=False)
     one_of("integrator", integrator, get_args(Integrator))
@@ -229,7 +240,7 @@ def _stiffness(K: ArrayLike, m: int) -> FloatArray:
             "K",
             k,
             f"a symmetric matrix ({m}, {m})",
-            'use form="symmetric": on a fixed object an asymmetric one generates energy at any damping',
+            'use form="symmetric": with an asymmetric stiffness, a fixed object generates energy at any damping',
         )
     k = (k + k.T) / 2
     if np.linalg.eigvalsh(k)[0] < -1e-9 * np.abs(k).max():

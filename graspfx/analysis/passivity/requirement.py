@@ -1,4 +1,4 @@
-"""Device damping that a display requires: by an adaptive grid for functions of z, without a grid for matrices."""
+"""Damping of the device that makes a sampled display passive for every operator."""
 
 from __future__ import annotations
 
@@ -20,41 +20,54 @@ NEAR = 1e-4  # distance from the unit circle up to which eigenvalues are examine
 
 
 def required_damping(H: object, period: float) -> float:
-    """Compute sup over w in (0, pi/T] of T/(2 (1 - cos wT)) Re{(1 - e^{-jwT}) H(e^{jwT})} [N s/m].
+    """Compute the damping that a device needs to display H passively, for every operator.
 
-    A device with mass and damping b that displays H through a hold is passive for every operator if and only if b
-    exceeds this value (Colgate and Schenkel 1997). For n channels the value is the largest eigenvalue of the Hermitian
-    part, for devices of equal b.
+    The damping is the supremum over angular frequencies w in (0, pi/T] of
 
-    Matrices are searched without a grid, to a relative error of about 1e-9 (`PositiveReal`). A function of z is
-    searched on an adaptive grid, to a relative error of about 1e-9 if H has no time constant above 10000 samples and no
-    resonance much narrower than pi/256 rad.
+        T/(2 (1 - cos wT)) Re{(1 - e^{-jwT}) H(e^{jwT})}
+
+    A device with mass and damping b that displays H through a zero-order hold is passive if and only if b exceeds this
+    value (Colgate and Schenkel 1997). For n > 1 channels, all devices have the same b, and Re{...} is replaced by the
+    largest eigenvalue of the Hermitian part.
+
+    The relative error is about 1e-9 for matrices. For a function of z it is about 1e-9 if H has no time constant above
+    10000 samples and no resonance much narrower than pi/256 rad.
 
     Args:
-        H: Opposing force per position [N/m]: a function of z that returns a number or (n, n); (A, B, C, D); an object
-            with these, for example from python-control or SciPy; or a constant stiffness.
-        period: Period T [s].
+        H: Display from positions to opposing forces [N/m]: a function of z that returns a number or an array (n, n),
+            matrices (A, B, C, D), an object with these attributes, for example of python-control or SciPy, or a
+            constant stiffness.
+        period: Sampling period T [s].
 
     Returns:
-        The damping; inf if none is sufficient, because H is unstable (for a function this is not tested), or H(1) is
-        not symmetric or is negative. It is negative if H itself dissipates at every frequency.
+        The damping [N s/m]. It is negative if H itself dissipates energy at every frequency. It is inf if no damping is
+        sufficient, because H is unstable, or because H(1) is not symmetric or has a negative eigenvalue. Functions of z
+        are assumed to be stable.
 
     Raises:
-        InputError: If matrices do not fit, or the system is continuous or has another period.
+        InputError: If shapes of the matrices do not match, or the system is in continuous time or has another sampling
+            period.
     """
     system = display(H, period)
     return _lack(system, np.zeros((system.channels, system.channels)), period)
 
 
 def damping_margin(H: object, damping: ArrayLike, period: float) -> float:
-    """Compute the smallest eigenvalue over th of B - T/(2 (1 - cos th)) Herm{(1 - e^{-j th}) H(e^{j th})} [N s/m].
+    """Compute the smallest eigenvalue over th in (0, pi] of the device's damping minus the damping that H requires.
 
-    The margin is non-negative if and only if a device with damping B displays H passively at all its channels together
-    (the Loewner order), for every operator who may hold all channels; -inf if no damping is sufficient.
+    With the Hermitian part Herm, this is the smallest eigenvalue of
+
+        B - T/(2 (1 - cos th)) Herm{(1 - e^{-j th}) H(e^{j th})}
+
+    The margin is non-negative if and only if a device with damping B displays H passively for every operator, who may
+    hold all channels at once.
 
     Args:
         H, period: As for `required_damping`.
-        damping: Damping B, a number, (n,) or a symmetric (n, n) [N s/m].
+        damping: Damping B of the device, a number, (n,) or a symmetric matrix (n, n) [N s/m].
+
+    Returns:
+        The margin [N s/m]; -inf if no damping is sufficient.
     """
     system = display(H, period)
     return -_lack(system, symmetric("damping", damping, system.channels), period)
@@ -70,10 +83,10 @@ def _lack(system: Display, B: FloatArray, T: float) -> float:
 
 
 def required_at(system: Display, angles: FloatArray, T: float) -> NDArray[np.complex128]:
-    """Compute T/2 [Herm H + cot(th/2) j Skew H] with Herm, Skew = (H ± H*)/2, Hermitian (k, n, n) [N s/m].
+    """Compute the required damping at angles th (k,), T/(2 (1 - cos th)) Herm{(1 - e^{-j th}) H(e^{j th})}.
 
-    This equals T/(2 (1 - cos th)) Herm{(1 - e^{-j th}) H(e^{j th})} (Colgate and Schenkel 1997), in a form without
-    cancellation: (1 - e^{-j th})/(2 (1 - cos th)) = (1 + j cot(th/2))/2.
+    It is evaluated without cancellation as T/2 [Herm H + j cot(th/2) Skew H], with Herm H = (H + H*)/2 and Skew H = (H
+    - H*)/2. The result is Hermitian, (k, n, n) [N s/m].
     """
     H = system.response(angles)
     adjoint = H.conj().transpose(0, 2, 1)
@@ -82,12 +95,12 @@ def required_at(system: Display, angles: FloatArray, T: float) -> NDArray[np.com
 
 
 def worst_on_grid(system: Display, B: FloatArray, T: float) -> tuple[float, float]:
-    """Compute sup over th in (0, pi] of the largest eigenvalue of `required_at` - B [N s/m], and th.
+    """Compute the supremum over th in (0, pi] of the largest eigenvalue of `required_at` - B [N s/m], and its th.
 
-    Intervals are bisected as long as their curvature permits a larger value; then the peak is polished, and slow motion
-    is extrapolated. The result is accurate to about 1e-9 of the damping if time constants of H are below 10000 samples,
-    and H has no resonance much narrower than the spacing pi/256 of the first grid. A narrower resonance of a function
-    can be missed; for matrices the poles are examined.
+    Intervals of the grid are bisected as long as their curvature permits a larger value. The value for th -> 0 is
+    extrapolated. The relative error is about 1e-9 if time constants of H are below 10000 samples, and H has no
+    resonance much narrower than the spacing pi/256 of the first grid. A narrower resonance of a function of z can be
+    missed; for matrices, the grid is refined near the poles.
     """
     first, limit = at_rest(system, T)
     angles = np.concatenate([np.geomspace(first, 0.1, 80), np.linspace(0.1, np.pi, 256)[1:]])
@@ -106,12 +119,12 @@ def worst_on_grid(system: Display, B: FloatArray, T: float) -> tuple[float, floa
 
 
 def at_rest(system: Display, T: float) -> tuple[float, FloatArray]:
-    """Find an angle above which `required_at` is free of rounding, and its limit for th -> 0, (n, n).
+    """Find the smallest angle th for the grid [rad], and the limit of the real part of `required_at` for th -> 0.
 
-    Close to z = 1 the rounding of H is amplified by 2/th. Far from z = 1 the extrapolation of the real part of
-    `required_at`, which is even in th, from th, 2 th and 4 th to zero is inaccurate. The chosen angle has the smallest
-    difference of two extrapolations, among the angles before these first separate. Beyond a slow pole the
-    extrapolations would agree again, on a limit that is wrong.
+    The limit is extrapolated from th, 2 th and 4 th, in even powers of th. If th is too small, the rounding of H is
+    amplified by 2/th; if th is too large, the extrapolation is inaccurate. Extrapolations from neighbouring candidates
+    of th are therefore compared, and the candidate with the smallest difference is chosen. Only candidates below the
+    first large difference are considered, because above a slow pole the extrapolations agree on a wrong limit.
     """
     G = required_at(system, (SLOW[:, None] * [1.0, 2.0, 4.0]).ravel(), T).real
     G = G.reshape(len(SLOW), 3, *G.shape[1:])
@@ -123,7 +136,7 @@ def at_rest(system: Display, T: float) -> tuple[float, FloatArray]:
 
 
 def refined(value: Callable[[FloatArray], FloatArray], angles: FloatArray) -> tuple[float, float]:
-    """Find a function's largest value on a grid that is refined where a larger value is still possible."""
+    """Find the maximum of a function of an angle, and the angle, on a grid refined where larger values are possible."""
     values = value(angles)
     left, right, low, high = angles[:-1], angles[1:], values[:-1], values[1:]
     k = int(values.argmax())
@@ -151,7 +164,7 @@ def refined(value: Callable[[FloatArray], FloatArray], angles: FloatArray) -> tu
 
 
 def polished(value: Callable[[FloatArray], FloatArray], best: float, at: float) -> tuple[float, float]:
-    """Refine a peak, whose angle is known to 1 %, until only rounding errors remain."""
+    """Refine the maximum `best` of a function at the angle `at`, which is known to 1 %, to rounding."""
     from scipy.optimize import minimize_scalar
 
     for width in (1e-2, 1e-4, 1e-6):
@@ -165,11 +178,12 @@ def polished(value: Callable[[FloatArray], FloatArray], best: float, at: float) 
 
 
 class PositiveReal:
-    """W(z) = B/T + H(z)/(z - 1) without its pole: T Herm W = B - T/2 H(1) + T Herm X(z), for symmetric H(1).
+    """Hermitian part of W(z) = B/T + H(z)/(z - 1) on the unit circle, for a display H and a device with damping B.
 
-    X(z) = (H(z) - H(1))/(z - 1) = -C (I - A)^-1 (z I - A)^-1 B, and Herm{1/(z - 1)} = -1/2 on the circle. A display is
-    passive on a device with damping B if and only if T Herm W >= 0 on the circle, including z = 1, and H(1) >= 0
-    (discrete positive real lemma, Hitz and Anderson 1969). H must be stable with symmetric H(1).
+    The pole of W at z = 1 is removed: with X(z) = (H(z) - H(1))/(z - 1) = -C (I - A)^-1 (z I - A)^-1 B and Herm{1/(z -
+    1)} = -1/2 on the circle, T Herm W = B - T/2 H(1) + T Herm X(z). H must be stable with symmetric H(1). It is passive
+    if and only if T Herm W on the circle, including z = 1, and H(1) are positive semidefinite (discrete positive real
+    lemma, Hitz and Anderson 1969).
     """
 
     def __init__(self, system: StateSpace, B: FloatArray, T: float) -> None:
@@ -183,16 +197,16 @@ class PositiveReal:
             self.B, self.C = self.B * ratio, self.C / ratio
 
     def lack(self, angles: FloatArray) -> FloatArray:
-        """Compute the missing damping at angles (k,): largest eigenvalue of -T Herm W(e^{j th}) [N s/m]."""
+        """Compute the missing damping at angles th (k,), the largest eigenvalue of -T Herm W(e^{j th}) [N s/m]."""
         z = np.exp(1j * angles)[:, None, None]
         X = self.C @ np.linalg.solve(z * np.eye(len(self.A)) - self.A, self.B + 0j)
         return np.asarray(np.linalg.eigvalsh(-self.rest - (X + X.conj().transpose(0, 2, 1)) / 2)[:, -1])
 
     def crossings(self, level: float, near: float = NEAR) -> FloatArray:
-        """Find the angles in [0, pi] at which an eigenvalue of -T Herm W equals `level`, in ascending order.
+        """Find the angles in [0, pi] at which an eigenvalue of -T Herm W equals `level` [N s/m], in ascending order.
 
-        On the unit circle: z x = A x + B u, p = z (A'p + C'u), 0 = C x + B'p + 2 (rest + level) u, a symplectic pencil
-        whose eigenvalues on the circle have these angles.
+        They are the angles of the eigenvalues z on the unit circle of the symplectic pencil z x = A x + B u, p = z (A'p
+        + C'u), 0 = C x + B'p + 2 (rest + level) u.
         """
         from scipy.linalg import eig
 
@@ -209,11 +223,11 @@ class PositiveReal:
         return np.sort(np.abs(np.angle(over[on] / under[on])))
 
     def worst(self) -> tuple[float, float]:
-        """Maximise `lack` [N s/m] over th, and return th; no level above the maximum is crossed.
+        """Find the maximum of `lack` over the angle [N s/m], and the angle [rad].
 
-        Each round computes the crossings of the largest value so far, which enclose all larger values, and evaluates
-        the midpoints of those intervals. The iteration converges quadratically (Boyd and Balakrishnan 1990; Bruinsma
-        and Steinbuch 1990, for the H-infinity norm).
+        Each iteration computes the `crossings` of the largest value found so far and evaluates `lack` at the midpoints
+        of the intervals between them, which contain all larger values. The iteration converges quadratically (Boyd and
+        Balakrishnan 1990; Bruinsma and Steinbuch 1990, for the H-infinity norm).
         """
         start = np.concatenate([[0.0, np.pi], np.abs(np.angle(np.linalg.eigvals(self.A)))])
         values = self.lack(start)

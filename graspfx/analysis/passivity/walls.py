@@ -1,4 +1,4 @@
-"""Passive walls: the largest stiffness, also with a delay, with an encoder, and over the damping (Z-width)."""
+"""Largest passive stiffness of a virtual wall, with delay, encoder resolution and wall damping (Z-width)."""
 
 from __future__ import annotations
 
@@ -25,9 +25,10 @@ UNITS = {
 
 
 def wall_limit(damping: float, period: float, *, wall_damping: float = 0.0, delay: float = 0.0) -> float:
-    """Compute the K with b = K (T/2 + t_d) + |B| [N/m] (Colgate and Schenkel 1997; Diolaiti et al. 2006).
+    """Compute the passivity limit K = (b - |B|)/(T/2 + t_d) of the stiffness of a wall.
 
-    The wall's force K x + B (x_k - x_{k-1})/T is held over a sample and reaches the device after the delay t_d.
+    The wall's force K x + B (x_k - x_{k-1})/T is held over a sample and reaches the device after the delay t_d (Colgate
+    and Schenkel 1997; Diolaiti et al. 2006).
 
     | delay t_d | B | the limit is |
     |---|---|---|
@@ -43,21 +44,26 @@ def wall_limit(damping: float, period: float, *, wall_damping: float = 0.0, dela
         delay: Delay t_d [s].
 
     Returns:
-        The largest passive stiffness [N/m]; 0 if B alone uses up the device's damping.
+        The largest passive stiffness [N/m]; 0 if |B| exceeds the device's damping.
 
     Raises:
-        InputError: If the period is not positive, a damping or delay is negative, or numbers are not finite.
+        InputError: If the period is not positive, the device's damping or the delay is negative, or an argument is
+            infinite or nan.
     """
     b, T, B, t = _checked(damping=damping, period=period, wall_damping=wall_damping, delay=delay)
     return max(0.0, (b - abs(B)) / (T / 2 + t))
 
 
 def guaranteed_wall_limit(damping: float, period: float, *, wall_damping: float = 0.0, delay: float = 0.0) -> float:
-    """Compute K = 2 (b - |B|)/(T [a + sqrt(a^2 + p (1 - p))]) [N/m], a = 1/2 + t_d/T, p the part of a sample in t_d.
+    """Compute a stiffness limit of a wall that guarantees passivity also if the delay is not a whole number of samples.
 
-    A wall with this stiffness is passive for every operator, delay and B; for B = 0 the limit is exact. An operator may
-    move fast while the old force still acts and slowly afterwards; this lowers the limit by up to 7.2 % relative to
-    `wall_limit` (at t_d = T/4). For delays of whole samples, both limits are equal.
+    With a = 1/2 + t_d/T and the fractional part p of t_d/T, the limit is
+
+        K = 2 (b - |B|)/(T [a + sqrt(a^2 + p (1 - p))])  [N/m]
+
+    A wall with this stiffness is passive for every operator; for B = 0 the limit is exact. It is up to 7.2 % lower than
+    `wall_limit` (at t_d = T/4), because an operator may move fast while the previous force still acts in a sample, and
+    slowly afterwards. For delays of whole samples, both limits are equal.
 
     Arguments and errors are as for `wall_limit`.
     """
@@ -66,13 +72,13 @@ def guaranteed_wall_limit(damping: float, period: float, *, wall_damping: float 
 
 
 def _hold(delay: float) -> float:
-    """Compute 2 b/(K T) = a + sqrt(a^2 + p (1 - p)) at the limit K of a wall, for a delay in periods."""
+    """Compute the factor a + sqrt(a^2 + p (1 - p)) in `guaranteed_wall_limit`, for a delay in periods."""
     p, a = delay - math.floor(delay), 0.5 + delay
     return a + math.sqrt(a * a + p * (1 - p))
 
 
 def _checked(**arguments: float) -> list[float]:
-    """Check the arguments of walls by name."""
+    """Check arguments of the functions for walls, and return their values."""
     return [
         number(name, value, UNITS[name], zero=name not in ("period", "stiffness"), negative=name == "wall_damping")
         for name, value in arguments.items()
@@ -81,18 +87,20 @@ def _checked(**arguments: float) -> list[float]:
 
 @dataclass(frozen=True)
 class QuantisedWall:
-    """A wall stiffness compared with both frictions of a device (the plane of Diolaiti et al. 2006).
+    """Passivity of a wall of stiffness K on a device with an encoder (the plane of Diolaiti et al. 2006).
+
+    The device has viscous friction b, Coulomb friction f_c, sampling period T, delay t_d and encoder step Delta.
 
     Attributes:
-        viscous: Ratio b/(K T); 1/2 + t_d/T or more is enough if the delay t_d is whole samples, up to 7.7 % more
-            otherwise.
-        coulomb: Ratio f_c/(K Delta); 1/2 or more is enough.
-        passive: True if both ratios are large enough, so that no motion gains energy.
-        calm_below: Speed [m/s] below which no motion gains energy. It is finite and above zero if only viscous friction
-            is too small: Coulomb friction then also dissipates energy that the hold creates. inf if `passive`, else 0.
-        calm_above: Speed [m/s] above which no motion gains energy; limit cycles are slower. It is finite and above zero
-            if only Coulomb friction is too small: viscous friction then also dissipates energy that the quantisation
-            creates. 0 if `passive`, else inf.
+        viscous: Ratio b/(K T). It is sufficient from 1/2 + t_d/T if the delay is a whole number of samples; otherwise
+            up to 7.7 % more is needed.
+        coulomb: Ratio f_c/(K Delta). It is sufficient from 1/2.
+        passive: Whether both ratios are sufficient, so that no motion gains energy.
+        calm_below: Speed [m/s] below which no motion gains energy: inf if `passive`; finite and above zero if only the
+            viscous friction is too small, so that Coulomb friction must dissipate the rest; otherwise 0.
+        calm_above: Speed [m/s] above which no motion gains energy: 0 if `passive`; finite and above zero if only the
+            Coulomb friction is too small, so that viscous friction must dissipate the rest; otherwise inf. Limit cycles
+            are slower than this speed.
     """
 
     viscous: float
@@ -103,16 +111,16 @@ class QuantisedWall:
 
 
 def quantised_wall_limit(damping: float, period: float, *, friction: float, resolution: float) -> float:
-    """Compute K = min(2 b/T, 2 f_c/Delta) [N/m] (Abbott and Okamura 2005).
+    """Compute the largest passive stiffness K = min(2 b/T, 2 f_c/Delta) of a wall with an encoder [N/m].
 
-    A mass with viscous and Coulomb friction in a wall K x held over a sample, with x rounded to encoder steps, is
-    passive for every operator below this stiffness and not passive above. Rounding errs by at most Delta/2, so that the
-    force errs by at most K Delta/2, which the friction f_c dissipates at any speed.
+    A device with viscous and Coulomb friction on a wall K x, with x rounded to encoder steps and the force held over a
+    sample, is passive for every operator below this stiffness and not passive above it (Abbott and Okamura 2005).
+    Rounding changes the force by at most K Delta/2; an equal Coulomb friction f_c dissipates the energy of this error.
 
     Args:
         damping: Damping b [N s/m].
         period: Period T [s].
-        friction: Coulomb friction f_c [N].
+        friction: Coulomb friction f_c of the device [N].
         resolution: Encoder step Delta [m]; 0 for a continuous sensor.
     """
     _checked(period=period, damping=damping, friction=friction, resolution=resolution)
@@ -122,17 +130,18 @@ def quantised_wall_limit(damping: float, period: float, *, friction: float, reso
 def quantised_wall(
     stiffness: float, damping: float, period: float, *, friction: float, resolution: float, delay: float = 0.0
 ) -> QuantisedWall:
-    """Judge a wall K x with an encoder if the two frictions are not both sufficient; see `QuantisedWall`.
+    """Find the speeds at which a wall K x with an encoder gains no energy; see `QuantisedWall`.
 
     On average, the hold generates at most the power b_n v^2, where b_n is the damping for which K is the limit of
-    `guaranteed_wall_limit` (K T/2 without a delay), and rounding at most K Delta/2 |v|. Frictions dissipate b v^2 and
-    f_c |v|. Therefore a motion gains no energy if its speed v, averaged over each interval of held force, satisfies
+    `guaranteed_wall_limit` (K T/2 without a delay), and rounding generates at most K Delta/2 |v|. Viscous and Coulomb
+    friction dissipate b v^2 and f_c |v|. Therefore a motion gains no energy if its speed v, averaged over each interval
+    of held force, satisfies
 
         (b_n - b) v <= f_c - K Delta/2.
 
-    If f_c > K Delta/2 and b is too small, the wall is calm below a speed, and a faster motion may grow. If b is
-    sufficient and f_c is too small, the wall is calm above a speed, and limit cycles, which feel like buzzing, are
-    possible below that speed. If neither friction is sufficient, nothing is guaranteed.
+    If only b is too small, motions below a limiting speed gain no energy, and faster motions may grow. If only f_c is
+    too small, motions above a limiting speed gain no energy, and slower limit cycles, which are felt as buzzing, are
+    possible. If both are too small, no speed is guaranteed.
 
     Args:
         stiffness: Stiffness K [N/m].
@@ -154,12 +163,13 @@ def quantised_wall(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ZWidth(Carded):
-    """Largest stiffness of a wall over its damping.
+    """Largest passive and largest stable stiffness of a wall, as functions of the wall's damping.
 
     Attributes:
         wall_damping: Damping B of the wall, (k,) [N s/m].
-        passive: Largest K that is passive for every operator, (k,) [N/m]; zero if B alone is not passive.
-        stable: Largest K that is stable with a free device, (k,) [N/m], zero if there is none; None without a mass.
+        passive: Largest stiffness that is passive for every operator, (k,) [N/m]; zero where no stiffness is passive.
+        stable: Largest stiffness that is stable for a device that nobody holds, (k,) [N/m]; zero where no stiffness is
+            stable. None if the device's mass was not given.
     """
 
     wall_damping: FloatArray
@@ -167,7 +177,7 @@ class ZWidth(Carded):
     stable: FloatArray | None
 
     def plot(self, *, width: str = "screen") -> Any:
-        """Plot the region. A notebook shows the figure; `.save(path)` writes it."""
+        """Plot the stiffnesses over the damping. A notebook shows the figure; `.save(path)` writes it."""
         from graspfx.show.certificate_figures import z_width
 
         return z_width(self, width=width)
@@ -192,22 +202,22 @@ def z_width(
     wall_damping: ArrayLike | None = None,
     latency: float = 0.0,
 ) -> ZWidth:
-    """Compute the largest stiffness of a wall K x + B (x_k - x_(k-1))/T over B (Colgate and Brown 1994).
+    """Compute the largest stiffness K of a wall for each damping B (Colgate and Brown 1994).
 
-    `passive` is the limit of `guaranteed_wall_limit`, for every operator. `stable` is the limit of
-    `gx.stability.wall_limit` for a device that nobody holds, and depends on the device's mass.
+    The wall's force is K x + B (x_k - x_(k-1))/T. The largest passive stiffness is that of `guaranteed_wall_limit`, for
+    every operator; the largest stable stiffness is that of `gx.stability.wall_limit`, for a device that nobody holds.
 
     Args:
         damping: Damping b of the device [N s/m].
-        period: Period T [s].
-        mass: Mass m of the device [kg]; without it `stable` is None.
+        period: Sampling period T [s].
+        mass: Mass m of the device [kg]; if None, `stable` is not computed.
         delay: Delay of the force, in whole samples.
         latency: Additional delay of reading and force [s], not necessarily whole samples.
-        wall_damping: Values of B in ascending order [N s/m]; if None, up to the largest B with a passive or, with a
-            mass, stable stiffness.
+        wall_damping: Values of B in ascending order [N s/m]. If None, they extend to the largest B for which a
+            stiffness is passive or, if a mass is given, stable.
 
     Raises:
-        InputError: If an argument is invalid; the error names it.
+        InputError: If an argument is invalid; the message names the argument.
     """
     plant = Plant(1.0 if mass is None else mass, damping, period, delay=delay, latency=latency).checked(single=True)
     b, T = plant.damping, plant.period
@@ -222,7 +232,7 @@ def z_width(
     else:
         B = numbers("wall_damping", wall_damping, "N s/m")
     if B.ndim != 1 or not len(B) or (np.diff(B) <= 0.0).any():
-        raise InputError("wall_damping", wall_damping, "dampings in ascending order, zero or above, (k,) [N s/m]")
+        raise InputError("wall_damping", wall_damping, "increasing dampings, zero or above, (k,) [N s/m]")
     late = delay * T + latency
     passive = np.array([guaranteed_wall_limit(b, T, wall_damping=each, delay=late) for each in B.tolist()])
     stable = None if mass is None else np.array([stable_limit(each) for each in B.tolist()])
@@ -230,7 +240,7 @@ def z_width(
 
 
 def _largest_damping(plant: Plant, stable_limit: Callable[[float], float]) -> float:
-    """Find approximately where the wall's damping alone becomes unstable, by doubling and bisection."""
+    """Find, approximately, the largest wall damping that is stable without stiffness, by doubling and bisection."""
     most = 1e3 * plant.mass / plant.period
     high = 1e-3 * max(plant.damping, 1e-3 * most)
     while stable_limit(high) > 0.0 and high < most:

@@ -1,4 +1,4 @@
-"""Exact stability limits of sampled coupling impedances: walls, objects, grasps of n fingers (`gx.stability`)."""
+"""Exact stability limits of sampled walls, of objects moved by fingers, and of grasps (`gx.stability`)."""
 
 from __future__ import annotations
 

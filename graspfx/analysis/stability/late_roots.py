@@ -1,13 +1,14 @@
 """Eigenvalues of loops with long delays, without a state for each delayed sample.
 
-The eigenvalues of a loop s_(k+1) = A s_k + B h_k, h_k,i = -(C s_(k - n_i))_i are the z with det T(z) = 0:
+A loop with states s_k and reactions h_k, of which reaction i has a delay of n_i samples, is s_(k+1) = A s_k + B h_k
+with h_k,i = -(C s_(k - n_i))_i. Its eigenvalues are the z with det T(z) = 0, where
 
     T(z) = z I + B diag(z^-n) C - A
 
-There are as many eigenvalues as states and delayed samples together. The function det(T(z)/z) tends to 1 for large z
-and has no poles except at z = 0. By the argument principle, the number of eigenvalues outside a circle |z| = rho is the
-number of times that the function winds clockwise around zero along the circle. The function is computed from the Schur
-form A = U S U^H with diagonal entries l_i:
+The number of eigenvalues is the number of states plus the number of delayed samples. The function det(T(z)/z) tends to
+1 for large z and has no poles except at z = 0. By the argument principle, the number of eigenvalues with |z| > rho is
+the number of times that this function winds clockwise around zero while z moves along the circle |z| = rho. The
+function is computed from the Schur form A = U S U^H, whose diagonal entries are l_i:
 
     det(T(z)/z) = prod_i (1 - l_i/z) det(I + diag(z^-n) H(z)),  H(z) = C U (z I - S)^-1 U^H B.
 """
@@ -46,7 +47,7 @@ OUTSIDE = 1e-9  # relative distance from the farthest root outwards, beyond whic
 
 @dataclass(frozen=True, eq=False)
 class LateLoop:
-    """Loop with a late reaction: A (N, N), B (N, p), C (p, N), and delays n (p,) [samples]."""
+    """Loop of N states with p delayed reactions: A (N, N), B (N, p), C (p, N), and delays n (p,) [samples]."""
 
     A: FloatArray
     B: FloatArray
@@ -54,7 +55,7 @@ class LateLoop:
     delay: NDArray[np.int64]
 
     def matrices(self, z: ComplexArray) -> ComplexArray:
-        """Compute T at each z, (points, N, N)."""
+        """Compute T(z) at each z (points,), (points, N, N)."""
         late = z[:, None] ** -self.delay[None, :].astype(float)
         T = (self.B[None] * late[:, None, :]) @ self.C[None].astype(complex) - self.A[None]
         i = np.arange(len(self.A))
@@ -62,7 +63,7 @@ class LateLoop:
         return np.asarray(T)
 
     def slopes(self, z: ComplexArray) -> ComplexArray:
-        """Compute dT/dz at each z, (points, N, N)."""
+        """Compute the derivative of T(z) at each z (points,), (points, N, N)."""
         n = self.delay[None, :].astype(float)
         late = -n * z[:, None] ** (-n - 1.0)
         S = (self.B[None] * late[:, None, :]) @ self.C[None].astype(complex)
@@ -72,19 +73,19 @@ class LateLoop:
 
     @cached_property
     def eigenvalues(self) -> ComplexArray:
-        """Eigenvalues of A, both of each conjugate pair."""
+        """Eigenvalues l_i of A, (N,)."""
         return np.asarray(np.diag(self._schur[0]))
 
     @cached_property
     def _schur(self) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-        """S, U^H B and C U."""
+        """Matrices S, U^H B and C U, with the Schur form A = U S U^H."""
         from scipy.linalg import schur
 
         S, U = schur(self.A, output="complex")
         return S, U.conj().T @ self.B, self.C @ U
 
     def responses(self, z: ComplexArray) -> ComplexArray:
-        """Compute H at each z, (points, p, p)."""
+        """Compute H(z) at each z (points,), (points, p, p)."""
         n, p = self.B.shape
         return np.concatenate([self._responses(part) for part in np.array_split(z, 1 + len(z) * n * p // AT_ONCE)])
 
@@ -99,12 +100,12 @@ class LateLoop:
         return np.asarray((C @ Y.reshape(n, -1)).reshape(p, len(z), p).transpose(1, 0, 2))
 
     def _gaps(self, z: ComplexArray) -> ComplexArray:
-        """Compute z - l_i, (points, N); a magnitude of at most 1e-15 is replaced by 1e-15."""
+        """Compute z - l_i at each z, (points, N); values of magnitude up to 1e-15 are replaced by 1e-15."""
         gaps = z[:, None] - self.eigenvalues
         return np.where(np.abs(gaps) > ROUNDING, gaps, ROUNDING)
 
     def determinants(self, z: ComplexArray, H: ComplexArray) -> tuple[FloatArray, FloatArray]:
-        """Compute the phase of det(T/z) and the logarithm of its magnitude at each z, from H at each z."""
+        """Compute the phase of det(T(z)/z) and the logarithm of its magnitude at each z, from H(z)."""
         factors = self._gaps(z) / z[:, None]
         late = z[:, None] ** -self.delay[None, :].astype(float)
         sign, size = np.linalg.slogdet(np.eye(len(self.delay)) + late[:, :, None] * H)
@@ -112,20 +113,23 @@ class LateLoop:
 
 
 def roots_beyond(loop: LateLoop, radius: float) -> int:
-    """Count the eigenvalues with |z| > radius."""
+    """Count the eigenvalues z of a loop with |z| > radius."""
     count, _, _ = _walk(loop, radius)
     return count
 
 
 def root_at(loop: LateLoop, radius: float) -> complex | None:
-    """Find the eigenvalue next to a circle, where the phase of det(T/z) changes fastest; None if iterations fail."""
+    """Find an eigenvalue near the circle |z| = radius; return None if the iteration does not converge.
+
+    The iteration starts from the point of the circle at which the phase of det(T(z)/z) changes fastest.
+    """
     angle, phase, _ = _points(loop, radius)
     k = int((_turns(phase) / np.diff(angle)).argmax())
     return root_near(loop, complex(radius * np.exp(0.5j * (angle[k] + angle[k + 1]))))
 
 
 def farthest_root(loop: LateLoop) -> complex:
-    """Find an eigenvalue of largest |z|."""
+    """Find an eigenvalue z of a loop with the largest |z|."""
     radius, best = 1.0, 0j
     for _ in range(TRIES):
         count, angles, size = _walk(loop, radius)
@@ -144,7 +148,10 @@ def farthest_root(loop: LateLoop) -> complex:
 
 
 def _bisected(loop: LateLoop) -> complex:
-    """Find an eigenvalue of largest |z| by root counts alone, because iterations are slow at multiple eigenvalues."""
+    """Find an eigenvalue of largest |z| by bisecting the radius with root counts.
+
+    This is used where iterations fail, because they converge slowly to multiple eigenvalues.
+    """
     low = high = 1.0
     least = max(LEAST, MOST_GROWTH ** (-1.0 / float(loop.delay.max())))
     while low > least and not _walk(loop, low)[0]:
@@ -160,14 +167,17 @@ def _bisected(loop: LateLoop) -> complex:
 
 
 def _walk(loop: LateLoop, radius: float) -> tuple[int, FloatArray, FloatArray]:
-    """Walk along half a circle: return the number of roots outside it, the angles, and log |det(T/z)| there."""
+    """Count the eigenvalues with |z| > radius; also return angles and log |det(T(z)/z)| of points on |z| = radius."""
     angle, phase, size = _points(loop, radius)
     turns = np.angle(np.exp(1j * np.diff(phase))).sum() / math.pi  # both halves of the circle
     return round(-float(turns)), angle, size
 
 
 def _points(loop: LateLoop, radius: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Choose angles so dense that det(T/z) changes little between them; return them, its phase and log magnitude."""
+    """Choose points on |z| = radius so dense that det(T(z)/z) changes little between neighbours.
+
+    The result is the angles of the points, from 0 to pi, and the phase and log magnitude of det(T(z)/z) at the points.
+    """
     angle, phase, size = _start(loop, radius)
     for _ in range(ROUNDS):
         wide = (_turns(phase) > TURN) | (np.abs(np.diff(size)) > TURN) | _is_uneven(angle)
@@ -188,9 +198,10 @@ def _turns(phase: FloatArray) -> FloatArray:
 
 
 def _start(loop: LateLoop, radius: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Choose initial angles: evenly spaced, clustered near zero and eigenvalues of A, and dense where H is not small.
+    """Choose initial points on |z| = radius; the result is that of `_points`.
 
-    The phase of det(T/z) and the logarithm of its magnitude are returned with the angles.
+    The points are evenly spaced, clustered near angle zero and near eigenvalues of A, and dense where H(z) is not
+    small.
     """
     z = loop.eigenvalues
     z = z[(z.imag >= 0.0) & (np.abs(z) > 0.3 * radius)]
@@ -223,10 +234,9 @@ def _even(angle: FloatArray) -> FloatArray:
 
 
 def _is_uneven(angle: FloatArray) -> NDArray[np.bool_]:
-    """True for each step that is much wider than a neighbour.
+    """Return a mask of the steps between angles that are much wider than a neighbouring step.
 
-    Within a step that passes a multiple root, the phase may change by 2 pi unnoticed; only the small steps beside it
-    reveal this.
+    Such a step may pass a multiple root, near which a change of the phase by 2 pi cannot be seen at the step's ends.
     """
     step = np.diff(angle)
     beside = np.minimum(np.append(step[1:], np.inf), np.insert(step[:-1], 0, np.inf))
@@ -238,7 +248,10 @@ def _circle(radius: float, angle: FloatArray) -> ComplexArray:
 
 
 def _farthest(loop: LateLoop, radius: float, angle: FloatArray, size: FloatArray, best: complex) -> complex:
-    """Find the farthest of `best` and the roots near points of small determinant and near eigenvalues of A."""
+    """Return the one of largest |z| among `best` and the eigenvalues to which Newton's method converges.
+
+    The starts are points on |z| = radius where |det(T(z)/z)| has a local minimum, and eigenvalues of A.
+    """
     dips = np.flatnonzero((size <= np.append(size[1:], np.inf)) & (size <= np.insert(size[:-1], 0, np.inf)))
     dips = dips[np.argsort(size[dips])][:STARTS]
     alone = loop.eigenvalues
@@ -249,9 +262,10 @@ def _farthest(loop: LateLoop, radius: float, angle: FloatArray, size: FloatArray
 
 
 def root_near(loop: LateLoop, z: complex) -> complex | None:
-    """Apply the method of successive linear problems, T x = m T'x, from z; return an eigenvalue, or None if it fails.
+    """Find an eigenvalue from the start z by successive linear problems T(z) x = m T'(z) x, where -m is the step of z.
 
-    The method converges to eigenvalues that are multiple by symmetry as fast as to simple ones.
+    The method converges to eigenvalues that are multiple by symmetry as fast as to simple eigenvalues. Return None if
+    it does not converge.
     """
     at = np.array([z], dtype=complex)
     for _ in range(STEPS):
@@ -267,7 +281,10 @@ def root_near(loop: LateLoop, z: complex) -> complex | None:
 
 
 def _roots_near(loop: LateLoop, starts: ComplexArray) -> list[complex]:
-    """Apply Newton's method, with steps 1 / trace(T^-1 T'), from each start; return the eigenvalues that it finds."""
+    """Apply Newton's method to det T(z) from each start; return the eigenvalues to which it converges.
+
+    The step of the method is -1/trace(T^-1 T').
+    """
     z = starts.astype(complex)
     change = np.full(len(z), np.inf)
     for _ in range(STEPS):

@@ -1,4 +1,4 @@
-"""Frequency response of the open loop: characteristic loci, for Bode and Nyquist diagrams and margins."""
+"""Characteristic loci of the open loop, with Bode and Nyquist diagrams and stability margins."""
 
 from __future__ import annotations
 
@@ -29,16 +29,19 @@ GROWING = 1e-9  # excess of |z| over 1 that is not rounding of a constant motion
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Loci(Carded):
-    """Characteristic loci of a loop: the eigenvalues of its return ratio L(e^(jwT)), by frequency w/(2 pi).
+    """Characteristic loci of a loop: the eigenvalues of its return ratio as functions of frequency.
 
     Attributes:
         frequency: Frequencies up to half the sampling rate, (F,) [Hz].
-        response: Loci as columns, (F, k), continuous in frequency; loci that are zero are left out.
-        gain_margin: Smallest factor above 1 on all of the coupling's forces at which a locus passes through -1; inf if
-            none does. The margin is also one of all gains together, unless the object's integrator is "implicit".
-        gain_frequency: Frequency at which that locus passes through -1 [Hz]; nan if none does.
-        phase_margin: Smallest angle from -1 at which a locus crosses the unit circle [degrees]; inf if none does.
-        phase_frequency: Frequency of that crossing [Hz]; nan if there is none.
+        response: Eigenvalues of the return ratio L(e^(jwT)), with the angular frequency w and the sampling period T,
+            (F, k). Each column is one locus, which is continuous in frequency; loci that are zero are left out.
+        gain_margin: Smallest factor above 1 at which a locus passes through -1 if all forces of the coupling are
+            multiplied by it; inf if no factor does so. Unless the object's integrator is "implicit", stiffnesses and
+            dampings together have the same margin.
+        gain_frequency: Frequency at which this locus passes through -1 [Hz]; nan if `gain_margin` is inf.
+        phase_margin: Smallest angle between -1 and a point at which a locus crosses the unit circle [degrees]; inf if
+            no locus crosses the unit circle.
+        phase_frequency: Frequency of this crossing [Hz]; nan if `phase_margin` is inf.
     """
 
     frequency: FloatArray
@@ -50,12 +53,12 @@ class Loci(Carded):
 
     @property
     def magnitude(self) -> FloatArray:
-        """Magnitude |L| of each locus, (F, k)."""
+        """Magnitude of each locus, (F, k)."""
         return np.abs(self.response)
 
     @property
     def phase(self) -> FloatArray:
-        """Phase of each locus [degrees], (F, k), unwrapped from a start in (-270, 90]."""
+        """Phase of each locus [degrees], (F, k), continuous in frequency from a first value in (-270, 90]."""
         phase = np.unwrap(np.angle(self.response), axis=0)
         return np.asarray(np.degrees(phase - 2 * math.pi * np.ceil((phase[:1] - 0.5 * math.pi) / (2 * math.pi))))
 
@@ -83,18 +86,20 @@ class Loci(Carded):
 
 @one_blas_thread()
 def loci(subject: Subject, frequency: ArrayLike | None = None) -> Loci:
-    """Compute the loci of L(z) = -C (z I - A)^-1 B, the return ratio of the loop opened at the coupling's forces.
+    """Compute the characteristic loci of a loop opened at the coupling's forces.
 
-    The closed loop is stable if the loci encircle -1 counterclockwise as often as A (`open_loop`) has eigenvalues
-    outside the unit circle (MacFarlane and Postlethwaite 1977).
+    The return ratio is L(z) = -C (z I - A)^-1 B, with the matrices of `open_loop`. The closed loop is stable if the
+    number of times that the loci encircle -1 counterclockwise is the number of eigenvalues of A outside the unit circle
+    (MacFarlane and Postlethwaite 1977).
 
     Args:
         subject: `Linearisation`, scene, or name or path of a scene.
-        frequency: Frequencies in ascending order [Hz], up to half the sampling rate; 2000 over three decades if None.
+        frequency: Frequencies in ascending order, above zero and up to half the sampling rate [Hz]. If None, 2000
+            frequencies over three decades up to half the sampling rate.
 
     Raises:
-        InputError: If there are fewer than two frequencies, or if they do not increase, are not above zero or exceed
-            half the sampling rate; or an error of `Scene.linearise`.
+        InputError: If there are fewer than two frequencies, or the frequencies are not in ascending order or not in
+            this range. Other errors are those of `Scene.linearise`.
     """
     loop = open_loop(subject)
     half = 0.5 / loop.period
@@ -120,7 +125,7 @@ def _eigenvalues(loop: OpenLoop, frequency: float) -> ComplexArray:
 
 
 def _joined(values: ComplexArray) -> ComplexArray:
-    """Order eigenvalues so that columns are continuous, matching the nearest pairs first."""
+    """Reorder the eigenvalues in each row (F, k) so that columns are continuous, by matching nearest pairs first."""
     joined = values.copy()
     for k in range(1, len(values)):
         before, after = joined[k - 1], values[k]
@@ -135,10 +140,10 @@ def _joined(values: ComplexArray) -> ComplexArray:
 
 
 def _gain_margin(loop: OpenLoop, frequency: FloatArray, response: ComplexArray) -> tuple[float, float]:
-    """Compute the smallest 1/|L| above 1 where a locus crosses or ends on the negative real axis; and its frequency.
+    """Compute the gain margin and its frequency, from the points where loci cross or end on the negative real axis.
 
-    Loci may be so close that their crossings are confused. The smallest margin is therefore recomputed as the factor at
-    which an eigenvalue of the closed loop crosses the unit circle.
+    If two loci are close, a crossing may be attributed to the wrong one. The smallest margin is therefore recomputed as
+    the factor of the forces at which an eigenvalue of the closed loop crosses the unit circle.
     """
     best = math.inf, math.nan
     for locus in range(response.shape[1]):
@@ -153,7 +158,7 @@ def _gain_margin(loop: OpenLoop, frequency: FloatArray, response: ComplexArray) 
 
 
 def _edge(loop: OpenLoop, factor: float, frequency: float) -> tuple[float, float]:
-    """Bisect, near an estimate, for the factor of the forces at which the number of growing motions changes."""
+    """Bisect, near an estimate, for the factor of the forces at which the number of unstable eigenvalues changes."""
 
     def growing(each: float) -> int:
         return int((np.abs(np.linalg.eigvals(loop.A + each * loop.B @ loop.C)) > 1.0 + GROWING).sum())
@@ -176,7 +181,7 @@ def _lesser(best: tuple[float, float], margin: float, frequency: float) -> tuple
 
 
 def _phase_margin(loop: OpenLoop, frequency: FloatArray, response: ComplexArray) -> tuple[float, float]:
-    """Compute the smallest angle between a locus on the unit circle and -1 [degrees], and its frequency [Hz]."""
+    """Compute the phase margin [degrees] and its frequency [Hz] (`Loci`)."""
     best = math.inf, math.nan
     for locus in range(response.shape[1]):
         column = response[:, locus]
@@ -189,7 +194,10 @@ def _phase_margin(loop: OpenLoop, frequency: FloatArray, response: ComplexArray)
 
 
 def _refined(loop: OpenLoop, ends: FloatArray, values: ComplexArray, of: Any) -> tuple[float, complex]:
-    """Bisect for a sign change of a function of a locus; the locus is the eigenvalue nearest to both ends."""
+    """Bisect the interval of frequencies `ends` for a sign change of the function `of` on a locus.
+
+    The locus is the eigenvalue nearest to the values at both ends of the interval.
+    """
     (low, high), (at_low, at_high) = map(float, ends), map(complex, values)
     for _ in range(REFINED):
         middle = 0.5 * (low + high)

@@ -1,4 +1,4 @@
-"""The sampled closed loop of a grasp as one matrix, its spectral radius, and the loop opened at its forces."""
+"""Sampled closed loop of a grasp as a matrix, its spectral radius, and the loop opened at the coupling's forces."""
 
 from __future__ import annotations
 
@@ -26,19 +26,20 @@ DRIFT = 1e-10  # relative to the largest stiffness: motions that stretch springs
 
 @one_blas_thread()
 def spectral_radius(linear: Subject, recording: object = None, *, drift: bool = False) -> float:
-    """Compute the largest |z| of the sampled closed loop about a grasp at rest; the loop is stable if |z| < 1.
+    """Compute the spectral radius of the sampled closed loop of a grasp; the loop is stable if it is below 1.
 
     Args:
         linear: `Linearisation`, scene, or name or path of a scene.
-        recording: Recording of the scene, or its path: the loop is linearised about the rest at its end. A recording of
-            hardware also provides the lateness of forces; the less stable of its 1st and 99th percentiles is used.
-        drift: Whether to include common motions of fingers and object that change no force.
+        recording: Recording of the scene, or path of the recording; the scene is linearised at the last sample. A
+            recording of hardware also provides the lateness of forces: the less stable of its 1st and 99th percentiles
+            is used. None to use the scene alone.
+        drift: Whether to include common motions of fingers and object that do not change any force.
     """
     return radius_of(linear_of(linear, recording), drift=drift)
 
 
 def radius_of(linear: Linearisation, *, drift: bool = False) -> float:
-    """Compute the largest |z| of the eigenvalues of `loop_matrix`; without force-free motions unless `drift`."""
+    """Compute the spectral radius of `loop_matrix`, including motions that do not change any force only if `drift`."""
     if is_late(linear):
         return abs(farthest_root(late_loop(linear, drift=drift)))
     A = loop_matrix(linear)
@@ -48,25 +49,26 @@ def radius_of(linear: Linearisation, *, drift: bool = False) -> float:
 
 
 def loop_matrix(subject: Subject, motions: Motions | None = None) -> FloatArray:
-    """Build A of s_(k+1) = A s_k, s = (x, x', q, q', x_(k-1), readings, ground's wrench, late forces, late wrench).
+    """Build the matrix A of the closed loop s_(k+1) = A s_k from sample k to the next.
 
-    With an operator, further states follow: limbs and their rates, the force that the grip has added, and pending
-    reactions. Readings are states if the positions that the coupling uses have an age.
-
-    Devices and hands advance by the exponential of their coupled equations, the object by its integrator. With
-    "implicit", the ground's last wrench is a state, because the prediction uses it.
+    The state s consists of the device positions x and velocities x', the object's coordinates q and velocities q', and,
+    where needed: x of the previous sample, earlier readings (if positions have an age), the ground's wrench (with the
+    integrator "implicit"), delayed forces and wrenches, and, with an operator, the positions and velocities of limbs,
+    the grip's force, and delayed reactions. Devices and hands advance by the exponential of their coupled equations,
+    and the object by its integrator.
 
     Args:
         subject: `Linearisation`, scene, or name or path of a scene.
-        motions: Result of `uncoupled`, if known; it does not depend on gains.
+        motions: Result of `uncoupled`, which does not depend on the gains; computed if None.
     """
     return LoopRows(linear_of(subject), motions).closed()
 
 
 class OpenLoop(NamedTuple):
-    """Matrices A, B, C of a loop opened at the coupling's forces u (m,), which act on devices and object.
+    """Loop opened at the coupling's forces, s_(k+1) = A s_k + B u_k, f_k = C s_k, with `period` T [s].
 
-    `hand` (states, m) is the input matrix of an operator's force on each device coordinate, held over a sample.
+    The inputs u (m,) are forces on devices and object in place of the coupling's forces f (m,). `hand` (states, m) is
+    the input matrix of an operator's forces on the device coordinates, held over a sample.
     """
 
     A: FloatArray
@@ -77,9 +79,9 @@ class OpenLoop(NamedTuple):
 
 
 def open_loop(subject: Subject) -> OpenLoop:
-    """Open the loop between forces and plants: s_(k+1) = A s_k + B u_k, f_k = C s_k; u = f gives `loop_matrix`.
+    """Open the loop at the coupling's forces f; with u = f, the open loop s_(k+1) = A s_k + B u_k is `loop_matrix`.
 
-    With "implicit", the coupling's own prediction of the object is part of C.
+    With the integrator "implicit", C includes the coupling's prediction of the object.
 
     Args:
         subject: `Linearisation`, scene, or name or path of a scene.
@@ -91,21 +93,21 @@ def open_loop(subject: Subject) -> OpenLoop:
 
 
 def is_late(linear: Linearisation) -> bool:
-    """True if a reaction's delay has so many samples that one state per sample and coordinate would take too long."""
+    """Return whether reactions have a delay of so many samples that one state for each would take too long."""
     operator = linear.operator
     return operator is not None and operator.reacts and int(operator.delay.max()) * len(linear.mass) > MOST_LATE
 
 
 def late_loop(linear: Linearisation, motions: Motions | None = None, *, drift: bool = False) -> LateLoop:
-    """Build the loop of an operator with a late reaction, opened where the reaction acts.
+    """Build the loop of an operator with a delayed reaction, with the reaction as input (`LateLoop`).
 
     Args:
         linear: Loop with a reaction.
-        motions: Result of `uncoupled`, if known.
-        drift: Whether to include motions that change no force.
+        motions: Result of `uncoupled`; computed if None.
+        drift: Whether to include motions that do not change any force.
 
     Raises:
-        InputError: If the delay has too many samples for this number of coordinates.
+        InputError: If the delay has too many samples for the number of device coordinates.
     """
     operator = linear.operator
     assert operator is not None
@@ -115,7 +117,7 @@ def late_loop(linear: Linearisation, motions: Motions | None = None, *, drift: b
         raise InputError(
             "reaction.delay", f"{samples} samples",
             f"at most {most}, with {m} finger coordinates, for a stability analysis",
-            "use a shorter delay, a longer period or fewer fingers; the scene itself can be run",
+            "use a shorter delay, a longer period or fewer fingers; the scene can be run without this analysis",
         )  # fmt: skip
     plant = LoopRows(linear, motions, opened=True)
     rows = plant.closed()
@@ -128,25 +130,25 @@ def late_loop(linear: Linearisation, motions: Motions | None = None, *, drift: b
 
 
 class LoopRows:
-    """Equations of devices, hands and object, as matrix rows that multiply the state and additional inputs.
+    """Equations of devices, hands and object, as matrix rows that multiply the state and the inputs.
 
-    Device i feels each tick's force (n_i + phi_i) T after the tick, and its reading is (a_i + psi_i) T old:
+    The force of sample k acts on a device from (n + phi) T after the start of the sample, and its reading is (a + psi)
+    T old, with integers n and a, and 0 <= phi, psi < 1. The device's state s = (x, x') advances by
 
         s_(k+1) = E(T) s_k + Gamma(T - phi T) F_(k-n) + [Gamma(T) - Gamma(T - phi T)] F_(k-n-1)
-        x(t_(k+1) - psi T): the same up to (1 - psi) T
 
-    E(t) and Gamma(t) are exact for devices and hands under a force held for t. They include the hold, which is not part
-    of the delay.
+    under the force F on the device. Its position at the time of the reading is computed in the same way over (1 - psi)
+    T. E(t) and Gamma(t) are the exact motion of devices and hands under a force held for t.
 
     Args:
-        linear: Grasp.
-        motions: Result of `uncoupled`, if known.
-        inputs: Number of forces u that replace the coupling's.
-        opened: True if late reactions are inputs too.
+        linear: Loop.
+        motions: Result of `uncoupled`; computed if None.
+        inputs: Number of input forces u that replace the coupling's forces.
+        opened: Whether delayed reactions are inputs too.
 
     Attributes:
         size: Number of states.
-        at: Rows that select each part of the state, by name.
+        at: Rows that select each part of the state, by name of the part.
         reading: Rows of the positions that the coupling uses.
     """
 
@@ -189,12 +191,12 @@ class LoopRows:
         self.speed_reading = self._read("v", "dy") if linear.rate == "state" else at["v"]
 
     def closed(self) -> FloatArray:
-        """Return the rows of the next state, with the coupling's forces fed back."""
+        """Return the rows of the next state of the closed loop."""
         f, extra = self.coupling()
         return self.advanced(f + extra[: len(f)], self.linear.G @ f - extra[len(f) :])
 
     def opened(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return A and B of the next state under forces u in place of the coupling's, and the coupling's forces f."""
+        """Return the matrices A, B and C of `open_loop`: next state, with input forces, and forces of the coupling."""
         f, extra = self.coupling()
         u, m = self.at["u"], len(f)
         rows = self.advanced(u + extra[:m], self.linear.G @ u - extra[m:])
@@ -202,7 +204,7 @@ class LoopRows:
 
     @property
     def hand(self) -> FloatArray:
-        """Return the input matrix of an operator's force on each device coordinate, held over a sample, (states, m)."""
+        """Input matrix of an operator's forces on the device coordinates, held over a sample, (states, m)."""
         m = len(self.linear.mass)
         push = self.hold.copy()
         for part, rows in _groups(np.tile(self._psi, 2)):
@@ -217,7 +219,7 @@ class LoopRows:
         return entry
 
     def coupling(self) -> tuple[FloatArray, FloatArray]:
-        """Return the coupling's forces f, and the preload's forces on devices and object, as rows over the state."""
+        """Return the rows of the coupling's forces, and the rows of the preload's forces on devices and object."""
         linear, at, q, s = self.linear, self.at, self.shift, self.push
         m, r = linear.coordinates
         T = linear.period
@@ -242,7 +244,7 @@ class LoopRows:
         return f, extra
 
     def advanced(self, display_force: FloatArray, felt: FloatArray) -> FloatArray:
-        """Return the next state's rows, for the forces to display on devices and the wrench to apply to the object."""
+        """Return the rows of the next state, from those of the displayed forces and of the wrench on the object."""
         linear, at, object_lag = self.linear, self.at, self.linear.object_delay
         late = [display_force, *(at[f"f{i}"] for i in range(1, self.lag + 1))]
         wrench = [felt, *(at[f"g{i}"] for i in range(1, object_lag + 1))][object_lag]
@@ -268,13 +270,13 @@ class LoopRows:
         return np.concatenate(rows + own)
 
     def _read(self, fresh: str, name: str) -> FloatArray:
-        """Return the rows of the positions that the coupling uses, each device's with its age."""
+        """Return the rows of the readings that the coupling uses: part `fresh` without age, otherwise parts `name`."""
         if not self.readings:
             return self.at[fresh]
         return np.stack([self.at[f"{name}{a}"][i] for i, a in enumerate(self._back)])
 
     def _moved(self, part: float, motion: FloatArray, begun: FloatArray, ended: FloatArray) -> FloatArray:
-        """Return the rows of (x, x') after a part of the sample, with forces that end and begin within it."""
+        """Return the rows of (x, x') after a part of the sample, in which forces `ended` change to forces `begun`."""
         E, Gamma = self._step(part)
         state = E @ motion - Gamma @ begun
         if self._phi.any():
@@ -287,7 +289,7 @@ class LoopRows:
     def _newest(
         self, state: FloatArray, motion: FloatArray, begun: FloatArray, ended: FloatArray
     ) -> list[FloatArray]:  # fmt: skip
-        """Return the rows of the readings after a sample."""
+        """Return the rows of the readings in the next state; none if positions have no age."""
         if not self.readings:
             return []
         m, newest = len(self._psi), state.copy()
@@ -299,7 +301,7 @@ class LoopRows:
         return rows_
 
     def _step(self, part: float) -> tuple[FloatArray, FloatArray]:
-        """Return E and Gamma over a part of the sample."""
+        """Return E and Gamma (`LoopRows`) over a part of the sample."""
         if part == 1.0:
             return self.drift, self.hold
         if part not in self._steps:
@@ -307,7 +309,7 @@ class LoopRows:
         return self._steps[part]
 
     def _operated(self, operator: OperatorMatrices, displayed: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
-        """Return the effect of the operator's own forces on (x, x', y, y'), and the rows of the operator's memory."""
+        """Return the rows of grip and reaction forces' effect on (x, x', y, y'), and the rows of their next states."""
         at, S = self.at, operator.limb
         limbs = held_limbs(self.linear)
         push = np.zeros((len(self.hold), displayed.shape[1]))
@@ -329,23 +331,23 @@ class LoopRows:
 
 
 def _groups(parts: FloatArray) -> Sequence[tuple[float, NDArray[np.intp]]]:
-    """Return each positive part of a sample, and the indices of the coordinates with this part."""
+    """List the distinct positive values of `parts`, each with the indices of the coordinates that have this value."""
     return [(part, np.flatnonzero(parts == part)) for part in np.unique(parts[parts > 0.0]).tolist()]
 
 
 def late_readings(linear: Linearisation) -> int:
-    """Return the number of readings of each coordinate in a loop's state; zero if positions have no age."""
+    """Return the number of readings of each coordinate that a loop's state contains; zero if positions have no age."""
     if not linear.age.any():
         return 0
     return 1 + max(samples_and_part(age, linear.period)[0] for age in linear.age.tolist())
 
 
 def ground_wrench(linear: Linearisation, s: FloatArray, position: FloatArray, speed: FloatArray) -> FloatArray:
-    """Compute the ground's wrench F_g from the position q and velocity w that the object would have without it.
+    """Compute the ground's wrench F_g from position q and velocity w of the object after a sample without ground.
 
-    F_g = -Y [K_g (q + a w) + B_g w], Y = [I + (T K_g + B_g) s]^-1, where s maps a wrench to the velocity that it adds.
-    With the lookahead a of `objects.floor.rest`, a change of the velocity w changes the position at which the ground
-    acts by T times as much, for every integrator.
+    F_g = -Y [K_g (q + a w) + B_g w] with Y = [I + (T K_g + B_g) s]^-1, where s maps a wrench to a change of velocity.
+    The lookahead a (`objects.floor.rest`) is chosen so that, for every integrator, a change of w changes the position
+    at which the ground acts by T times as much.
     """
     if linear.ground is None:
         return np.zeros_like(position)
@@ -359,19 +361,20 @@ def ground_wrench(linear: Linearisation, s: FloatArray, position: FloatArray, sp
 
 
 def uncoupled(linear: Linearisation) -> Motions:
-    """Return `held_devices` and `object_matrices`: the motion of devices and object under forces held over a sample."""
+    """Return the results of `held_devices` and `object_matrices`, the motions under forces held over a sample."""
     matrices = object_matrices(linear.integrator, linear.inertia, linear.viscosity, linear.period)
     return *held_devices(linear), *matrices
 
 
 def held_devices(linear: Linearisation, duration: float | None = None) -> tuple[FloatArray, FloatArray]:
-    """Map (x, x') and forces held on the devices to (x, x') after T: (2 m, 2 m), (2 m, m).
+    """Return the matrices from the devices' state and from held forces on devices to the state after T.
 
-    With limbs y, (x, x', y, y'): (2 m + 2 l, 2 m + 2 l), (2 m + 2 l, m).
+    The state is (x, x'), and the matrices are (2 m, 2 m) and (2 m, m). With limbs y (l,), the state is (x, x', y, y'),
+    and the matrices are (2 m + 2 l, 2 m + 2 l) and (2 m + 2 l, m).
 
     Args:
-        linear: Grasp.
-        duration: Duration in place of T [s].
+        linear: Loop.
+        duration: Duration [s]; the sampling period if None.
     """
     m, T = len(linear.mass), linear.period if duration is None else duration
     K, B = linear.hand_stiffness, linear.hand_damping + np.diag(linear.friction)
@@ -394,7 +397,7 @@ def held_devices(linear: Linearisation, duration: float | None = None) -> tuple[
 
 
 def held_limbs(linear: Linearisation) -> FloatArray:
-    """Map forces held on limbs to (x, x', y, y') after T, (2 m + 2 l, l)."""
+    """Return the matrix from held forces on limbs to the state (x, x', y, y') after T, (2 m + 2 l, l)."""
     if linear.operator is None or not linear.operator.limbs:
         return np.zeros((2 * len(linear.mass), 0))
     E = _with_limbs(linear, linear.operator, linear.period)
@@ -402,7 +405,7 @@ def held_limbs(linear: Linearisation) -> FloatArray:
 
 
 def _with_limbs(linear: Linearisation, operator: OperatorMatrices, T: float) -> FloatArray:
-    """Map (x, x', y, y') and forces held on devices and limbs to (x, x', y, y') after T."""
+    """Return the matrix from (x, x', y, y') and held forces on devices and limbs to (x, x', y, y') after T."""
     m, limbs = operator.limb.shape
     S, tip, damper = operator.limb, linear.hand_stiffness, linear.hand_damping
     push = np.zeros((m + limbs, m + limbs))
@@ -417,7 +420,7 @@ def _with_limbs(linear: Linearisation, operator: OperatorMatrices, T: float) -> 
 
 
 def advance(stiffness: FloatArray, damping: FloatArray, push: FloatArray, T: float) -> FloatArray:
-    """Map (x, x', F) to (x, x') after T under x'' = -stiffness x - damping x' + push F, (2 m, 3 m)."""
+    """Return the matrix (2 m, 3 m) from (x, x', F) to (x, x') after T, for x'' = -stiffness x - damping x' + push F."""
     m = len(push)
     A = np.zeros((3 * m, 3 * m))
     A[:m, m : 2 * m] = np.eye(m)  # in s = t/T, for x and T x'
@@ -434,7 +437,7 @@ def advance(stiffness: FloatArray, damping: FloatArray, push: FloatArray, T: flo
 
 @lru_cache(maxsize=256)
 def _advance_alone(stiffness: float, damping: float, push: float, T: float) -> FloatArray:
-    """Compute `advance` for one coordinate; equal coordinates share the result."""
+    """Compute `advance` for one coordinate, cached for coordinates with equal properties."""
     one = np.ones((1, 1))
     return advance(stiffness * one, damping * one, push * one, T)
 
@@ -442,9 +445,10 @@ def _advance_alone(stiffness: float, damping: float, push: float, T: float) -> F
 def object_matrices(
     integrator: str, inertia: FloatArray, viscosity: FloatArray, T: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Compute (P, Q, R, S) of q+ = q + P w + Q F, w+ = R w + S F under a wrench F held over T, each (r, r).
+    """Return the matrices (P, Q, R, S), each (r, r), of an object's step q+ = q + P w + Q F, w+ = R w + S F.
 
-    With "implicit", Q and S also serve to solve for the force.
+    The wrench F acts on the object of position q and velocity w over the sampling period T. With the integrator
+    "implicit", Q and S are also used to solve for the force.
     """
     figures = (np.ascontiguousarray(each, dtype=float).tobytes() for each in (inertia, viscosity))
     return _object_matrices(integrator, len(inertia), *figures, T)
@@ -477,13 +481,16 @@ def _object_matrices(
 
 
 def without_drift(linear: Linearisation, A: FloatArray) -> FloatArray:
-    """Restrict A to the quotient by the motions (x, q) that change no force, for which A s = s."""
+    """Remove from A the motions (x, q) that do not change any force, which are eigenvectors with eigenvalue 1."""
     basis = drift_free(linear, len(A))
     return A if basis is None else np.asarray(basis.T @ A @ basis, dtype=float)
 
 
 def drift_free(linear: Linearisation, states: int) -> FloatArray | None:
-    """Find an orthonormal basis of the states without motions that change no force; None without such motions."""
+    """Find an orthonormal basis of the complement, in a loop's states, of the motions that do not change any force.
+
+    Return None if every motion changes a force.
+    """
     m, r = linear.coordinates
     K = np.zeros((m + r, m + r))
     K[:m, :m] = linear.stiffness

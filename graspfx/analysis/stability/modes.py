@@ -1,4 +1,4 @@
-"""Independent parts of a loop: modes in closed form, and smaller loops that separate for all gains."""
+"""Modes of a loop in closed form, and division of a loop into smaller loops that are independent for all gains."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ALIKE = 1e-12  # relative difference of gains, devices and hands up to which mot
 
 
 def common_axes(matrices: Sequence[FloatArray], tolerance: float) -> FloatArray | None:
-    """Find orthonormal columns that diagonalise all matrices within a relative tolerance; None if there are none."""
+    """Find common orthonormal eigenvectors (columns) of all matrices within a relative tolerance; None without any."""
     sizes = [max(float(np.abs(A).max(initial=0.0)), 1e-300) for A in matrices]
     if any(np.abs(A - A.T).max(initial=0.0) > tolerance * size for A, size in zip(matrices, sizes, strict=True)):
         return None
@@ -47,19 +47,19 @@ def common_axes(matrices: Sequence[FloatArray], tolerance: float) -> FloatArray 
 
 @dataclass(frozen=True, eq=False)
 class Mode:
-    """An independent mode of a closed loop.
+    """A mode of a closed loop: one or more motions that are independent of the others.
 
     Attributes:
-        kind: "internal" (a device on a wall), "external" (a device that moves an object) or "coupled" (external motions
-            that do not separate).
-        count: Number of motions: equal internal motions are counted together; for "coupled" the size of the block.
-        stiffness, damping: Stiffness and damping of the mode's coupling [N/m, N s/m]; (count, count) for "coupled".
-        object_mass, object_viscosity: Mass and viscosity of the object [kg, N s/m]; 0 for "internal", matrices for
-            "coupled".
+        kind: "internal" (equivalent to a device on a wall), "external" (equivalent to a device that moves an object) or
+            "coupled" (several external motions that depend on one another).
+        count: Number of motions in the mode; internal motions with equal gains form one mode.
+        stiffness, damping: Stiffness [N/m] and damping [N s/m] of the coupling; matrices (count, count) if "coupled".
+        object_mass, object_viscosity: Mass [kg] and viscosity [N s/m] of the equivalent object; 0 if "internal",
+            matrices (count, count) if "coupled".
         spectral_radius: Spectral radius of the mode's closed loop.
-        motions: Orthonormal device motions, (m, count), each entry times the square root of the device's mass over the
-            mean mass.
-        limits: Limits of the mode's stiffness at its present damping; None for "coupled".
+        motions: Orthonormal columns (m, count) of device motions; entries are in units of displacement times the square
+            root of the device's mass over the mean mass.
+        limits: Limits of the mode's stiffness at its damping; None if "coupled".
     """
 
     kind: str
@@ -76,20 +76,19 @@ class Mode:
 def modes(linear: Subject) -> list[Mode]:
     """List the modes of a grasp of identical devices without preload, internal modes first.
 
-    With m device coordinates and r of the object, there are m - r internal modes "device + wall", and r external modes
-    "device + object". The objects' masses are the eigenvalues of (G G')^-1/2 M_o (G G')^-1/2, their viscosities those
-    with B_o in place of M_o, their stiffnesses those with G K G', and their dampings those with G D G'. If these
-    matrices do not commute, the external motions form one coupled block. Devices with different masses count as
-    identical if friction, springs and gains are proportional to the masses, as with a mass metric: each device is
-    measured in units of the square root of its mass over the mean mass.
+    With m device coordinates and r object coordinates, m - r internal motions are equivalent to a device on a wall, and
+    r external motions to a device that moves an object. Masses, viscosities, stiffnesses and dampings of the external
+    modes are the eigenvalues of (G G')^-1/2 X (G G')^-1/2 with X = M_o, B_o, G K G' and G D G' (`Linearisation`). If
+    these matrices do not commute, the external motions form one coupled mode. Devices of different mass count as
+    identical if their friction, hand and gains are proportional to the mass.
 
     Args:
         linear: `Linearisation`, scene, or name or path of a scene.
 
     Raises:
-        InputError: If devices or delays differ, `rate` is not "difference", the rows of G are dependent, gains mix
-            internal and external forces, internal stiffness and damping do not commute, or there is a preload, a ground
-            or an operator model; `spectral_radius` has no such restriction.
+        InputError: If devices or delays differ, `rate` is not "difference", the rows of G are linearly dependent, gains
+            mix internal and external forces, internal stiffness and damping do not commute, or there is a preload, a
+            ground or an operator model. `spectral_radius` does not have these restrictions.
     """
     linear = linear_of(linear)
     r = linear.coordinates[1]
@@ -98,7 +97,7 @@ def modes(linear: Subject) -> list[Mode]:
     K, D = linear.stiffness / np.outer(root, root), linear.damping / np.outer(root, root)
     left, sizes, right = np.linalg.svd(G)
     if r and (len(sizes) < r or sizes[-1] <= SAME * sizes[0]):
-        raise InputError("G", linear.G, "independent rows", "leave out degrees of freedom that the fingers cannot move")
+        raise InputError("G", linear.G, "independent rows", "omit degrees of freedom that the fingers cannot move")
     U, inner = right[:r].T @ left.T, right[r:].T  # G = (G G')^1/2 U'
     for name, A in (("stiffness", K), ("damping", D)):
         if np.abs(inner.T @ A @ U).max(initial=0.0) + np.abs(U.T @ A @ inner).max(initial=0.0) > SAME * np.abs(A).max():
@@ -110,18 +109,20 @@ def modes(linear: Subject) -> list[Mode]:
 
 
 def _device(linear: Linearisation) -> tuple[Plant, FloatArray]:
-    """Return a device that represents all devices scaled by mass, and the square roots of mass over mean mass."""
+    """Return a device that represents all devices, and square roots (m,) of each device's mass over the mean mass."""
     if linear.preload is not None and linear.preload.any():
-        raise InputError("preload", linear.preload, "none", "a squeezed grasp has no separate modes")
+        raise InputError("preload", linear.preload, "no preload", "the modes of a squeezed grasp are not independent")
     if not np.allclose(linear.G, linear.G_displacement, rtol=0.0, atol=SAME * np.abs(linear.G).max(initial=0.0)):
-        raise InputError("G_displacement", linear.G_displacement, "G", "a squeezed grasp has no separate modes")
+        do = "the modes of a squeezed grasp are not independent"
+        raise InputError("G_displacement", linear.G_displacement, "a matrix equal to G", do)
     if linear.operator is not None:
-        raise InputError("operator", linear.operator, "none", "modes have a closed form only with springs and dampers")
+        do = "modes have a closed form only if hands are springs and dampers"
+        raise InputError("operator", linear.operator, "no operator model", do)
     if linear.ground is not None:
-        raise InputError("ground", linear.ground, "none", "a supported object has no separate modes")
+        raise InputError("ground", linear.ground, "no ground", "the modes of a supported object are not independent")
     for name, each in (("delay", linear.delay), ("latency", linear.latency)):
         if (each != each[0]).any():
-            raise InputError(name, each.tolist(), "the same for every device")
+            raise InputError(name, each.tolist(), "the same value for every device")
     if linear.rate != "difference":
         raise InputError("rate", linear.rate, "'difference'")
     mean = float(linear.mass.mean())
@@ -198,35 +199,36 @@ def _external(linear: Linearisation, device: Plant, U: FloatArray, parts: Sequen
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """An independent part of a loop.
+    """A part of a loop that is independent of the other parts.
 
     Attributes:
-        linear: Loop of the part alone, without an object if the part's motions do not reach the object.
-        basis: Matrix B (m, k) with x = B y, so that the part's stiffness is B'K B; None if the loop is a single part.
+        linear: Loop of the part, without an object if the part's motions do not move the object.
+        basis: Matrix (m, k) from the part's coordinates to the device coordinates of the whole loop; None if the part
+            is the whole loop.
     """
 
     linear: Linearisation
     basis: FloatArray | None
 
     def stiffness(self, K: FloatArray) -> FloatArray:
-        """Project K of the whole loop onto the part's own coordinates."""
+        """Transform a stiffness K (m, m) of the whole loop to the part's coordinates, (k, k)."""
         return K if self.basis is None else np.asarray(self.basis.T @ K @ self.basis)
 
 
 def parts_of(linear: Linearisation, gains: Sequence[FloatArray] = ()) -> list[Part]:
-    """Divide a loop into parts that are independent for all factors of its gains.
+    """Divide a loop into parts that are independent for all values of its gains.
 
-    Devices are measured in units of the square root of their masses. Object and devices act on each other through the
-    ranges of G', G_e', G_c' and the preload. The part with the object is the smallest space that contains these ranges
-    and is invariant under stiffness, damping, friction and hands. In its orthogonal complement, devices move as on a
-    wall. If all matrices have common eigenvectors in the complement, each eigenvector is a loop of one coordinate, and
-    equal loops are listed once. With n equal fingers, at most 15 of 3 n coordinates remain, for any n. Limits and
-    spectral radii are those of the whole loop, to rounding.
+    The part with the object is the smallest space of device motions that contains the ranges of G', G_e', G_c' and the
+    preload, through which object and devices act on each other, and that is invariant under stiffness, damping,
+    friction and hands. In the orthogonal complement of this space, devices move as on a wall. If all matrices have
+    common eigenvectors in the complement, each eigenvector is a part of one coordinate, and equal parts are listed
+    once. Device coordinates are scaled by the square roots of their masses. With n equal fingers, at most 15 of 3 n
+    coordinates remain, for any n. Limits and spectral radii are those of the whole loop, to rounding.
 
     Args:
         linear: Loop to divide.
-        gains: Symmetric matrices (m, m) of which the loop's stiffness is a linear combination; by default only the
-            stiffness itself.
+        gains: Symmetric matrices (m, m); every stiffness of interest is a linear combination of them. If empty, only
+            multiples of the loop's stiffness are considered.
     """
     m, r = linear.coordinates
     if m <= r:
@@ -274,7 +276,7 @@ def parts_of(linear: Linearisation, gains: Sequence[FloatArray] = ()) -> list[Pa
 def _closure(rows: FloatArray, matrices: Sequence[FloatArray]) -> FloatArray | None:
     """Find an orthonormal basis (m, k) of the smallest space that contains the rows and is invariant under `matrices`.
 
-    None if that is the whole space.
+    Return None if this space has m dimensions.
     """
     m = rows.shape[1]
     new, basis, least = rows.T, np.zeros((m, 0)), FAINT
@@ -294,7 +296,7 @@ def _closure(rows: FloatArray, matrices: Sequence[FloatArray]) -> FloatArray | N
 
 
 def _part(linear: Linearisation, root: FloatArray, columns: FloatArray, with_object: bool) -> Part:
-    """Restrict a loop to orthonormal columns of device coordinates, each scaled by the root of mass over mean mass."""
+    """Restrict a loop to the space of orthonormal columns (m, k), in device coordinates scaled by `root` (m,)."""
     m, r = linear.coordinates
     k, q = columns.shape[1], r if with_object else 0
     B, forces = columns / root[:, None], columns * root[:, None]  # x = B y, and the part's own f

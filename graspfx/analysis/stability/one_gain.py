@@ -1,4 +1,4 @@
-"""Exact limits of one gain: walls and objects moved by fingers, over arrays of parameters, and design formulas."""
+"""Exact stability limits of walls and of fingers that move an object, and gains and dampings designed from them."""
 
 from __future__ import annotations
 
@@ -35,41 +35,42 @@ def _with_object(
 
 
 def wall_limit(mass: float, damping: float, period: float, **options: Unpack[WallOptions]) -> float:
-    """Compute the smallest stiffness at which a wall is unstable [N/m]; inf if all stiffnesses are stable.
+    """Compute the smallest stiffness k at which a device on a wall is unstable [N/m]; inf if every k is stable.
 
-        m x'' + (b + b_s) x' + k_s x = -f,    f = k x_j + B (x_j - x_(j-1))/T,    f held over T, `delay` samples late
+        m x'' + (b + b_s) x' + k_s x = -f,    f = k x_j + B (x_j - x_(j-1))/T
 
-    The result is the limit of k_ip for every internal motion of a grasp with such devices. Without a spring, wall
-    damping, operator damping and delay, the limit is min{(1 - E)/b0, 2 (1 + E)/(b1 - b0) if b1 > b0}, with p = b/m, E =
-    exp(-p T), b1 = (T - (1 - E)/p)/b and b0 = ((1 - E)/p - T E)/b.
+    The wall's force f is computed from the positions x_j in samples j, held over T, and displayed `delay` samples late.
+    The result is also the limit of k_ip for every internal motion of a grasp with such devices. If k_s, B, b_s and all
+    delays are zero, the limit is min{(1 - E)/b0, 2 (1 + E)/(b1 - b0) if b1 > b0}, with p = b/m, E = exp(-p T), b1 = (T
+    - (1 - E)/p)/b and b0 = ((1 - E)/p - T E)/b.
 
     Args:
         mass: Mass m of the device [kg].
         damping: Viscous damping b of the device [N s/m].
-        period: Period T [s].
+        period: Sampling period T [s].
         spring: Stiffness k_s between device and ground, for example of the operator's finger [N/m]; 0 if not given.
-        wall_damping: Damping B of the wall [N s/m] on the backward difference of the position, which `simulated`
-            devices without encoders report as velocity. It may be negative; 0 if not given.
+        wall_damping: Damping B of the wall [N s/m], which may be negative; 0 if not given. It acts on the backward
+            difference of the position, which `simulated` devices without encoders report as velocity.
         delay: Delay of the displayed force, in whole samples; 0 if not given.
         spring_damping: Damping b_s of the operator [N s/m]; 0 if not given.
-        latency: Sum of additional delays from the motion to its reading and from the reading to the force [s]. It need
-            not be a whole number of samples: the held force is shifted exactly. 0 if not given.
+        latency: Sum of the additional delays from the motion to its reading and from the reading to the force [s],
+            which need not be a whole number of samples; 0 if not given.
 
     Raises:
-        InputError: If an argument is invalid; the error names it.
+        InputError: If an argument is invalid; the message names the argument.
     """
     return wall_limits(mass, damping, period, **options).limit
 
 
 def wall_limits(mass: float, damping: float, period: float, **options: Unpack[WallOptions]) -> Limits:
-    """Compute all stable stiffnesses of a wall; the arguments are those of `wall_limit`."""
+    """Compute all stable stiffnesses of a wall; arguments are as for `wall_limit`."""
     return _on_wall(mass, damping, period, **options).checked(single=True).limits()
 
 
 def wall_limit_map(
     mass: ArrayLike, damping: ArrayLike, period: ArrayLike, **options: Unpack[WallOptions]
 ) -> FloatArray:
-    """Compute `wall_limit` for arrays of parameters that broadcast, in their common shape."""
+    """Compute `wall_limit` for parameters that are arrays; the result has the shape to which they broadcast."""
     return _on_wall(mass, damping, period, **options).checked().limit_map()
 
 
@@ -81,38 +82,40 @@ def external_limit(
     object_damping: float,
     **options: Unpack[ObjectOptions],
 ) -> float:
-    """Compute the smallest k_ep at which fingers that move an object are unstable [N/m]; inf if all k_ep are stable.
+    """Compute the smallest stiffness k_ep at which fingers that move an object are unstable [N/m]; inf if none is.
 
     n equal fingers along one axis are equivalent to one device of mass m and an object of mass m_v/n and viscosity
-    b_v/n:
+    b_v/n. With the device's position x, the object's position x_v and k = k_ep,
 
         m x'' + (b + b_s) x' + k_s x = -f,    m_v/n x_v'' + b_v/n x_v' = f
         f = k (x - x_v) + B ((x_j - x_(j-1))/T - x_v')
 
-    The object moves by one of the `INTEGRATORS`. "implicit" solves for the force together with the object's new state,
-    "bullet" is PyBullet's integrator with exact viscosity. B acts on the backward difference of the device's position
-    and on the object's own velocity, as in a run with `simulated` devices without encoders.
+    where f is held over each sample j. The integrator of the object is one of `INTEGRATORS`: "implicit" solves for the
+    force together with the object's new state, and "bullet" is PyBullet's integrator with exact viscosity. B acts on
+    the backward difference of the device's position and on the velocity state of the object, as in a run with
+    `simulated` devices without encoders.
 
     Args:
         mass: Mass m of a device [kg].
         damping: Viscous damping b of a device [N s/m].
-        period: Period T [s].
+        period: Sampling period T [s].
         object_mass: Mass m_v of the object [kg].
         object_damping: Viscosity b_v of the object [N s/m].
         fingers: Number n of fingers; 2 if not given.
         spring: Stiffness k_s between each device and ground, for example of the operator's finger [N/m]; 0 if not
-            given. Without it, the common motion of devices and object is left out, because no force depends on it.
+            given. If it is 0, the common motion of devices and object is excluded, because no force depends on this
+            motion.
         integrator: Integrator of the object; "exact" if not given.
         delay: Delay of the displayed force, in whole samples; 0 if not given.
-        object_delay: Delay of the force on the object, in whole samples, zero with "implicit"; 0 if not given.
+        object_delay: Delay of the force on the object, in whole samples; 0 if not given, and always 0 for "implicit".
         coupling_damping: Damping B of the coupling [N s/m]; 0 if not given.
         spring_damping: Damping b_s of the operator [N s/m]; 0 if not given.
-        latency: Sum of each device's additional delays from the motion to its reading and from the reading to the force
-            [s]; 0 if not given.
+        latency: Sum of the additional delays of each device, from the motion to its reading and from the reading to the
+            force [s]; 0 if not given.
 
     Raises:
-        InputError: If an argument is invalid; the error names it.
-        UnknownNameError: If no integrator has that name.
+        InputError: If an argument is invalid; the message names the argument.
+        UnknownNameError: If the integrator is unknown.
     """
     return external_limits(mass, damping, period, object_mass, object_damping, **options).limit
 
@@ -125,7 +128,7 @@ def external_limits(
     object_damping: float,
     **options: Unpack[ObjectOptions],
 ) -> Limits:
-    """Compute all stable k_ep of fingers that move an object; the arguments are those of `external_limit`."""
+    """Compute all stable k_ep of fingers that move an object; arguments are as for `external_limit`."""
     return _with_object(mass, damping, period, object_mass, object_damping, **options).checked(single=True).limits()
 
 
@@ -137,7 +140,7 @@ def external_limit_map(
     object_damping: ArrayLike,
     **options: Unpack[ObjectOptions],
 ) -> FloatArray:
-    """Compute `external_limit` for arrays of parameters that broadcast, in their common shape."""
+    """Compute `external_limit` for parameters that are arrays; the result has the shape to which they broadcast."""
     return _with_object(mass, damping, period, object_mass, object_damping, **options).checked().limit_map()
 
 
@@ -149,9 +152,9 @@ def external_limit_blocks(
     object_damping: ArrayLike,
     **options: Unpack[ObjectOptions],
 ) -> Iterator[tuple[int, FloatArray]]:
-    """Compute `external_limit_map` a block at a time, as (first index, values) in the order of the flat array.
+    """Yield the values of `external_limit_map` in blocks, each with the index of its first value in the flattened map.
 
-    Only one block is held in memory for any number of points; parameters that broadcast are not expanded.
+    Only one block is held in memory, and parameters are not broadcast to the shape of the map.
     """
     return _with_object(mass, damping, period, object_mass, object_damping, **options).checked().limit_blocks()
 
@@ -165,7 +168,10 @@ def external_stable_map(
     object_damping: ArrayLike,
     **options: Unpack[ObjectOptions],
 ) -> NDArray[np.bool_]:
-    """Test whether given k_ep [N/m] are stable, by Jury's conditions as Routh's array in w = (z - 1)/(z + 1)."""
+    """Test whether stiffnesses k_ep = `gain` [N/m] are stable; other arguments are as for `external_limit_map`.
+
+    Jury's conditions are evaluated as Routh's array in w = (z - 1)/(z + 1).
+    """
     plant = _with_object(mass, damping, period, object_mass, object_damping, **options).checked()
     plant = replace(plant, gain=numbers("gain", gain, "N/m"))
     stable = np.empty(plant.shape, dtype=bool)
@@ -185,9 +191,9 @@ def stable_intervals(
     upper: float = 1e4,
     **options: Unpack[ObjectOptions],
 ) -> list[tuple[float, float]]:
-    """List the intervals of stable k_ep up to `upper` [N/m]; the other arguments are those of `external_limit`.
+    """List the intervals of stable k_ep up to `upper` [N/m]; other arguments are as for `external_limit`.
 
-    There may be several intervals: above an unstable stiffness, a larger stiffness may be stable again.
+    There may be several intervals, because a stiffness above an unstable one may be stable.
     """
     limits = external_limits(mass, damping, period, object_mass, object_damping, **options)
     top = number("upper", upper, "N/m", zero=False)
@@ -196,7 +202,13 @@ def stable_intervals(
 
 @dataclass(frozen=True)
 class Gains:
-    """Stiffnesses [N/m]: k_ep and k_ip of the split, and the single stiffness k_p of the conventional method."""
+    """Stiffnesses of the coupling [N/m].
+
+    Attributes:
+        external: Stiffness k_ep for external forces.
+        internal: Stiffness k_ip for internal forces.
+        conventional: Single stiffness k_p of the conventional method, which does not divide forces.
+    """
 
     external: float
     internal: float
@@ -215,15 +227,19 @@ def largest_gains(
     pushing: bool = True,
     **options: Any,
 ) -> Gains:
-    """Compute the largest gains of n fingers along one axis that are stable up to `margin` times their values.
+    """Compute the largest gains of n fingers along one axis that remain stable if multiplied by `margin`.
 
-    k_ip is the limit of an undamped wall divided by `margin`, k_ep is the limit with an object of mass m_v/n divided by
-    `margin`, and k_p is the smaller of the two. With `pushing`, k_ep and k_p are lowered until any s of the n fingers
-    may push alone: the split's stiffness is then 1/[(1 - s/n)/k_ip + (s/n)/k_ep], and the object's mass is m_v/s.
+    k_ip is the limit of a wall without damping divided by `margin`, k_ep is `external_limit` divided by `margin`, and
+    k_p is the smaller one of k_ip and k_ep. If `pushing` is True, k_ep and k_p are reduced until the object can also be
+    pushed by any s < n of the fingers alone. Each of these fingers has the stiffness 1/[(1 - s/n)/k_ip + (s/n)/k_ep],
+    and each finger moves the mass m_v/s.
 
     Args:
-        margin: Safety factor, above 0; with 1, the gains are the limits themselves.
-        options: Options of `stability.external_limit`, such as `spring`, `integrator`, `delay` and `object_delay`.
+        mass, damping, period, object_mass, object_damping: As for `external_limit`.
+        margin: Safety factor, above 0; if it is 1, the gains are equal to the limits.
+        fingers: Number n of fingers.
+        pushing: Whether fewer than n fingers may push the object.
+        options: Options of `external_limit`, such as `spring`, `integrator`, `delay` and `object_delay`.
     """
     room = number("margin", margin, "1", zero=False)
     n = count("fingers", fingers, 1)
@@ -247,10 +263,10 @@ def largest_gains(
 def least_wall_friction(
     mass: float, period: float, stiffness: float, *, margin: float = 1.0, **options: Unpack[WallOptions]
 ) -> float:
-    """Compute the smallest friction b of a device whose wall is stable up to `margin` times a stiffness [N s/m].
+    """Compute the smallest damping b of a device for which `wall_limit` is at least `margin * stiffness` [N s/m].
 
-    The search uses b T/m = 0 and a logarithmic grid of b T/m from 1e-6 to 1e3. The first interval in which the limit
-    reaches `margin * stiffness` is refined. The result is inf if no friction suffices.
+    The limit is computed for b = 0 and for b T/m on a logarithmic grid from 1e-6 to 1e3, with mass m and period T. The
+    first interval in which the limit reaches this value is refined. The result is inf if no damping is sufficient.
     """
     number("stiffness", stiffness, "N/m", zero=False)
     return _least(lambda b: wall_limit_map(mass, b, period, **options), margin * stiffness, mass / period)
@@ -266,10 +282,10 @@ def least_friction(
     margin: float = 1.0,
     **options: Unpack[ObjectOptions],
 ) -> float:
-    """Compute the smallest b of devices that move an object stably with k_ep up to `margin` times a stiffness [N s/m].
+    """Compute the smallest damping b of devices for which `external_limit` is at least `margin * stiffness` [N s/m].
 
-    The search is as in `least_wall_friction`. The result is inf if no friction suffices, as with too small a
-    viscosity of the object.
+    The search is that of `least_wall_friction`. The result is inf if no damping is sufficient, for example because the
+    object's viscosity is too small.
     """
     number("stiffness", stiffness, "N/m", zero=False)
 
@@ -287,13 +303,13 @@ def integrators_compared(
     object_damping: float,
     **options: Any,
 ) -> dict[str, Limits]:
-    """Compare the limits of k_ep under every integrator of the object, by name; arguments as in `external_limit`."""
+    """Compute `external_limits` for every integrator of the object, by name of the integrator."""
     plant = _with_object(mass, damping, period, object_mass, object_damping, **options)
     return {name: replace(plant, integrator=name).checked(single=True).limits() for name in INTEGRATORS}
 
 
 def _least(limit: Callable[[FloatArray], FloatArray], target: float, unit: float) -> float:
-    """Find the smallest friction at which a limit reaches the target."""
+    """Find the smallest damping at which `limit` reaches `target`; `unit` is mass over period [N s/m]."""
     b = np.concatenate([[0.0], unit * np.logspace(*DECADES, GRID)])
     points, repetitions = REFINED
     for _ in range(repetitions):

@@ -1,1 +1,1 @@
-"""Validation of a scene, which reports all faults together."""
+"""Validation of scenes; all faults of a scene are reported together."""

@@ -28,10 +28,10 @@ FLAT = ("half-space", "plane")  # unbounded shapes
 
 
 def shape_faults(scene: SceneTable, at: Key, thing: Any, stock: Stock) -> Iterator[Finding]:
-    """Find the faults of an object's shape, and store a valid shape."""
+    """Find the faults of an object's shape, and store the shape in `stock` if it is valid."""
     shape, d = thing.shape, scene.dimensions
     if shape is None and scene.coupling.contact == "unilateral":
-        yield (*at, "shape"), "required for unilateral contact, but not with coupling.contact = 'attached'"
+        yield (*at, "shape"), "required for unilateral contact (not required if coupling.contact = 'attached')"
     if shape is None:
         return
     if isinstance(shape, MeshShape):
@@ -80,23 +80,23 @@ def mass_faults(scene: SceneTable, at: Key, thing: Any) -> Iterator[Finding]:
     if thing.mass is not None:
         yield (*at, "density"), "expected either a mass or a density, not both"
     elif scene.dimensions != 3:
-        yield (*at, "density"), "a density needs a volume (dimensions = 3): give the mass"
+        yield (*at, "density"), f"a density requires three dimensions; given {scene.dimensions}: set the mass instead"
     elif thing.shape is None:
-        yield (*at, "density"), "a density needs a shape: give the mass"
+        yield (*at, "density"), "a density requires a shape: set the mass instead"
     elif thing.shape.kind in FLAT:
-        yield (*at, "density"), f"a {thing.shape.kind} is unbounded: give the mass"
+        yield (*at, "density"), f"a {thing.shape.kind} has no finite volume: set the mass instead"
     elif thing.shape.kind == "mesh" and thing.shape.shell:
-        yield (*at, "density"), "a shell has no volume: give the mass"
+        yield (*at, "density"), "a shell has no volume: set the mass instead"
 
 
 def may_turn(scene: SceneTable, thing: Any) -> bool:
-    """Return whether an object is free to rotate; False if `free` has an invalid length."""
+    """Return whether an object has a free rotation; False if the length of `free` is invalid."""
     free = scene.free(thing)
     return len(free) == WIDTHS[scene.dimensions] and any(free[scene.dimensions :])
 
 
 def viscosity_faults(scene: SceneTable, at: Key, thing: Any, stock: Stock) -> Iterator[Finding]:
-    """Find viscosities for which explicit or semi-implicit integration is unstable."""
+    """Find viscosities for which an object's explicit or semi-implicit integration is unstable."""
     if thing.dynamics != "native" or thing.integrator not in ("explicit", "semi-implicit"):
         return
     with suppress(GraspFXError):  # an invalid mass or shape has its own fault
@@ -130,7 +130,10 @@ DEEP = 1e-5  # largest initial depth in an obstacle [m]; a larger one is due nei
 
 
 def meeting_faults(scene: SceneTable, stock: Stock, earlier: Sequence[Finding]) -> Iterator[Finding]:
-    """Find contacts that the objects' dynamics do not support, if bodies, world and gravity have no other fault."""
+    """Find contacts that the objects' dynamics do not support.
+
+    Nothing is found if one of the `earlier` faults concerns objects, obstacles, the world or gravity.
+    """
     if any(at[:1] in (("object",), ("obstacle",), ("world",), ("gravity",)) for at, _ in earlier):
         return
     yield from _together(scene, stock)
@@ -153,7 +156,8 @@ def meeting_faults(scene: SceneTable, stock: Stock, earlier: Sequence[Finding]) 
         if thing.shape is not None and thing.shape.kind in FLAT and bodies.moves(scene, thing):
             yield (
                 ("object", i, "shape", "kind"),
-                f"a {thing.shape.kind} is unbounded: lock all its degrees of freedom, or make it an [[obstacle]]",
+                f"a {thing.shape.kind} is unbounded and cannot move: lock all its degrees of freedom, or define it as "
+                "an [[obstacle]]",
             )
         elif thing.shape is not None and bodies.moves(scene, thing):
             yield from _inside(scene, i, thing, stock)
@@ -162,7 +166,7 @@ def meeting_faults(scene: SceneTable, stock: Stock, earlier: Sequence[Finding]) 
 
 
 def light_faults(scene: SceneTable, at: Key, thing: Object, stock: Stock) -> Iterator[Finding]:
-    """Find a mass or moment of inertia too small for the physics engine that moves the object."""
+    """Find a mass or moment of inertia that is too small for the physics engine of the object."""
     engine = dynamics_of(thing.dynamics)
     if not engine.least:
         return
@@ -249,12 +253,12 @@ def _too_stiff(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterat
             ("world", "stiffness"),
             f"given {k:g} N/m, expected no more than {STIFFEST * mass / T**2:.3g} N/m ({STIFFEST:g} m/T^2 with the "
             f"mass {mass:g} kg of {thing.name!r} and the period {T:g} s): with a larger stiffness, rounding errors "
-            "throw the object off its support",
+            "cause the object to jump off its support",
         )
 
 
 def _inside(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterator[Finding]:
-    """Find shapes that start inside a half-space or across a plane; tests of other obstacles would need a search."""
+    """Find the half-spaces and planes in which object i starts; obstacles of other shapes are not tested."""
     from graspfx.objects.floor.floor import clearance
 
     state = np.zeros(SIZE)

@@ -1,4 +1,4 @@
-"""Faults between the parts of a scene, in the order of its tables."""
+"""Faults that concern several fields of a scene, in the order of the scene's tables."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from graspfx.scene.tables.scene_table import OBJECT, SceneTable
 
 
 def safety_faults(scene: SceneTable) -> Iterator[Finding]:
-    """Find the faults of a scene's safety table."""
+    """Find the faults of a scene's table `safety`."""
     table = scene.safety
     if table is not None:
         yield from _box_faults(scene, ("safety",), table)
@@ -48,7 +48,7 @@ def safety_faults(scene: SceneTable) -> Iterator[Finding]:
 
 
 def host_faults(scene: SceneTable) -> Iterator[Finding]:
-    """Find parts that a scene with a host must not define because the host simulates the object and its contacts."""
+    """Find tables that a scene with a host must not define, because the host program simulates objects and contacts."""
     if scene.host is None:
         return
     with suppress(NotValid):
@@ -69,18 +69,18 @@ def host_faults(scene: SceneTable) -> Iterator[Finding]:
 
 
 def finger_safety_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
-    """Find the faults of a finger's own limits."""
+    """Find the faults of the table `safety` of finger i."""
     if finger.safety is not None:
         yield from _box_faults(scene, ("finger", i, "safety"), finger.safety)
 
 
 def chain_faults(scene: SceneTable, connected: Mapping[Key, Device]) -> Iterator[Finding]:
-    """Find finger limits in a simulation without a safety chain, and hardware whose first force would not be zero."""
+    """Find fingers' limits in a simulation without a safety chain, and hardware without a soft start."""
     hardware = any(map(is_hardware, connected.values()))
     if scene.safety is None:
         for i, finger in enumerate(scene.finger):
             if finger.safety is not None and not hardware and scene.host is None:
-                text = "expected a scene with [safety], which enables the safety chain; add that table"
+                text = "without a table [safety], a simulation has no safety chain that uses these limits; add [safety]"
                 yield ("finger", i, "safety"), text
     elif hardware and scene.safety.soft_start == 0.0:
         yield ("safety", "soft_start"), "expected a time above zero, because a person holds the hardware; given 0"
@@ -94,20 +94,20 @@ def _box_faults(scene: SceneTable, at: Key, table: Any) -> Iterator[Finding]:
 
 
 def own_coefficient(scene: SceneTable, at: Key, finger: Any) -> Iterator[Finding]:
-    """Find a friction coefficient of a single finger that the coupling does not allow."""
+    """Find a friction coefficient in a finger's table that the coupling does not allow."""
     if finger.friction is None:
         return
     if scene.coupling.contact == "attached":
-        yield at, "attached contacts do not slip: remove it"
+        yield at, "attached contacts (coupling.contact = 'attached') do not slip: remove the friction coefficient"
     elif scene.coupling.friction == "stick":
         yield (
             at,
-            "coupling.friction = 'stick' prevents all slip; with a number, each finger may have its own coefficient",
+            "coupling.friction = 'stick' prevents all slip: remove the finger's coefficient, or set a number there",
         )
 
 
 def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
-    """Find missing settings of soft fingers, and hard fingers with settings of soft fingers."""
+    """Find settings that a soft finger lacks or does not support, and settings of soft fingers on a hard finger."""
     at: Key = ("finger", i, "patch")
     if finger.model == "hard":
         if finger.patch is not None:
@@ -116,17 +116,17 @@ def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
     if scene.dimensions != 3:
         yield (
             ("finger", i, "model"),
-            f"a soft finger in {scene.dimensions} dimension(s) equals a hard one: torsion needs three dimensions",
+            f"a soft finger has torsion, which requires three dimensions; given {scene.dimensions}: use model = 'hard'",
         )
         return
     if finger.patch is None:
-        yield at, "required for a soft finger: the radius of its contact patch [m], with which torsion is scaled"
+        yield at, "required for a soft finger: the radius of its contact patch [m], which determines its torsion"
     coupling = scene.coupling
     parts = [part for part in (coupling.external, coupling.internal) if not isinstance(part, ObjectImpedance)]
     if any(np.ndim(gain) for part in parts for gain in (part.stiffness, part.damping)):
         yield (
             ("finger", i, "model"),
-            "with soft fingers, expected each gain as one number, or as one matrix of the object",
+            "soft fingers require one number for each gain, or a stiffness of the object as a matrix",
         )
     if coupling.contact == "attached":
         if scene.object[scene.finger_objects[i]].shape is None:
@@ -139,7 +139,7 @@ def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
 
 
 def pad_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
-    """Find compliant fingertips with couplings that do not support a pad in series."""
+    """Find a finger with a compliant pad if the coupling or the object's integrator does not support pads."""
     if finger.pad is None:
         return
     at: Key = ("finger", i, "pad")
@@ -148,16 +148,19 @@ def pad_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
         yield at, "expected unilateral contact: a pad can only push, but attached contacts also pull"
     implicit = thing.dynamics == "native" and thing.integrator == "implicit"
     if implicit and any(np.any(part.damping) for part in (coupling.external, coupling.internal)):
-        text = "expected no damping with the integrator 'implicit', which solves for damping and motion together"
-        yield at, f"{text}: a pad's depth follows the elastic force alone; use another integrator, or no damping"
+        text = "expected no damping with the integrator 'implicit', which solves for elastic and damping force together"
+        yield at, f"{text}, whereas a pad deforms under the elastic force alone; use another integrator, or no damping"
 
 
 def contact_axes_faults(scene: SceneTable, share: str) -> Iterator[Finding]:
-    """Find gain matrices that contact axes do not allow; the allowed form is diagonal, k_n first, then equal k_t."""
+    """Find gain matrices of a share, "external" or "internal", that are not allowed in contact axes.
+
+    An allowed matrix is diagonal, with the gain along the normal first, and equal gains along all tangents.
+    """
     coupling, d = scene.coupling, scene.dimensions
     if isinstance(getattr(coupling, share), ObjectImpedance):
         if coupling.axes != "object":
-            yield ("coupling", "axes"), "expected 'object': a stiffness of the object is in its own axes"
+            yield ("coupling", "axes"), "expected 'object': the stiffness of an object is defined in the object's axes"
         return
     if coupling.axes != "contact":
         return
@@ -167,33 +170,33 @@ def contact_axes_faults(scene: SceneTable, share: str) -> Iterator[Finding]:
         if gain.ndim < 2:
             continue
         if gain.shape[-1] != d:
-            yield at, "an m x m matrix has no contact axes: give one d x d matrix, or one per finger"
+            yield at, f"with contact axes, expected one {d} x {d} matrix, or one {d} x {d} matrix per finger"
             continue
         even = gain * np.eye(d)
         if np.array_equal(even, gain) and (gain[..., d - 1, d - 1] == gain[..., 1 % d, 1 % d]).all():
             continue
         form = {1: "[[k_n]]", 2: "[[k_n, 0], [0, k_t]]", 3: "[[k_n, 0, 0], [0, k_t, 0], [0, 0, k_t]]"}[d]
-        yield at, f"with contact axes, expected {form}, the normal first; all directions along the surface are equal"
+        yield at, f"with contact axes, expected {form}, with the gain along the normal first and equal tangential gains"
     if share == "external" and coupling.contact == "attached" and any(thing.shape is None for thing in scene.object):
         yield ("coupling", "axes"), "'contact' requires objects with a shape, which have normals"
 
 
 def control_faults(scene: SceneTable, connected: Mapping[Key, Device]) -> Iterator[Finding]:
-    """Find devices that do not report the mass that limits the damping of passivity control."""
+    """Find devices that do not report their mass, which passivity control requires to limit its damping."""
     if scene.coupling.passivity != "control":
         return
     for at, device in connected.items():
         if device.features.mass is None:
             where = ".".join(map(str, at))
-            text = f"'control' expects every device to report its mass, which limits damping: not reported by {where}"
-            yield ("coupling", "passivity"), f"{text} ('observe' needs no mass)"
+            text = f"'control' requires every device to report its mass; the device of {where} does not"
+            yield ("coupling", "passivity"), f"{text} ('observe' requires no mass)"
 
 
 def metric_faults(scene: SceneTable, connected: Mapping[Key, Device]) -> Iterator[Finding]:
-    """Find devices that do not report the mass that the metric needs, and invalid weights."""
+    """Find invalid weights of the split, and devices that do not report the mass that a mass metric requires."""
     coupling = scene.coupling
     if coupling.metric == "mass" and coupling.split != "mass":
-        yield ("coupling", "metric"), "coupling.split already weights the fingers: remove the metric"
+        yield ("coupling", "metric"), f"coupling.split = {coupling.split!r} defines the weights: remove the metric"
     weights, n = coupling.weights, len(scene.finger)
     if (weights is not None) != (coupling.split == "weights"):
         wanted = "a number above zero for each finger" if weights is None else "no weights without split = 'weights'"
@@ -214,7 +217,7 @@ NAME_KEYS = {"object": "name", "device": "label", "hand": "name"}
 
 
 def cross_faults(scene: SceneTable, stock: Stock) -> list[Finding]:
-    """Find faults between the valid fields of a scene or of a draft."""
+    """Find the faults that concern several valid fields of a scene or of a draft."""
     faults: list[Finding] = []
     for check in _checks(scene, stock, faults):
         with suppress(NotValid):
@@ -308,7 +311,7 @@ def _unique(scene: SceneTable, table: str) -> Iterator[Finding]:
     names = scene.finger_names if table == "finger" else given  # fingers without a name are numbered
     for i, name in enumerate(names):
         if name is not NotValid and name in names[:i]:
-            yield (table, i, key), f"{name!r} is used twice; every {table} needs a different name"
+            yield (table, i, key), f"{name!r} is the name of an earlier {table}; expected a different name"
 
 
 def _free(scene: SceneTable, at: Key, thing: Any) -> Iterator[Finding]:
@@ -326,7 +329,7 @@ def _inertia(scene: SceneTable, at: Key, thing: Any) -> Iterator[Finding]:
         return
     values = inertia if isinstance(inertia, tuple) else (inertia,)
     if d == 1:
-        yield (*at, "inertia"), "a line has no rotation: leave it out"
+        yield (*at, "inertia"), "an object in one dimension does not rotate: remove the inertia"
     elif isinstance(inertia, tuple) and len(values) != (3 if d == 3 else 1):
         expected = "a number or 3 numbers" if d == 3 else "a number"
         yield (*at, "inertia"), f"expected {expected}; given {abbreviate(list(values))}"
@@ -338,7 +341,7 @@ def _turning(scene: SceneTable, at: Key, thing: Any) -> Iterator[Finding]:
     if thing.rotational_viscosity is None and may_turn(scene, thing):
         yield (
             (*at, "rotational_viscosity"),
-            "required if a rotation is free: without it a grasp is not stable; or lock the rotation with `free`",
+            "required if a rotation is free, because otherwise a grasp is not stable; or lock the rotation with `free`",
         )
 
 
@@ -359,7 +362,7 @@ def _turned(scene: SceneTable, at: Key, field: str, value: Any, in_space: str, c
     if value is None:
         return
     if scene.dimensions == 1:
-        yield (*at, field), "a line has no rotation: leave it out"
+        yield (*at, field), f"an object in one dimension does not rotate: remove {field}"
     elif scene.dimensions == 2 and isinstance(value, tuple):
         yield (*at, field), f"expected a number in the plane; given {abbreviate(list(value))}"
     elif scene.dimensions == 3 and (not isinstance(value, tuple) or len(value) != count):
@@ -367,7 +370,7 @@ def _turned(scene: SceneTable, at: Key, field: str, value: Any, in_space: str, c
 
 
 def _body(scene: SceneTable, at: Key, thing: Any, stock: Stock, faults: list[Finding]) -> Iterator[Finding]:
-    """Find errors raised when the body's block is filled, if neither the body nor gravity has another fault."""
+    """Find errors in filling the object's block; find none if an earlier fault concerns the object or gravity."""
     if any(place[: len(at)] == at or place == ("gravity",) for place, _ in faults):
         return
     try:
@@ -415,7 +418,7 @@ def _channels(scene: SceneTable) -> Iterator[Finding]:
         if not isinstance(key[0], str):
             continue
         if key in users:
-            yield ("finger", i, "channel"), f"channel {key[1]} of {key[0]!r} already belongs to finger {users[key]}"
+            yield ("finger", i, "channel"), f"channel {key[1]} of {key[0]!r} is already used by finger {users[key]}"
         users.setdefault((key[0], key[1]), i)
 
 
@@ -423,7 +426,11 @@ def _unused(scene: SceneTable, table: str) -> Iterator[Finding]:
     used = {getattr(finger, table) for finger in scene.finger if isinstance(getattr(finger, table), str)}
     for i, item in enumerate(getattr(scene, table)):
         if getattr(item, NAME_KEYS[table]) not in used:
-            yield (table, i, NAME_KEYS[table]), f"no finger refers to {getattr(item, NAME_KEYS[table])!r}"
+            name = getattr(item, NAME_KEYS[table])
+            yield (
+                (table, i, NAME_KEYS[table]),
+                f"no finger refers to {name!r}: use it in a finger, or remove the {table}",
+            )
 
 
 def _gain(scene: SceneTable, share: str, quantity: str) -> Iterator[Finding]:
@@ -440,7 +447,7 @@ def _gain(scene: SceneTable, share: str, quantity: str) -> Iterator[Finding]:
         sizes = " or ".join(" x ".join(map(str, shape)) for shape in forms[value.ndim])
         yield at, f"expected {sizes} numbers for {n} fingers in {d} dimensions; given {_size(value.shape)}"
     elif value.ndim == 2 and value.shape != (d, d) and objects > 1:
-        yield at, "an m x m matrix couples all fingers: it needs a scene with one object"
+        yield at, f"a {m} x {m} matrix couples all fingers: expected a scene with one object; given {objects}"
 
 
 def _object_gain(scene: SceneTable, part: ObjectImpedance, quantity: str) -> Iterator[Finding]:
@@ -471,7 +478,7 @@ def _stiff(scene: SceneTable, share: str) -> Iterator[Finding]:
         expected = "eigenvalues of more than 0" if stiffness.ndim > 1 else "more than 0"
         yield (
             ("coupling", share, key),
-            f"unilateral contact expects {expected}; the smallest is {least:.6g} (contact = 'attached' allows 0)",
+            f"unilateral contact requires {expected}; the smallest is {least:.6g} (contact = 'attached' allows 0)",
         )
 
 
@@ -486,13 +493,16 @@ def _ratio(scene: SceneTable, quantity: str) -> Iterator[Finding]:
         unit, instead = ("N/m", "") if quantity == "stiffness" else ("N s/m", ", or 0")
         yield (
             ("coupling", small, quantity),
-            f"unilateral contact expects at least {LEAST:g} of coupling.{large}.{quantity}, "
-            f"{LEAST * gains[large]:.6g} {unit}{instead}; given {gains[small]:.6g} (contact = 'attached' allows any)",
+            f"unilateral contact requires at least {LEAST:g} times coupling.{large}.{quantity} "
+            f"({LEAST * gains[large]:.6g} {unit}){instead}; given {gains[small]:.6g} (contact = 'attached' allows any)",
         )
 
 
 def _pair(scene: SceneTable, key: str, word: str, letter: str, relation: str) -> Iterator[Finding]:
-    """Find a pair of lengths that does not increase from 0 ("<=") or from a value above 0 ("<"); `word` is valid."""
+    """Find a pair of lengths in `coupling` that is not `0 <= low < high`, or `0 < low < high` if `relation` is "<".
+
+    The value `word` instead of a pair is valid.
+    """
     pair = getattr(scene.coupling, key)
     if pair == word:
         return

@@ -1,4 +1,4 @@
-"""Validation of a scene, which finds all faults before a run."""
+"""Validation of a scene before a run: faults of single fields and between fields, and trust in named files."""
 
 from __future__ import annotations
 
@@ -24,17 +24,16 @@ from graspfx.scene.toml_text import too_deep
 CODE: tuple[tuple[type[Table], str], ...] = ((Device, "name"), (MadeHand, "kind"), (Object, "dynamics"))
 DATA: tuple[tuple[type[Table], str], ...] = ((MeshShape, "mesh"), (Path, "file"))
 REPLAY, COMMAND = "gx.replay(..., trust=True) in Python", "--trust on the command line, or GRASPFX_TRUST=1"
-READ = f"Python files named in a recording run only if you allow it: read them, then use {REPLAY}, {COMMAND}"
-DO = "move it there, or trust the scene:"
+READ = f"Python files named in a recording run only if you trust the recording: read them, then use {REPLAY}, {COMMAND}"
+DO = "move the file there, or trust the scene:"
 
 
 def trust_faults(scene: SceneTable, source: Source) -> list[Finding]:
-    """Find every path outside the folder of the scene's file, and remove such paths; none if the source is trusted.
+    """Find the paths in a scene that lie outside the folder of the scene's file; find none if the source is trusted.
 
-    In a scene from a recording, every Python file that the recording names is a fault, because the recording itself
-    defines which folder is the scene's. Paths that an override gives are allowed.
-
-    The remaining scene names no other files outside of the folder, so later checks cannot import or read one.
+    In a scene from a recording, every Python file that the recording names is a fault, because the recording also
+    defines the folder. Paths that an override sets are allowed. All paths with a fault are removed from the scene, so
+    that later checks cannot import or read these files.
     """
     return [] if source.is_trusted else list(_faults((), scene, source))
 
@@ -100,20 +99,20 @@ ELSEWHERE = {
     ("Cylinder", "axis"): "the orientation of the object or obstacle",
     ("HalfSpace", "offset"): "the position of the object or obstacle",
     ("Plane", "offset"): "the position of the object or obstacle",
-    ("Placement", "position"): "start = [x, y, z], without a table",
+    ("Placement", "position"): "start = [x, y, z]",
 }
 INSTEAD = {("Placement", "position"): "toward"}  # required keys that are not missed if a foreign key is given
 
 
 def find_faults(data: Mapping[str, Any], source: Source) -> tuple[list[Fault], Stock]:
-    """Find the faults of a scene given as nested tables; a scene without faults is a valid `SceneTable`.
+    """Find the faults of a scene given as nested tables; the tables of a scene without faults form a `SceneTable`.
 
     Args:
         data: Tables as read from a file.
         source: Source of the scene.
 
     Returns:
-        The faults, and the devices and shapes that were connected and loaded to find them.
+        The faults, and the stock of devices and shapes that were connected and made during the checks.
     """
     stock = Stock(source.folder)
     if deep := too_deep(data):
@@ -133,11 +132,11 @@ def find_faults(data: Mapping[str, Any], source: Source) -> tuple[list[Fault], S
 
 
 def field_faults(error: ValidationError, draft: Table) -> Iterator[tuple[Key, str]]:
-    """Find the faults of fields, each with its location in the data.
+    """Yield the location and the text of each fault of a single field.
 
     Args:
-        error: Error of the validation.
-        draft: Valid part of the data, from a validation with `DRAFT`.
+        error: Error that the validation of the data raised.
+        draft: Valid part of the data, from a validation with the context `DRAFT`.
     """
     errors = error.errors(include_url=False)
     likely = _likely_keys(errors, draft)
@@ -154,7 +153,7 @@ def field_faults(error: ValidationError, draft: Table) -> Iterator[tuple[Key, st
 
 
 def _likely_keys(errors: Iterable[Any], draft: Table) -> dict[Key, Key]:
-    """Pair every unknown key with a similar known key, so that one typing error is reported as one fault."""
+    """Map unknown keys to similar known keys, so that a misspelt key is not also reported as missing."""
     unknown = [each["loc"] for each in errors if each["type"] == "extra_forbidden"][:MOST_HINTS]
     parts = {at: part_at(draft, at[:-1]) for at in unknown}
     close = {
@@ -164,7 +163,10 @@ def _likely_keys(errors: Iterable[Any], draft: Table) -> dict[Key, Key]:
 
 
 def _near(key: str, table: Any) -> str | None:
-    """Return a table's most similar key, if any; a key that the table already contains must be very similar."""
+    """Return the key of a table that is most similar to `key`; None if no key is similar.
+
+    A key that the table already contains must be very similar.
+    """
     if table is None:
         return None
     if len(key) > LONGEST_KEY:
@@ -177,12 +179,12 @@ def _near(key: str, table: Any) -> str | None:
 def _hint(at: Key, likely: Mapping[Key, Key], draft: Table) -> str:
     elsewhere = ELSEWHERE.get((type(part_at(draft, at[:-1])).__name__, str(at[-1])))
     if elsewhere is not None:
-        return f"; here it is {elsewhere}"
+        return f"; use {elsewhere} instead"
     return f"; did you mean {likely[at][-1]!r}?" if at in likely else ""
 
 
 def message(error: Any) -> str:
-    """Translate an error of pydantic into the wording of GraspFX."""
+    """Return the text of a fault for an error of pydantic."""
     kind, context, value = error["type"], error.get("ctx", {}), abbreviate(error["input"])
     if kind == "missing":
         return "required, but not given"
@@ -200,12 +202,12 @@ def message(error: Any) -> str:
         length = context.get("min_length", context.get("max_length"))
         return f"expected {length} numbers; given {context['actual_length']}"
     if kind == "string_pattern_mismatch":
-        return f"expected letters, digits, '_' and '-', a letter first; given {value}"
+        return f"expected a name of letters, digits, '_' and '-' that starts with a letter; given {value}"
     return str(error["msg"])
 
 
 def part_at(draft: Table, location: Sequence[str | int]) -> Any:
-    """Return the table at a validator's location; None if the table is not valid."""
+    """Return the table at a location of pydantic; None if the table is not valid."""
     part: Any = draft
     try:
         for step in location:

@@ -1,4 +1,4 @@
-"""Checks of a scene's hands: axes, directions, times, recorded paths, and hands from plug-ins."""
+"""Faults of a scene's hands: axes, directions, times, recorded paths, and hands from plug-ins."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def own_hand_faults(scene: SceneTable, i: int, stock: Stock) -> Iterator[Finding
 
 
 def shared_hand_faults(scene: SceneTable, at: Key, hand: Any, stock: Stock) -> Iterator[Finding]:
-    """Find faults of a hand that several fingers may share."""
+    """Find faults of a hand in the scene's table `hand`, which several fingers may share."""
     name = getattr(hand, "name", None)  # None if the name has its own fault
     fingers = [i for i, finger in enumerate(scene.finger) if name and getattr(finger, "hand", None) == name]
     if isinstance(hand, MadeHand):
@@ -88,7 +88,7 @@ def _moving(scene: SceneTable, at: Key, hand: Any, fingers: Sequence[int], stock
 
 
 def _operator(scene: SceneTable, at: Key, hand: Any) -> Iterator[Finding]:
-    """Find faults of a hand's operator model, except its spring and damper."""
+    """Find faults of a hand's limb, tremor and reaction."""
     if hand.limb is not None:
         yield from _spring(scene, (*at, "limb"), hand.limb)
     tremor, reaction = hand.tremor, hand.reaction
@@ -110,14 +110,14 @@ def _guide(scene: SceneTable, at: Key, hand: Any, fingers: Sequence[int]) -> Ite
         yield from length_faults(scene, at, guide, "offset")
         return
     if fingers and len(offset) != len(fingers):
-        yield (*at, "offset"), f"expected one for each of its {len(fingers)} fingers; given {len(offset)}"
+        yield (*at, "offset"), f"expected one offset for each of the {len(fingers)} fingers; given {len(offset)}"
     for i, each in enumerate(offset):
         if len(each) != scene.dimensions:
             yield (*at, "offset", i), f"expected {numbers(scene.dimensions)}; given {abbreviate(list(each))}"
 
 
 def _numbered(at: Key, hand: Any, field: str) -> Iterator[tuple[Key, Any]]:
-    """List the tables of a field that accepts one table or a list, each with its location."""
+    """Yield each table of a field, which accepts one table or a list of tables, with the location of the table."""
     try:
         value = getattr(hand, field)
     except NotValid:
@@ -146,7 +146,7 @@ def _axis(scene: SceneTable, at: Key, part: Any) -> Iterator[Finding]:
 
 def _zero(at: Key, vector: Sequence[float]) -> Iterator[Finding]:
     if not any(vector):
-        yield at, f"expected a direction of nonzero length; given {abbreviate(list(vector))}"
+        yield at, f"expected a direction that is not zero; given {abbreviate(list(vector))}"
 
 
 def _recorded(scene: SceneTable, at: Key, path: RecordedPath, stock: Stock) -> Iterator[Finding]:
@@ -161,7 +161,8 @@ def _recorded(scene: SceneTable, at: Key, path: RecordedPath, stock: Stock) -> I
             yield (*at, "file"), reason(error)
             return
         if recorded.dimensions != scene.dimensions:
-            yield (*at, "file"), f"expected {numbers(scene.dimensions)} after the time; given {recorded.dimensions}"
+            expected = f"expected {numbers(scene.dimensions)} after the time in each row"
+            yield (*at, "file"), f"{expected}; given {recorded.dimensions}"
         return
     if times is None or positions is None:
         yield at, "expected a file, or times and positions"
@@ -169,7 +170,7 @@ def _recorded(scene: SceneTable, at: Key, path: RecordedPath, stock: Stock) -> I
     if len(times) < 2 or min(np.diff(times)) <= 0.0:
         yield (*at, "times"), "expected at least two times in increasing order"
     if len(times) != len(positions):
-        yield (*at, "positions"), f"expected one for each of the {len(times)} times; given {len(positions)}"
+        yield (*at, "positions"), f"expected one position for each of the {len(times)} times; given {len(positions)}"
     for i, position in enumerate(positions):
         if len(position) != scene.dimensions:
             yield (*at, "positions", i), f"expected {numbers(scene.dimensions)}; given {abbreviate(list(position))}"
@@ -179,7 +180,7 @@ def _recorded(scene: SceneTable, at: Key, path: RecordedPath, stock: Stock) -> I
 def _turn(scene: SceneTable, at: Key, turn: Any, fingers: Sequence[int]) -> Iterator[Finding]:
     d = scene.dimensions
     if d == 1:
-        yield at, "a line has no rotation: leave it out"
+        yield at, "a hand in one dimension does not turn: remove the turn"
         return
     yield from _each(_turn_axis(scene, at, turn), length_faults(scene, at, turn, "centre"))
     if turn.centre is None and len({thing.name for thing in _touched(scene, fingers)}) > 1:
@@ -189,11 +190,11 @@ def _turn(scene: SceneTable, at: Key, turn: Any, fingers: Sequence[int]) -> Iter
 def _turn_axis(scene: SceneTable, at: Key, turn: Any) -> Iterator[Finding]:
     if scene.dimensions == 3:
         if turn.axis is None:
-            yield (*at, "axis"), "required in space: x, y, z or a direction"
+            yield (*at, "axis"), "required in three dimensions: expected x, y, z or a direction"
         else:
             yield from _axis(scene, at, turn)
     elif turn.axis not in (None, 2, "z"):
-        yield (*at, "axis"), f"a turn in 2-D is about z: remove it; given {abbreviate(turn.axis)}"
+        yield (*at, "axis"), f"a turn in two dimensions is about z: remove the axis; given {abbreviate(turn.axis)}"
 
 
 def _squeeze(at: Key, hand: Any) -> Iterator[Finding]:
@@ -201,7 +202,7 @@ def _squeeze(at: Key, hand: Any) -> Iterator[Finding]:
     if isinstance(squeeze, int | float):
         return
     if "squeeze_ramp" in hand.model_fields_set:
-        yield (*at, "squeeze_ramp"), "steps of a squeeze have their own times: remove it"
+        yield (*at, "squeeze_ramp"), "each step of the squeeze defines its own times: remove squeeze_ramp"
     steps: tuple[Step, ...] = listed(squeeze)
     if not steps:
         yield (*at, "squeeze"), "expected a number, or at least one step"
@@ -221,7 +222,7 @@ def _normals(scene: SceneTable, at: Key, hand: Any, fingers: Sequence[int]) -> I
     if bare and hand.closing == "normal" and closes:
         yield (
             (*at, "closing"),
-            f"a direction is required: {bare[0]!r} has no shape, and therefore no normals as closing directions",
+            f"expected a direction: 'normal' requires an object with a shape, and {bare[0]!r} has none",
         )
 
 
@@ -235,7 +236,8 @@ def _closing(scene: SceneTable, at: Key, hand: SharedHand, fingers: Sequence[int
     closing = hand.closing
     if isinstance(closing, tuple):
         if fingers and len(closing) != len(fingers):
-            yield (*at, "closing"), f"expected a direction for each of its {len(fingers)} fingers; given {len(closing)}"
+            expected = f"expected a direction for each of the {len(fingers)} fingers"
+            yield (*at, "closing"), f"{expected}; given {len(closing)}"
         for i, direction in enumerate(closing):
             if len(direction) != scene.dimensions:
                 yield (*at, "closing", i), f"expected {numbers(scene.dimensions)}; given {abbreviate(list(direction))}"
@@ -243,13 +245,13 @@ def _closing(scene: SceneTable, at: Key, hand: SharedHand, fingers: Sequence[int
         start = np.array(_starts(scene, fingers, stock), dtype=float)
         arms = np.linalg.norm(start - start.mean(axis=0), axis=1) if fingers else np.ones(1)
         if arms.min() <= NEAR * np.abs(start).max(initial=0.0):
-            yield (*at, "closing"), "a finger starts at the fingers' mean position, so it has no closing direction"
+            yield (*at, "closing"), "a finger starts at the fingers' mean position, so that it has no closing direction"
 
 
 def _share(at: Key, hand: SharedHand, fingers: Sequence[int]) -> Iterator[Finding]:
     share = hand.share
     if fingers and isinstance(share, tuple) and len(share) != len(fingers):
-        yield (*at, "share"), f"expected one for each of its {len(fingers)} fingers; given {abbreviate(list(share))}"
+        yield (*at, "share"), f"expected one number per finger ({len(fingers)}); given {abbreviate(list(share))}"
 
 
 def _plugin_faults(
@@ -262,7 +264,7 @@ def _plugin_faults(
         return
     parameters, settings = inspect.signature(module.hold).parameters, table.settings
     clashes = [key for key in settings if key in AUTOMATIC and key in parameters]
-    wrong = [((*at, key), "the scene sets it: remove it") for key in clashes]
+    wrong = [((*at, key), "this setting is defined by the scene: remove it from the hand") for key in clashes]
     wrong += signature_faults(at, kind, settings, parameters, AUTOMATIC)
     yield from wrong
     starts = _starts(scene, fingers, stock)
@@ -282,7 +284,7 @@ def _plugin_faults(
 
 
 def _starts(scene: SceneTable, fingers: Sequence[int], stock: Stock) -> list[tuple[float, ...]]:
-    """List the start positions of fingers; raise NotValid if a finger has none, which is a separate fault."""
+    """List the start positions of fingers; raise NotValid if a start is missing, which is reported as another fault."""
     starts = []
     for i in fingers:
         try:
@@ -296,7 +298,7 @@ def _starts(scene: SceneTable, fingers: Sequence[int], stock: Stock) -> list[tup
 
 
 def _touched(scene: SceneTable, fingers: Sequence[int]) -> list[Object]:
-    """List the objects that these fingers touch; raise NotValid for an unknown object, which is a separate fault."""
+    """List the objects of fingers; raise NotValid if an object is unknown, which is reported as another fault."""
     things = {thing.name: thing for thing in scene.object}
     if not things:
         raise NotValid("object")

@@ -1,4 +1,4 @@
-"""Checks of single values: settings of plug-ins, lengths of vectors, names of recorded columns."""
+"""Faults of single values: settings of plug-ins, lengths of vectors, names of recorded columns."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from graspfx.scene.tables.scene_table import SceneTable
 
 
 def length_faults(scene: SceneTable, at: Key, part: Any, field: str) -> Iterator[Finding]:
-    """Find a vector whose number of components differs from the scene's dimensions."""
+    """Find a vector whose number of components is not the number of the scene's dimensions."""
     value = getattr(part, field)
     if value is not None and len(value) != scene.dimensions:
         yield (*at, field), f"expected {numbers(scene.dimensions)}; given {abbreviate(list(value))}"
@@ -34,7 +34,7 @@ def numbers(count: int) -> str:
 
 
 def record_faults(scene: SceneTable) -> Iterator[Finding]:
-    """Find names of columns that no recording of these fingers and objects contains, for any coupling."""
+    """Find names in `record.columns` of columns that no recording of the scene's fingers and objects can contain."""
     names = scene.record.columns
     if not names:
         return
@@ -59,7 +59,7 @@ OPEN_ENDED = inspect.Parameter.VAR_KEYWORD
 
 
 def load_plugin(group: plugins.Group, what: str, name: str, folder: Path | None, function: str) -> ModuleType | str:
-    """Load a plug-in that has a function; return the reason as a text if this is not possible."""
+    """Load a plug-in that must have a function; return a text with the reason if it cannot be loaded."""
     try:
         module = plugins.load_blaming(group, name, folder)
     except (UnknownNameError, InputError) as error:
@@ -71,7 +71,7 @@ def load_plugin(group: plugins.Group, what: str, name: str, folder: Path | None,
 
 
 def setting_faults(scene: SceneTable, at: Key, table: Device, stock: Stock) -> Iterator[Finding]:
-    """Find the reasons why a device cannot be connected; store a device that can be connected."""
+    """Connect a device and store it in `stock`, or find the faults that prevent this."""
     driver = load_plugin("devices", "driver", table.name, stock.folder, "connect(**settings)")
     if isinstance(driver, str):
         yield (*at, "name"), driver
@@ -80,17 +80,18 @@ def setting_faults(scene: SceneTable, at: Key, table: Device, stock: Stock) -> I
     faults = list(signature_faults(at, table.name, settings, parameters, {AUTOMATIC}))
     twice = [key for key, now in table.former.items() if now in (table.model_extra or {})]
     faults += [
-        ((*at, key), f"the former name of {table.former[key]!r}, which is also given: remove it") for key in twice
+        ((*at, key), f"a former name of {table.former[key]!r}, which is also given: remove {key!r}") for key in twice
     ]
     if AUTOMATIC in settings and AUTOMATIC in parameters and settings[AUTOMATIC] != scene.dimensions:
-        faults.append(((*at, AUTOMATIC), f"expected {scene.dimensions}, the scene's dimensions; remove it"))
+        text = f"expected {scene.dimensions}, the scene's dimensions; given {abbreviate(settings[AUTOMATIC])}"
+        faults.append(((*at, AUTOMATIC), f"{text}: remove {AUTOMATIC!r}"))
     yield from faults
     if not faults:
         yield from _connection(scene, at, table, driver, stock)
 
 
 def reason(error: GraspFXError) -> str:
-    """Return an error's text without the leading name, which the fault's key already contains."""
+    """Return an error's text without the argument's name at its beginning, because a fault has a key instead."""
     return str(error).removeprefix(f"{error.name}: ") if isinstance(error, InputError) else str(error)
 
 
@@ -108,7 +109,8 @@ def _connection(scene: SceneTable, at: Key, table: Device, driver: ModuleType, s
         yield at, f"{table.name!r} cannot be connected: {error}"
     else:
         if not isinstance(features, Features):
-            yield (*at, "name"), f"connect() of {table.name!r} returns no device: {abbreviate(device)} has no Features"
+            expected = f"expected connect() of {table.name!r} to return a device with an attribute `features`"
+            yield (*at, "name"), f"{expected}; given {abbreviate(device)}"
             return
         stock.devices[at] = device  # stored even if a method is missing, so that its features are checked
         if missing:
@@ -128,7 +130,10 @@ def signature_faults(
     parameters: Mapping[str, inspect.Parameter],
     automatic: AbstractSet[str],
 ) -> Iterator[Finding]:
-    """Find settings that are not finite or unknown to a plug-in, and missing required ones, except automatic ones."""
+    """Find settings with infinite or nan values, settings that a plug-in does not accept, and missing settings.
+
+    Settings in `automatic` need not be given, because the scene defines them.
+    """
     for key, value in settings.items():
         if not _finite(value):
             yield (*at, key), f"expected finite numbers; given {abbreviate(value)}"

@@ -40,7 +40,7 @@ def unit_doubts(scene: SceneTable, stock: Stock) -> list[Finding]:
 
     Args:
         scene: Tables of the scene; invalid fields are ignored.
-        stock: Shapes and start positions computed so far.
+        stock: Stock of the scene's shapes and of its fingers' start positions.
     """
     found: list[Finding] = []
     for rule in (_period, _gravity, _objects, _world, _gains, _fingers, _hands, _devices):
@@ -52,12 +52,12 @@ def unit_doubts(scene: SceneTable, stock: Stock) -> list[Finding]:
 
 
 def unit_notes(scene: SceneTable, stock: Stock) -> list[str]:
-    """Return each of `unit_doubts` as a sentence."""
+    """Return the result of `unit_doubts` as texts, each with the key in the scene."""
     return [f"{dotted(at)} = {text}" for at, text in unit_doubts(scene, stock)]
 
 
 def _in(value: float, unit: str, factor: float) -> str:
-    """Return a text that states a value as if it were in another unit."""
+    """Return a text that converts `value`, as if it were given in `unit`, by `factor` to SI units."""
     return f"{value:g} {unit} would be {factor * value:.4g}"
 
 
@@ -106,7 +106,7 @@ SIZES: dict[str, Callable[[Stock, Key, Any], float]] = {  # largest side of a sh
 
 
 def _mesh_size(mesh: Any) -> float:
-    """Return the largest side of a mesh along the axes of its file."""
+    """Return the largest extent of a mesh along the axes of the mesh's file [m]."""
     return float(np.ptp(mesh.mesh.vertices @ mesh.unit.axes.T, axis=0).max())
 
 
@@ -125,7 +125,7 @@ def _gains(scene: SceneTable, stock: Stock) -> Iterator[Doubt]:
 
 
 def _soft(at: Key, stiffness: Any) -> Iterator[Doubt]:
-    """Report the largest stiffness if all springs are too soft to be felt; zero stiffness is intended."""
+    """Report the largest stiffness if it is too small to be felt; zero stiffnesses are not reported."""
     springs = [k for k in np.ravel(stiffness).tolist() if k > 0.0]
     if springs and max(springs) < SOFTEST:
         yield at, max(springs), "N/m", _in(max(springs), "N/mm", 1e3)

@@ -1,1 +1,1 @@
-"""Servo in a separate process: its orders, its run, and its guard in the recording process."""
+"""Servo in a process of its own, messages to this process, and a guard in the recording process."""

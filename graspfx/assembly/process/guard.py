@@ -1,4 +1,4 @@
-"""Guard of a servo's process: it fetches rows, sends heartbeats, and removes the force if the process dies."""
+"""Guard of a servo's process, which fetches rows, sends heartbeats, and removes forces if the process dies."""
 
 from __future__ import annotations
 
@@ -35,20 +35,20 @@ BACKLOG = 1 << 28  # bytes of rows that may wait for the disk; beyond this, the 
 
 
 class Relay:
-    """Relay of rows, faults and changes from a servo in another process.
+    """Transfer of rows, faults and changes from the ring buffer of a servo in another process to a recorder.
 
     Args:
         ring: Ring buffer of the servo.
         recorder: Recorder of the run.
-        watch: Function, such as a viewer's, that is called with the first tick and the number of ticks of each batch of
-            rows; it may read the recorder's last row.
-        goals: Function that returns, by key, which of the accepted goals have changed; None without guided hands.
+        watch: Function that is called after each batch of rows with the first tick and the number of ticks of the
+            batch, and may read the recorder's last row; None without one.
+        goals: Function that returns, by key, the changed values among the accepted goals; None without guided hands.
 
     Attributes:
         ticks: Number of ticks whose rows were fetched.
-        lost: Number of rows that were overwritten before they were fetched; they are NaN.
-        faults: Faults that the servo has reported.
-        letters: Values by the number of the letter that carries them to the servo.
+        lost: Number of rows that were overwritten before they were fetched; these rows are NaN.
+        faults: Tick and text of each fault that the servo has reported.
+        letters: Values, by key, that each letter to the servo contains, by number of the letter.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class Relay:
         self._goals = 0  # number of goals that were recorded
 
     def fetch(self) -> None:
-        """Pass new data to the recorder.
+        """Pass new rows, faults and changes to the recorder.
 
         Raises:
             RecordingError: If the recorder cannot store the data.
@@ -82,12 +82,12 @@ class Relay:
             self._watch(first, self.ticks - first)
 
     def note_fault(self, tick: int, text: str) -> None:
-        """Record a fault from a tick on."""
+        """Record a fault that begins at a tick."""
         self.faults.append((tick, text))
         self._recorder.fault(tick, text)
 
     def _fetch_rows(self, head: int) -> None:
-        """Copy as many rows as fit into the recorder's block."""
+        """Copy the rows before tick `head` to the recorder, at most as many as fit into the recorder's block."""
         rows, place, left = self._recorder.space()
         every, first = self._ring.every, self.ticks
         count = min(left, head - first)
@@ -110,7 +110,7 @@ class Relay:
         self._recorder.drain()
 
     def _goal_changes(self) -> Iterator[tuple[int, Mapping[str, Any]]]:
-        """Yield the goals that were accepted since the last call, at most the last 16383."""
+        """Yield tick and values of each acceptance of goals since the last call, at most of the last 16383."""
         count = int(self._ring.words[Word.GOALS])
         for number in range(max(self._goals, count - SLOTS + 1), count):
             row = self._ring.goal_log[number % SLOTS]
@@ -119,7 +119,7 @@ class Relay:
         self._goals = count
 
     def _changes(self) -> Iterator[tuple[int, Mapping[str, Any]]]:
-        """Yield the key changes since the last call; new faults are recorded."""
+        """Yield tick and values of each key change since the last call, and record the faults since then."""
         for kind, tick, content in self._ring.notes.news():
             if kind == "fault":
                 self.note_fault(tick, content)
@@ -127,7 +127,7 @@ class Relay:
                 yield tick, self.letters.pop(content[LETTER]) if LETTER in content else content
 
 
-PAUSE = 20  # between two looks [ms]
+PAUSE = 20  # interval of the guard's checks [ms]
 PATIENCE = 0.5  # time for a servo to rest after the request [s]
 LONGER = 0.25  # time until the next, stronger step [s]
 OPENING = 30.0  # time for a device to open, and for all devices to come to rest [s]
@@ -138,29 +138,30 @@ DEATH = "death"  # message of the guard: the process has ended
 
 
 class Guard(Thread):
-    """Thread that starts a servo's process and ends with it.
+    """Thread that starts a servo's process, and ends after the end of this process.
 
-    The thread waits for the end of the process, so that it can remove the hardware's force within milliseconds if the
-    process dies with forces on. A servo that does not rest on request, runs no ticks, or does not open its hardware is
-    terminated by signals, because it may hang in a driver.
+    If the process dies while forces may act, the thread removes the forces within milliseconds. A servo that does not
+    open its hardware in time, runs no ticks, or does not set its forces to zero on request is terminated by signals,
+    because a driver's call may not have returned.
 
     Args:
         ring: Ring buffer shared with the process.
-        devices: Devices whose force is removed if the process dies with forces on.
-        period: Sampling period T [s].
-        clock: Clock for the timeouts of an inactive servo.
+        devices: Devices whose force is removed if the process dies while forces may act.
+        period: Sampling period [s].
+        clock: Clock for the timeouts of an inactive servo; the wall clock if None.
         names: Names of all devices of the scene.
-        watchdog: Largest lateness of a tick [s].
+        watchdog: Largest permitted lateness of a tick [s].
 
     Attributes:
-        messages: Messages of the process, tuples that begin with their kind; the last one is DEATH.
-        lock: Lock of the relay and its recorder.
+        messages: Messages from the process, tuples that begin with their kind; the kind of the last message is DEATH.
+        lock: Lock for the use of the relay and its recorder.
         relay: Relay of the rows; None before the run.
-        failure: Error of the relay, after which the servo is asked to rest, or of the guard, which kills the process.
+        failure: Error of the relay, after which the servo sets its forces to zero, or error of the guard, after which
+            the process is killed; None without an error.
         report: Sentences about the removal of forces; empty if no force was removed.
-        is_settled: Whether the hardware has reported that it is open and at rest.
-        is_overdue: Whether the hardware did not report in time, so that the process was ended.
-        hang: Description of a device call that did not return; empty if all calls return.
+        is_settled: Whether the process has reported that its hardware is open and stationary.
+        is_overdue: Whether the process was terminated because it did not report this in time.
+        hang: Description of a device call that did not return; empty if there is none.
     """
 
     def __init__(
@@ -188,7 +189,7 @@ class Guard(Thread):
 
     @property
     def pid(self) -> int:
-        """Number of the process."""
+        """Process identifier (PID); 0 before the process has started."""
         return self.process.pid if self.process is not None else 0
 
     def run(self) -> None:
@@ -218,22 +219,22 @@ class Guard(Thread):
             os.close(self._ring.file)
 
     def send(self, word: Any) -> None:
-        """Send a message to the process; ignored if the process has ended."""
+        """Send a message to the process; do nothing if the process has ended."""
         with self._sent, suppress(OSError):
             assert self._line is not None
             self._line.send(word)
 
     def rest(self) -> None:
-        """Ask the servo to rest before its next tick."""
+        """Ask the servo to set its forces to zero before its next tick, and to end the run."""
         self._ring.words[Word.STOP] = 1
 
     def interrupt(self, number: int) -> None:
-        """Pass a signal on to the process, where it interrupts a hanging driver."""
+        """Ask the servo to rest, and send a signal to its process, which interrupts a driver's call."""
         self.rest()
         self._signal(number)
 
     def kill(self) -> None:
-        """Terminate the process at once, or as soon as it has started; the force of open hardware is then removed."""
+        """Kill the process at once, or as soon as it has started; the guard then removes the force of open hardware."""
         self._is_killed = True
         self._signal(process_end.KILL)
 
@@ -269,7 +270,7 @@ class Guard(Thread):
             self._hurry()
 
     def _receive(self) -> bool:
-        """Receive a message; return whether there was one."""
+        """Receive one message if there is one; return whether a message was received."""
         assert self._line is not None
         try:
             if not self._line.poll():
@@ -282,16 +283,16 @@ class Guard(Thread):
         except (EOFError, OSError):
             return False
         except Exception as error:  # noqa: BLE001 - for example a class that only the process has
-            self.messages.put(("warning", f"a message of the servo's process cannot be read: {error}", UserWarning))
+            self.messages.put(("warning", f"a message from the servo's process is unreadable: {error}", UserWarning))
         return True
 
     def _quench(self) -> None:
-        """Remove the force of hardware whose program has died."""
+        """Remove the forces of the hardware if the process died while it was open."""
         if int(self._ring.words[Word.PHASE]) in (Phase.OPEN, Phase.RUNNING) and not self.report:
             self.report = quench_all(self._devices)
 
     def _fetch(self) -> None:
-        """Fetch rows unless the recorder is locked, because heartbeats must not wait."""
+        """Fetch rows unless the recorder is locked, because waiting would delay the next heartbeat."""
         if not self.lock.acquire(blocking=False):
             return
         try:
@@ -304,9 +305,9 @@ class Guard(Thread):
             self.lock.release()
 
     def _hurry(self) -> None:
-        """Terminate a servo that does not open its hardware, does not rest, or is inactive.
+        """Terminate a servo that exceeds the time for opening its hardware, for a tick, or for the end of its forces.
 
-        The first step is a signal that interrupts a driver's call.
+        The first step is a signal that interrupts a driver's call, and the second kills the process.
         """
         words, now = self._ring.words, self._clock.now()
         head, phase, place = int(words[Word.HEAD]), int(words[Word.PHASE]), int(words[Word.CALL])

@@ -1,4 +1,4 @@
-"""Messages to a servo's process: its task and, between ticks, orders, letters with new numbers, and goals of hands."""
+"""Messages to a servo's process: its task, orders to stop or pause, letters with new values, and goals of hands."""
 
 from __future__ import annotations
 
@@ -32,20 +32,20 @@ if TYPE_CHECKING:
 class Errand:
     """Task of a servo's process.
 
-    The process is a new interpreter with the `sys.path` and working folder of the sending process. It imports the
-    modules of drivers and hands by their names, but not the main program.
+    The process is a new interpreter with the `sys.path` and working folder of the recording process, which sends the
+    task. It imports the modules of drivers and hands by their names, but not the main program.
 
     Attributes:
         scene: Scene to run.
         ticks: Number of ticks to run.
         width: Number of entries of a row.
-        selected: Whether rows have only the columns and ticks that the scene selects.
-        live: Keys that may change during the run.
-        goals: Number of entries of the guided hands' goals.
+        selected: Whether the servo writes only the columns and ticks that the scene's `record` selects.
+        live: Keys whose values may change during the run.
+        goals: Number of entries of all guided hands' goals.
         trust: Whether all files that the scene names may be used.
-        verbosity: Level of messages to pass on, or None.
+        verbosity: Lowest level of log messages to pass on; None to pass on none.
         path: Search path of modules.
-        parent: Process number of the recording process.
+        parent: Process identifier of the recording process.
     """
 
     scene: Scene
@@ -60,7 +60,7 @@ class Errand:
     parent: int = field(default_factory=os.getpid)
 
     def text(self) -> bytes:
-        """Serialise the task for the other process.
+        """Serialise the task for the servo's process.
 
         Raises:
             InputError: If the scene holds an object that cannot be serialised.
@@ -71,7 +71,7 @@ class Errand:
         except Exception as error:
             raise InputError(
                 "scene", self.scene, "numbers, texts, lists and tables, which can be sent to another process",
-                f"a scene with hardware runs in a separate process: {error}; create the object in your own driver",
+                f"a scene with hardware runs in a separate process ({error}): create the object in a driver instead",
             ) from error  # fmt: skip
 
 
@@ -85,11 +85,11 @@ TRIES = 4  # attempts to read goals that are being overwritten
 
 
 class GoalPlace(NamedTuple):
-    """Goals of one guided hand.
+    """Place of one guided hand's goals.
 
     Attributes:
         memory: Block of the hand.
-        entries: Indices of the goals in that block: offsets, (n d,), then the squeeze.
+        entries: Indices of the goals in this block: offsets of the fingers, (n d,), and the squeeze.
     """
 
     memory: FloatArray
@@ -103,11 +103,11 @@ def goal_places(servo: Servo) -> list[GoalPlace]:
 
 
 class GuideKeys(NamedTuple):
-    """Keys of a guided hand.
+    """Key and fingers of a guided hand.
 
     Attributes:
-        table: Key of the hand with a number for the name, such as `hand.0`.
-        fingers: Indices of its fingers.
+        table: Key of the hand's table with its number, such as `hand.0`.
+        fingers: Indices of the hand's fingers.
     """
 
     table: str
@@ -126,12 +126,12 @@ def guide_keys(scene: Scene, servo: Servo) -> list[GuideKeys]:
 
 
 class GoalSender:
-    """Sender of guided hands' goals to a servo in another process; it never waits for the servo.
+    """Sender of guided hands' goals to a servo in another process; sending does not wait for the servo.
 
     Args:
         ring: Ring buffer shared with the servo.
-        servo: Copy of the running servo in its initial state.
-        keys: Keys of the guided hands.
+        servo: Copy, in its initial state, of the running servo.
+        keys: Guided hands, in the order of `goal_places`.
     """
 
     def __init__(self, ring: Ring, servo: Servo, keys: Sequence[GuideKeys]) -> None:
@@ -144,18 +144,18 @@ class GoalSender:
         self._number, self._lock = 0, Lock()
 
     def values(self, number: int) -> tuple[FloatArray, float]:
-        """Return the last goals of a hand: offsets (n, d) [m], and squeeze [m]."""
+        """Return the goals of hand `number` that were sent last: offsets (n, d) [m], and squeeze [m]."""
         own = self._goals[self._starts[number] : self._starts[number + 1]].copy()
         return own[:-1].reshape(-1, self._dimensions), float(own[-1])
 
     def send(self, number: int, offset: Any = None, squeeze: float | None = None, finger: int | None = None) -> None:
-        """Send a hand's goals; omitted goals are unchanged.
+        """Send the goals of a guided hand.
 
         Args:
-            number: Index of the hand.
-            offset: Offset (d,) for all its fingers, or (n, d) [m].
-            squeeze: Squeeze [m].
-            finger: Index, among the hand's fingers, of the finger with this `offset`; None for all.
+            number: Index of the hand in `keys`.
+            offset: Offset (d,) of all fingers, or offsets (n, d) [m]; unchanged if None.
+            squeeze: Squeeze [m]; unchanged if None.
+            finger: Index, among the hand's fingers, of the only finger whose offset changes; None for all fingers.
 
         Raises:
             InputError: If goals are not finite, have another shape, or exceed `FARTHEST`.
@@ -180,7 +180,7 @@ class GoalSender:
             self._post()
 
     def send_all(self, servo: Servo) -> None:
-        """Send the goals that a copy of the servo contains."""
+        """Send the goals of all guided hands that a copy of the servo contains."""
         with self._lock:
             self._goals = np.concatenate([place.memory[place.entries] for place in goal_places(servo)])
             self._post()
@@ -192,7 +192,7 @@ class GoalSender:
         self._ring.words[Word.GOAL] = self._number = number
 
     def by_key(self, goals: FloatArray) -> Mapping[str, Any]:
-        """Return changed goals that the servo has accepted, by keys of the scene."""
+        """Return, by key of the scene, the values in accepted `goals` that differ from those of the previous call."""
         values: dict[str, Any] = {}
         for i, (table, _) in enumerate(self.keys):
             first, last = self._starts[i], self._starts[i + 1]
@@ -206,7 +206,7 @@ class GoalSender:
 
 
 class GoalTaker:
-    """Receiver that writes new goals into the hands of a running servo between two ticks.
+    """Receiver of goals, which are written into the hands of a running servo between two ticks.
 
     Args:
         ring: Ring buffer with the goals.
@@ -219,7 +219,7 @@ class GoalTaker:
         self._number = int(self._words[Word.GOAL])
 
     def take(self) -> None:
-        """Accept the newest goals, if there are any."""
+        """Accept the newest goals, unless they are accepted already or are being overwritten."""
         words = self._words
         if words[Word.GOAL] == self._number:
             return
@@ -248,14 +248,15 @@ def _is_near(value: Any) -> bool:
 
 
 class Hold:
-    """A plant with its hand as three memories: the hand's block, its gains, and the plant's mechanics.
+    """Values of a plant and its hand that a letter may change.
 
     Args:
         hand: Hand that holds the plant.
         plant: Plant.
 
     Attributes:
-        memories: Three memories: the block; K and B; masses and dampings. A memory is empty if it cannot change.
+        memories: Three arrays: the hand's block, its stiffnesses and dampings, and the plant's masses and dampings. An
+            array is empty if its values cannot change.
     """
 
     def __init__(self, hand: Any, plant: Any) -> None:
@@ -268,10 +269,10 @@ class Hold:
         self.memories: list[FloatArray] = [block, gains, mechanics]
 
     def numbers(self) -> Iterator[tuple[int, Index, FloatArray]]:
-        """Yield the indices of memories, the entries and the numbers that another hold of the same structure adopts.
+        """Yield the content of a letter: index in `memories`, indices of entries and values of these entries.
 
-        Followers of a guided hand are excluded, because an update must not change their state. Goals are excluded too,
-        because they are sent separately.
+        The states of followers of a guided hand are excluded, because an update must not change them. Goals are
+        excluded, because they are sent separately.
         """
         block, _, _ = self.memories
         if len(block):
@@ -286,7 +287,7 @@ class Hold:
             yield 2, np.arange(len(mechanics)), mechanics
 
     def adopt(self, other: Any) -> None:
-        """Copy gains and mechanics from the memories; afterwards the plant's `hold` must be called again."""
+        """Copy gains and mechanics from `memories` to hand and plant; the plant's `hold` must be called afterwards."""
         _, gains, mechanics = self.memories
         if len(gains):
             hand: Any = self._hand
@@ -296,7 +297,7 @@ class Hold:
 
 
 def is_carried(hand: Any) -> bool:
-    """Return whether the numbers of a hand may change in another process."""
+    """Return whether a letter may change the numbers of a hand in another process."""
     return isinstance(hand, Steerable) and isinstance(hand, FusedHand) and hasattr(hand, "regain")
 
 
@@ -304,14 +305,14 @@ LOOK = 0.002  # interval of checks whether a pause is over [s]
 
 
 class PausingPacer(Pacer):
-    """A pacer that delays ticks during pauses; after a pause the grid of deadlines starts again.
+    """A pacer that delays ticks during pauses; after a pause, deadlines are counted from the end of the pause.
 
     Args:
-        period: Sampling period T [s].
-        clock: Clock for waiting.
+        period: Sampling period [s].
+        clock: Clock for waiting; the wall clock if None.
 
     Attributes:
-        orders: Orders, which may include a pause; None without pauses.
+        orders: Orders that determine the pauses; None without pauses.
     """
 
     def __init__(self, period: float, clock: Clock | None = None) -> None:
@@ -338,20 +339,23 @@ NO_RECORDER = "the recording process sends no heartbeat"
 
 
 class ParentGone(BaseException):
-    """The process that started this process has ended, or no longer needs this process."""
+    """The recording process has ended or sent an unexpected message, so that this process must end."""
 
 
 class Orders:
-    """Stop condition of a servo, tested before each tick and during waits; its test also accepts letters and goals.
+    """Stop condition of a servo, which is evaluated before each tick and while the servo waits.
+
+    Each evaluation also accepts new letters and goals. The run stops on request, or if heartbeats of the recording
+    process are missing.
 
     Args:
-        ring: Ring buffer with the words and letters.
-        servo: Servo that receives the orders.
+        ring: Ring buffer with the status words, letters and goals.
+        servo: Servo that runs.
         recorder: Recorder of the first tick of each letter.
         pacer: Pacer of the ticks.
 
     Attributes:
-        cause: Reason why the other process ended; empty while it runs.
+        cause: Text about missing heartbeats; empty if the run did not stop for this reason.
     """
 
     def __init__(self, ring: Ring, servo: Servo, recorder: RingRecorder, pacer: Pacer) -> None:
@@ -366,7 +370,7 @@ class Orders:
 
     @property
     def has_news(self) -> bool:
-        """Whether a letter awaits acceptance."""
+        """Whether there is a letter that was not accepted yet."""
         return bool(self._words[Word.MAIL] != self._number)
 
     def __call__(self) -> bool:
@@ -385,12 +389,12 @@ class Orders:
 
     @property
     def is_paused(self) -> bool:
-        """Whether the next tick must wait."""
+        """Whether the next tick must wait for the end of a pause."""
         halt = self._words[Word.HALT]
         return bool(halt and self._servo.ticks >= halt - 1)
 
     def _take(self) -> None:
-        """Write a letter's numbers into the servo's memories between two ticks."""
+        """Write the values in the newest letter into the servo's memories."""
         number, servo = int(self._words[Word.MAIL]), self._servo
         letter = read_letter(self._ring.letters[number % 2])
         entries = [(self._memories[memory], places, numbers) for memory, places, numbers in letter.entries]
@@ -405,6 +409,6 @@ class Orders:
 
 
 def memories(servo: Servo) -> list[FloatArray]:
-    """List the memories of objects that a letter may write to: their grasps, then the safety chain of each."""
+    """List the memories of a servo that a letter may change: the objects' grasps, and the safety chain's buffers."""
     chain = servo.safety.buffers if servo.safety is not None else []
     return [*(part.grasped.block for part in servo.objects), *chain]

@@ -1,4 +1,4 @@
-"""Removal of the force of hardware whose program has died, by each driver's `quench`."""
+"""Removal of the force of hardware after its program has died, by the `quench` functions of drivers."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ PATIENCE = 2.0  # time for all devices [s]
 
 @dataclass(frozen=True)
 class Quencher:
-    """A device that a person may hold, and the method to remove its force if its program dies.
+    """Method to remove the force of a device after its program has died.
 
     Attributes:
         name: Name of the device in messages.
-        quench: Function without arguments; None if the hardware's own watchdog must suffice.
-        watchdog: Timeout of the hardware's watchdog [s]; None if it has none.
+        quench: Function that removes the force; None if only the hardware's watchdog removes it.
+        watchdog: Timeout of the hardware's watchdog [s]; None if the hardware has no watchdog.
     """
 
     name: str
@@ -38,7 +38,7 @@ class Quencher:
     watchdog: float | None
 
     def act(self) -> str:
-        """Remove the force; return a report."""
+        """Remove the force, and return a text that reports the result."""
         if self.quench is None:
             return f"the watchdog of {self.name} removes its force within {self.watchdog:g} s"
         began = time.monotonic()
@@ -47,23 +47,24 @@ class Quencher:
         except BaseException as error:  # noqa: BLE001 - also SystemExit: the others are quenched, and the end is told
             text = f"{type(error).__name__}: {message(error)}"
             if self.watchdog is not None:
-                return f"the force of {self.name} could not be removed ({text}); its watchdog removes it"
-            return f"the force of {self.name} could not be removed and may persist: switch it off: {text}"
+                return f"the force of {self.name} could not be removed ({text}); the device's watchdog removes it"
+            return f"the force of {self.name} could not be removed and may persist: switch the device off ({text})"
         return f"the force of {self.name} was removed in {1e3 * (time.monotonic() - began):.1f} ms"
 
     @property
     def silence(self) -> str:
-        """Return the message for an `act` that has not returned."""
+        """Report for the case that `act` does not return within `PATIENCE`."""
+        what = f"the force of {self.name} could not be removed within {PATIENCE:g} s"
         if self.watchdog is not None:
-            return f"the force of {self.name} could not be removed within {PATIENCE:g} s; its watchdog removes it"
-        return f"the force of {self.name} is still being removed and may persist: switch it off"
+            return f"{what}; the device's watchdog removes it"
+        return f"{what} and may persist: switch the device off"
 
 
 def quenchers(parts: Parts) -> list[Quencher]:
-    """Return a quencher for each real device of a scene that displays forces, and import its driver.
+    """Return a quencher for each real device of a scene that displays forces; drivers are imported.
 
     Raises:
-        InputError: If the hardware has no watchdog and its driver has no `quench`.
+        InputError: If a device's hardware has no watchdog, and its driver has no function `quench`.
     """
     scene, quenchers_ = parts.scene, list[Quencher]()
     for wire in parts.wires:
@@ -83,14 +84,14 @@ def quenchers(parts: Parts) -> list[Quencher]:
             raise InputError(
                 "features.watchdog", None, "time after which the hardware removes its force [s], or a function "
                 f"quench(**settings) in the driver of {name}",
-                "without either the force persists after the program is killed: docs/how-to/device.md",
+                "otherwise, the force persists after the program is killed: docs/how-to/device.md",
             )  # fmt: skip
         quenchers_.append(Quencher(name, quench, watchdog))
     return quenchers_
 
 
 def quench_all(each: Sequence[Quencher]) -> list[str]:
-    """Remove the forces of devices in parallel, within `PATIENCE`; return a report on each device."""
+    """Remove the forces of devices in parallel, and return a report on each device after at most `PATIENCE`."""
     texts = [one.silence for one in each]
 
     def act(i: int) -> None:

@@ -1,7 +1,7 @@
-"""The servo's process, which builds the scene, opens its hardware, runs, and rests on request or if its parent dies.
+"""The servo's process, which builds a servo, opens its hardware, runs it, sets forces to zero and closes the hardware.
 
-The servo's process reports its progress to the recording process, and waits for permission to open the hardware, to
-run, and to release the hardware after the files are closed.
+The process reports its progress to the recording process, and waits for a message before it opens the hardware, before
+it runs, and, after the files are closed, before it closes the hardware. A run also ends if the recording process dies.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ if TYPE_CHECKING:
 
 
 def main(line_: int, ring_: int) -> None:
-    """Perform the task that is received on the connection.
+    """Receive a task from the recording process, and perform it.
 
     Args:
-        line_: Descriptor of the connection.
-        ring_: Descriptor of the shared memory of rows.
+        line_: File descriptor of the connection to the recording process.
+        ring_: File descriptor of the shared memory with the ring buffer.
     """
     die_with_parent(KILL)  # no hardware is open yet
     for name in NAMES:
@@ -56,7 +56,7 @@ def main(line_: int, ring_: int) -> None:
 
 
 def _serve(errand: Errand, line: Connection, ring_: int) -> None:
-    """Build the servo, open its hardware, run, rest and close."""
+    """Build the servo, open its hardware, run it, set its forces to zero, and close the hardware."""
     with (
         granted(errand.trust),
         build(errand.scene, selected=errand.selected, live=errand.live, real_time=True) as servo,
@@ -90,7 +90,7 @@ def _serve(errand: Errand, line: Connection, ring_: int) -> None:
 
 @contextmanager
 def _at_devices(servo: Servo, parts: Parts, ready: Callable[[Exits], None]) -> Iterator[Hardware | Simulations]:
-    """Open the hardware of a scene, if it has any."""
+    """Open the hardware of a scene; for a scene without hardware, yield `Simulations`."""
     if servo.hardware:
         with at_hardware(servo, parts, WallClock(), ready=ready) as hardware:
             yield hardware
@@ -101,10 +101,10 @@ def _at_devices(servo: Servo, parts: Parts, ready: Callable[[Exits], None]) -> I
 
 
 class Simulations:
-    """Real-time run with simulated devices only.
+    """Real-time run with simulated devices only, in place of `Hardware`.
 
     Args:
-        servo: Servo that is ready to tick.
+        servo: Servo that is ready to run.
         exits: Signals that end the run.
 
     Attributes:
@@ -117,21 +117,21 @@ class Simulations:
         self._servo, self._exits, self.pacer = servo, exits, PausingPacer(servo.period)
 
     def header(self, header: Header) -> Header:
-        """Return a header unchanged."""
+        """Return the header without changes."""
         return header
 
     def run(self, ticks: int, recorder: RingRecorder, stop: Callable[[], bool]) -> None:
-        """Run; a signal ends it like `stop`."""
+        """Run the ticks until `stop` returns True or a signal arrives."""
         self._servo.run(ticks, recorder, lambda: bool(self._exits.numbers) or stop(), self.pacer)
 
     @property
     def outcome(self) -> dict[str, Any]:
-        """Items of the run's `Outcome`."""
+        """Items of the run's `Outcome`: cause of an early end, and lateness of ticks."""
         return {"cause": self._exits.cause, **self.pacer.outcome}
 
 
 def _run(errand: Errand, line: Connection, ring: Ring, servo: Servo, hardware: Hardware | Simulations) -> None:
-    """Run until the end, an order or a fault; report the outcome when every force is zero."""
+    """Run until the last tick, an order to stop or an error; report the outcome when all forces are zero."""
     recorder, error = RingRecorder(ring), b""
     orders = Orders(ring, servo, recorder, hardware.pacer)
     if isinstance(hardware.pacer, PausingPacer):
@@ -151,7 +151,7 @@ def _run(errand: Errand, line: Connection, ring: Ring, servo: Servo, hardware: H
 
 
 def _await_close(line: Connection) -> None:
-    """Wait until the files are closed or the other process has ended."""
+    """Wait until the recording process has closed its files, or has ended."""
     try:
         line.recv()
     except (EOFError, OSError):
@@ -160,16 +160,16 @@ def _await_close(line: Connection) -> None:
 
 def _require(word: Any, expected: str) -> None:
     if word != expected:
-        raise ParentGone(f"given the message {word!r} of the recording process, expected {expected!r}")
+        raise ParentGone(f"message of the recording process: given {word!r}, expected {expected!r}")
 
 
 def _wait_for_orders(number: int, frame: object) -> None:
-    """Ignore a signal: before hardware is open, the recording process handles signals."""
+    """Ignore a signal, which the recording process handles before hardware is open."""
 
 
 @contextmanager
 def _tell_aside(line: Connection, errand: Errand) -> Iterator[None]:
-    """Pass warnings, messages and waits of the block on to the recording process."""
+    """Send warnings, log messages and waits during the block to the recording process."""
 
     def show(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
         line.send(("warning", str(message), category))
@@ -193,7 +193,7 @@ def _tell_aside(line: Connection, errand: Errand) -> Iterator[None]:
 
 
 def _listen(line: Connection, level: int) -> None:
-    """Pass on messages of a level and above."""
+    """Send log messages of `level` and higher levels to the recording process."""
     import logging
 
     class Line(logging.Handler):

@@ -1,4 +1,4 @@
-"""Control of a servo's process from the recording process: start, preparation, run, updates, rest and close."""
+"""Control of a servo's process by the recording process: start, preparation, run, updates, end of forces, close."""
 
 from __future__ import annotations
 
@@ -38,14 +38,10 @@ TAKEN = 5e-4  # interval of checks whether a letter was accepted [s]
 
 
 def letter_of(servo: Servo, update: Update) -> Letter:
-    """Convert an update to a letter.
-
-    Args:
-        servo: Copy of the running servo, to whose parts the update refers.
-        update: Update of its parts.
+    """Convert an update of this process's copy of a servo to a letter for the servo in another process.
 
     Raises:
-        InputError: If the update changes more than numbers.
+        InputError: If the update replaces parts that a letter cannot change, such as a hand by another kind of hand.
     """
     own = memories(servo)
     places = {id(memory): i for i, memory in enumerate(own)}
@@ -70,7 +66,7 @@ def letter_of(servo: Servo, update: Update) -> Letter:
 
 
 def _news(memory: FloatArray, number: int, where: Index, numbers: FloatArray) -> tuple[int, Index, FloatArray]:
-    """Omit numbers that are bit-identical to those in the memory."""
+    """Return an entry of a letter without the numbers that are bit-identical to those in `memory`."""
     differ = memory[where].view(np.int64) != np.asarray(numbers, dtype=float).view(np.int64)
     return number, where[differ], numbers[differ]
 
@@ -78,12 +74,12 @@ def _news(memory: FloatArray, number: int, where: Index, numbers: FloatArray) ->
 def _refusal(values: Mapping[str, Any]) -> InputError:
     return InputError(
         ", ".join(values), list(values.values()), "gains, friction and numbers of objects that collide with no plane",
-        "in real time these parts run in another process; start the run with these values",
+        "other parts cannot change in real time, because they run in another process; start a run with these values",
     )  # fmt: skip
 
 
 class Mail:
-    """Sender of letters to a servo, each after the previous one has been accepted.
+    """Sender of letters to a servo; a letter is sent after the servo has accepted the previous letter.
 
     Args:
         ring: Ring buffer shared with the servo.
@@ -95,12 +91,12 @@ class Mail:
         self._number = int(ring.words[Word.MAIL])
 
     def post(self, letter: Letter, values: Mapping[str, Any], require: Callable[[], object]) -> int:
-        """Post a letter and wait until it is accepted; return its first tick.
+        """Send a letter, wait until the servo has accepted it, and return the first tick with its values.
 
         Args:
             letter: Letter to the servo.
-            values: Values to record for it, by key.
-            require: Function that is called repeatedly and raises an error if the servo no longer accepts messages.
+            values: Values by key, which are recorded as changes at this tick.
+            require: Function that is called repeatedly, and raises an error if the servo no longer accepts letters.
         """
         ring, number = self._ring, self._number + 1
         require()
@@ -119,18 +115,18 @@ FAREWELL = 3.0  # time for a process to close its hardware and end [s]
 
 
 class ServoProcess:
-    """A servo in a separate process, with its hardware open and at rest; `servo_process` creates it.
+    """A servo in a separate process, whose hardware is open and stationary; `servo_process` creates it.
 
     Args:
         guard: Guard of the process.
-        ring: Ring buffer shared with it.
-        layout: Layout of its rows.
+        ring: Ring buffer shared with the process.
+        layout: Layout of the rows.
         exits: Signals that end the run.
 
     Attributes:
         engine: Name of the engine that runs the ticks.
-        cause: Cause of the process's end, if it died; otherwise empty.
-        error: Error that ended the run in the process; None without one.
+        cause: Description of the end of the process if it died before its forces were zero; otherwise empty.
+        error: Error that ended the run in the process; None without an error.
     """
 
     def __init__(self, guard: Guard, ring: Ring, layout: Layout, exits: Exits) -> None:
@@ -146,18 +142,18 @@ class ServoProcess:
 
     @property
     def header(self) -> Header:
-        """Header of the recording, written by the process."""
+        """Header of the recording, which the process has sent."""
         assert self._header is not None
         return self._header
 
     @property
     def ticks(self) -> int:
-        """Number of ticks so far."""
+        """Number of ticks that the servo has run."""
         return int(self.ring.words[Word.HEAD]) if self._ticks is None else self._ticks
 
     @property
     def has_rested(self) -> bool:
-        """Whether every force is permanently zero, or the process has ended."""
+        """Whether the run has ended with all forces zero, or the process has ended."""
         return self._has_rested
 
     def begin(
@@ -166,7 +162,7 @@ class ServoProcess:
         watch: Callable[[int, int], object] | None = None,
         goals: Callable[[FloatArray], Mapping[str, Any]] | None = None,
     ) -> Relay:
-        """Arm and run, and fetch rows for a recorder; `watch` and `goals` are those of `Relay`."""
+        """Start the run, and let the guard pass its rows to a recorder; `watch` and `goals` are those of `Relay`."""
         relay = self.relay = Relay(self.ring, recorder, watch, goals)
         with self.guard.lock:
             self.guard.relay = relay
@@ -174,7 +170,7 @@ class ServoProcess:
         return relay
 
     def run(self, ticks: int, recorder: Recorder, stop: Callable[[], bool] | None) -> None:
-        """Run to the end, or until `stop` returns true; in all cases the next force is zero."""
+        """Run the ticks until the last one or until `stop` returns True; at the end, set all forces to zero."""
         self.begin(recorder)
         try:
             while not self.await_rest(LOOK):
@@ -188,7 +184,7 @@ class ServoProcess:
             raise self.guard.failure
 
     def rest(self) -> None:
-        """Set every force to zero; return when forces are zero and all rows are fetched."""
+        """Set all forces to zero; return when they are zero and all rows are fetched."""
         self.guard.rest()
         while not self.await_rest(1.0):
             pass
@@ -211,7 +207,7 @@ class ServoProcess:
 
     @property
     def outcome(self) -> dict[str, Any]:
-        """Items of the run's `Outcome`."""
+        """Items of the run's `Outcome`: engine, cause of an early end, and numbers of skipped ticks and lost rows."""
         cause = self.exits.cause or (f"the servo's process {self.cause}" if self.cause else self.guard.hang)
         lost = {} if self.relay is None else {"lost": self.relay.lost}
         result = {"skipped": int(self.ring.words[Word.SKIPPED]), **self._result, **lost}
@@ -220,7 +216,7 @@ class ServoProcess:
     # Messages of the process --------------------------------------------------------------------------------------
 
     def await_rest(self, seconds: float) -> bool:
-        """Wait at most `seconds` until the servo is at rest; return whether it is."""
+        """Wait at most `seconds` until `has_rested`; return whether it is true."""
         end = left = time.monotonic() + seconds
         while not self._has_rested and left > 0.0:
             self._take(max(end - time.monotonic(), 0.0))
@@ -228,7 +224,7 @@ class ServoProcess:
         return self._has_rested
 
     def _take(self, seconds: float) -> Any:
-        """Wait a limited time for a message; return a message that this class does not handle."""
+        """Wait at most `seconds` for a message, and handle it; return messages of other kinds, and None otherwise."""
         try:
             kind, *rest = self.guard.messages.get(timeout=seconds)
         except Empty:
@@ -259,7 +255,7 @@ class ServoProcess:
         return None
 
     def expect(self, word: str) -> tuple[Any, ...]:
-        """Wait for a message of a kind and return its content; raise errors that the process reports.
+        """Wait for a message of kind `word`, and return its content; an error that the process reports is raised.
 
         Raises:
             DeviceError: If the process died, or a device did not open in time.
@@ -269,7 +265,7 @@ class ServoProcess:
             message = self._take(0.05)
             if self._has_ended and self.guard.is_overdue:
                 report = "".join(f"; {text}" for text in self.guard.report)
-                do = "check that it is switched on and plugged in, and that no other program uses it"
+                do = "check that the device is switched on and plugged in, and that no other program uses it"
                 raise DeviceError(f"{self._doing} took more than {OPENING:g} s and was ended{report}; {do}")
             if message is not None and message[0] == "failed" and not self.guard.is_overdue:
                 if self.exits.numbers:
@@ -282,14 +278,14 @@ class ServoProcess:
                 raise DeviceError(f"the servo's process {self.cause} before the run began{report}")
 
     def settle(self) -> None:
-        """Wait until the hardware is at rest."""
+        """Wait until the hardware is open and stationary."""
         (self._header,) = self.expect("settled")
         log.info("the servo runs in process %d: %s", self.guard.pid, dict(self.header.scheduling))
         if not str(self.header.scheduling.get("policy", "")).startswith("fifo"):
             log.warn(REMEDY, RealTimeWarning)
 
     def close(self) -> None:
-        """Let the process close its hardware and end."""
+        """Let the process close its hardware and end; kill a process that takes longer than 3 s."""
         self.guard.send("close")
         end = time.monotonic() + FAREWELL
         while not self._has_ended and time.monotonic() < end:
@@ -308,21 +304,21 @@ class ServoProcess:
 def servo_process(
     parts: Parts, layout: Layout, every: int, *, ticks: int, selected: bool, live: Sequence[str] = (), goals: int = 0
 ) -> Iterator[ServoProcess]:
-    """Start a process with a scene's servo, and open its hardware; on exit close the hardware and end the process.
+    """Start a process with a scene's servo, and open its hardware; on exit, close the hardware and end the process.
 
     Args:
         parts: Parts of the scene.
-        layout: Layout of its rows.
+        layout: Layout of the rows.
         every: Number of ticks from one row to the next.
         ticks: Number of ticks to run.
-        selected: Whether rows contain only what the scene's `record` selects.
-        live: Keys that may change during the run.
-        goals: Number of entries of the guided hands' goals.
+        selected: Whether the servo writes only the columns and ticks that the scene's `record` selects.
+        live: Keys whose values may change during the run.
+        goals: Number of entries of all guided hands' goals.
 
     Raises:
-        InputError: If the scene cannot be serialised; hardware has neither a watchdog nor `quench`; or a finger is
-            inside its object. Other errors of the process before its run are raised too.
-        DeviceError: If a device does not open or is not at rest, or the process died.
+        InputError: If the scene cannot be serialised, a device has neither a watchdog nor `quench`, or a finger is
+            inside its object. Other errors of the process before its run are raised, too.
+        DeviceError: If a device does not open or is not stationary, or the process died.
         KeyboardInterrupt: If a signal arrived before the run.
     """
     errand = Errand(parts.scene, ticks, layout.width, selected, tuple(live), goals)

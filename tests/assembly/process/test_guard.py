@@ -339,14 +339,16 @@ def test_every_device_is_quenched_whatever_another_one_does(monkeypatch: pytest.
         Quencher("six", lambda: sys.exit(5), None),
     ])  # fmt: skip
     over.set()
-    silent = "could not be removed and may persist: switch it off"
-    assert texts[0] == "the force of zero is still being removed and may persist: switch it off"
-    assert texts[1] == f"the force of one {silent}: OSError: no such port"
+    silent = "could not be removed and may persist: switch the device off"
+    late = "could not be removed within 0.2 s"
+    assert texts[0] == f"the force of zero {late} and may persist: switch the device off"
+    assert texts[1] == f"the force of one {silent} (OSError: no such port)"
     assert texts[2].startswith("the force of two was removed in ")
     assert texts[3] == "the watchdog of three removes its force within 0.02 s"
-    assert texts[4] == "the force of four could not be removed (OSError: no such port); its watchdog removes it"
-    assert texts[5] == "the force of five could not be removed within 0.2 s; its watchdog removes it"
-    assert texts[6] == f"the force of six {silent}: SystemExit: 5"
+    by_itself = "; the device's watchdog removes it"
+    assert texts[4] == f"the force of four could not be removed (OSError: no such port){by_itself}"
+    assert texts[5] == f"the force of five {late}{by_itself}"
+    assert texts[6] == f"the force of six {silent} (SystemExit: 5)"
     assert sorted(calls) == ["fail", "fail", "two"]
 
 

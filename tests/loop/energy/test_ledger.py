@@ -321,7 +321,7 @@ def test_bad_values_and_the_plan(tmp_path: Path) -> None:
     )
     with pytest.raises(SceneError, match=r"coupling\.passivity: expected 'off', 'observe' or 'control'; given 'on'"):
         gx.load("paper-spring", {"coupling.passivity": "on"})
-    with pytest.raises(SceneError, match=r"coupling\.passivity: 'control' expects every device to report its mass"):
+    with pytest.raises(SceneError, match=r"coupling\.passivity: 'control' requires every device to report its mass"):
         gx.load(
             "paper-spring",
             {"coupling.passivity": "control", "finger.1.device": {"name": str(driver)}, "finger.1.hand": None},
