@@ -50,10 +50,7 @@ class Vector:
 
 @dataclass(frozen=True, slots=True)
 class Vector4:
-    """Contact coordinates of a finger: a vector, and a torsion t scaled to a length by the radius of the contact patch.
-
-    The torsion is zero unless the finger is a soft finger.
-    """
+    """Contact coordinates of a finger: a vector, and the torsion t of a soft finger in units of its patch length."""
 
     x: float
     y: float

@@ -229,7 +229,11 @@ class Sheet:
         return head, heads
 
     def _strip(self, row: int, left: float, right: float) -> tuple[float, Legend | None]:
-        """Make a row's legend with as many columns as fit; return the strip's height [inches], and the legend or None."""
+        """Make a row's legend with as many columns as fit.
+
+        Returns:
+            Height of the strip above the row [inches], and the legend, or None if the row has no legend.
+        """
         handles = self._legends.get(row, [])
         plain = PITCH * self.width.text / 72.0 + LEAD if self._letters[row] else 0.0
         room = right - left

@@ -1,4 +1,4 @@
-"""Reader of STL, OBJ, PLY, OFF and GLB mesh files of limited size; it does not open files that they refer to."""
+"""Reader of mesh files (STL, OBJ, PLY, OFF and GLB) with a limit on their size; referenced files are not opened."""
 
 from __future__ import annotations
 
@@ -25,10 +25,11 @@ LONGEST = 200  # largest number of letters of a foreign error message
 
 
 def read_mesh_file(path: str | PathLike[str], most_bytes: int, most_triangles: int) -> tuple[FloatArray, IntArray]:
-    """Read vertices (v, 3) and triangles (f, 3) from a file; other elements are ignored.
+    """Read vertices (v, 3) and triangles (f, 3) from a mesh file; other elements are ignored.
 
     Raises:
-        InputError: If the file is missing, too large or damaged, or its suffix is not supported.
+        InputError: If the file is missing or damaged, exceeds `most_bytes` or `most_triangles`, or has an unsupported
+            suffix.
         MissingPackageError: If trimesh is not installed.
     """
     file = to_path("mesh", path)
@@ -79,14 +80,14 @@ def load_trimesh() -> Any:
 
 
 def _missing_of_stl(data: bytes) -> str:
-    """Describe what is missing at the end of an STL file; empty for a complete file."""
+    """Return a description of how an STL file is truncated; empty if the file is complete."""
     if _is_text_stl(data):
         return "" if b"endsolid" in data[-LAST_LINE:] else "it ends without endsolid"
     if len(data) < STL_HEAD:
-        return f"it has {len(data)} bytes, and its header alone takes {STL_HEAD}"
+        return f"it has {len(data)} bytes, but the header requires {STL_HEAD}"
     count = int.from_bytes(data[STL_HEAD - 4 : STL_HEAD], "little")
     whole = STL_HEAD + STL_TRIANGLE * count
-    return f"it has {len(data)} bytes, and its {count} triangles take {whole}" if len(data) < whole else ""
+    return f"it has {len(data)} bytes, but {count} triangles require {whole}" if len(data) < whole else ""
 
 
 def _is_text_stl(data: bytes) -> bool:
@@ -94,7 +95,10 @@ def _is_text_stl(data: bytes) -> bool:
 
 
 def _surface(trimesh: Any, kind: str, data: bytes, most: int) -> tuple[FloatArray, IntArray, int]:
-    """Read the surface from a file's bytes, and count its triangles; return an empty surface if there are too many."""
+    """Read vertices, triangles, and the number of triangles from a file's bytes.
+
+    If there are more than `most` triangles, the returned arrays are empty.
+    """
     if kind == "obj":
         data = b"\n".join(GEOMETRY.findall(data))
     is_text = kind in ("obj", "off") or (kind == "stl" and _is_text_stl(data))
