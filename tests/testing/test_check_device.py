@@ -299,7 +299,7 @@ class Noisy(PointDevice):
         (FeaturesAfterOpen, "features are reported before `open`", "DeviceError: .*not open"),
         (FlatPositions, "`read` returns", r"positions of shape \(4,\), expected \(2, 2\)"),
         (NoForceLeft, "`largest_force` is a positive force", r"\[1.0, 0.0\] N"),
-        (NoVelocity, "`read` returns", "velocities that are not finite"),
+        (NoVelocity, "`read` returns", "non-finite velocities"),
         (TrueMotion, "the device's own arrays", "true motion"),
         (FailedReadIsZero, "read to the reported resolution", "m off"),
         (WallClock, "the time never decreases", "the time"),
@@ -316,7 +316,7 @@ class Noisy(PointDevice):
         (ClosesOnce, "`close` removes the force", "OSError: the port is closed"),
         (KeepsForceWhenClosed, "`close` removes the force", "an effort after `close`"),
         (SomebodyElse, "the device itself", "another object"),
-        (SwallowsErrors, "propagates exceptions", "swallowed"),
+        (SwallowsErrors, "propagates exceptions", "suppressed"),
         (Noisy, "identical, bit for bit", "moves differently"),
     ],
 )
@@ -404,7 +404,7 @@ class OnlyOneAtATime(PointDevice):
     ("kind", "found"),
     [
         (SharedArrays, "the same arrays"),
-        (SharedPlant, "a force on one moved the other by .* m"),
+        (SharedPlant, "a force on one device moved the other by .* m"),
         (SharedEffort, "effort of the other"),
         (OnlyOneAtATime, "OSError: the device is busy"),
     ],
