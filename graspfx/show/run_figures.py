@@ -145,7 +145,7 @@ def sheet(
     """
     for each in recordings:
         if not isinstance(each, Recording):
-            raise InputError("recordings", each, "a recording", "plot draws whole recordings: rec.plot(other, ...)")
+            raise InputError("recordings", each, "a recording", "pass complete recordings, as in rec.plot(other)")
     if not recordings or not all(len(recording) for recording in recordings):
         raise InputError("recordings", len(recordings), "one or more recordings with at least one tick each")
     for name, texts in (("titles", titles), ("labels", labels)):

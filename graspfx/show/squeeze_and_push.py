@@ -51,7 +51,8 @@ def modes(internal: FloatArray, external: FloatArray, inward: FloatArray, touchi
 def directions(contacts: FloatArray, displacement: FloatArray) -> FloatArray:
     """Compute unit vectors (N, n, d) from each contact to the centre of all contacts.
 
-    If all contacts coincide, for example because they are attached to the object's centre, these vectors do not exist.
+    If all contacts coincide, for example because all fingers are attached to the object's centre, the vectors do not
+    exist.
     For two fingers, they are then replaced by the coordinate axis along which the fingers' displacements differ most
     during the run: finger 1 has the positive direction of this axis, finger 2 the negative. For more fingers, they are
     zero.

@@ -276,7 +276,9 @@ def save(drawing: Sheet | Figure, path: str | PathLike[str], form: str = "", dpi
     """
     target = Path(fspath(path))
     if not target.parent.is_dir():
-        raise InputError("path", fspath(path), "a file in an existing folder", f"make {target.parent} first")
+        raise InputError(
+            "path", fspath(path), "a file in an existing folder", f"create the folder {target.parent} first"
+        )
     form = form or target.suffix[1:].lower()
     sheet = drawing if isinstance(drawing, Sheet) else None
     dpi = dpi or (sheet.width if sheet is not None else WIDTHS["screen"]).dpi

@@ -39,7 +39,7 @@ PATIENCE = 10.0  # time for a scheduler to answer [s]
 DEATHS = 3  # worker deaths before dask blames a chunk
 DEPTH = 2  # chunks per worker that are submitted at a time
 TRIES = 2  # attempts of a single chunk before it is taken to kill workers
-KILLS = "the process that ran it was killed or crashed in every attempt"
+KILLS = "the process that ran this variant was killed or crashed in every attempt"
 BORN_DEAD = (
     "worker processes end before they begin: a script must start a sweep in processes below "
     '`if __name__ == "__main__":`, because each process runs the script again'

@@ -314,7 +314,7 @@ class Work:
         except KeyboardInterrupt:
             done, where = self.resumed + self.done, "" if self.store is None else f" in {self.store.path}"
             text = f"{done} of {len(self.variants)} variants are done{where}"
-            how = "the same call with resume continues from there" if self.store else "without `out` they are lost"
+            how = "repeat the call to resume the sweep" if self.store else "the results are lost, because `out` is None"
             raise KeyboardInterrupt(f"{text}: {how}") from None
 
     def result(self, parts: Mapping[str, Any], took: float) -> SweepResult:

@@ -350,7 +350,7 @@ def _differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]
     for name in ("shape", "sample", "measure", "statistics", "duration", "version"):
         if there.get(name) != here[name]:
             lines.append(f"{name}: {brief(there.get(name))} there, {brief(here[name])} here")
-    return lines or ["its values differ in the last digits, or in their order"]
+    return lines or ["values of the keys differ in their last digits or in their order"]
 
 
 def _written(value: Any) -> Any:

@@ -67,7 +67,7 @@ class SweepResult(Batch):
         how = (
             f", {self.about['sample']}"
             if self.about.get("sample")
-            else ", values taken together"
+            else ", keys vary together"
             if self.is_together
             else ""
         )

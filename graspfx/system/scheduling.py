@@ -74,7 +74,7 @@ def real_time_policy() -> tuple[Any, int] | None:
 
 
 def set_exact_timers() -> bool:
-    """Remove the timer slack of this thread; return whether the system allows it."""
+    """Set the timer slack of this thread to its minimum of 1 ns; return whether the system allows it."""
     return c_library.call("prctl", SLACK, 1, 0, 0, 0) == 0
 
 

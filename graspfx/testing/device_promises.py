@@ -267,7 +267,7 @@ def _check_reading(bench: _Bench) -> None:
         time: Any = reading[2]
         promise.holds(isinstance(time, float) and math.isfinite(time), f"the time {time!r}")
     with bench.promises("positions and velocities are the device's own arrays") as promise:
-        promise.holds(not np.shares_memory(reading[0], reading[1]), "one array for both")
+        promise.holds(not np.shares_memory(reading[0], reading[1]), "both are in one array")
         if bench.plant is not None:
             true = bench.plant.position, bench.plant.velocity
             shared = any(np.shares_memory(ours, its) for ours in reading[:2] for its in true)
@@ -276,7 +276,7 @@ def _check_reading(bench: _Bench) -> None:
     if isinstance(bench.device, LimitedDevice):
         with Promise("`largest_force` is a positive force for each finger at its last reading") as promise:
             largest = np.asarray(bench.device.largest_force, dtype=float)
-            promise.holds(largest.shape == bench.shape[:1], f"of shape {largest.shape}, not {bench.shape[:1]}")
+            promise.holds(largest.shape == bench.shape[:1], f"shape {largest.shape}, expected {bench.shape[:1]}")
             promise.holds((largest > 0.0).all(), f"{largest.tolist()} N")
 
 
@@ -287,7 +287,7 @@ def _check_ticks(bench: _Bench) -> None:
             bench.tick(np.zeros(bench.shape))
             p, v, time = bench.device.read()
             promise.holds(np.isfinite(p).all() and np.isfinite(v).all(), "non-finite positions or velocities")
-            promise.holds(time >= last, f"the time {time} s after {last} s")
+            promise.holds(time >= last, f"the time {time} s after the time {last} s")
             last = time
     if bench.plant is not None:
         with bench.promises("the time of a simulated device is the number of ticks times the period") as promise:
@@ -300,8 +300,8 @@ def _check_ticks(bench: _Bench) -> None:
 
 def _check_efforts(bench: _Bench, force: float) -> None:
     k, limit = bench.features.fingers, bench.features.peak_force
-    with bench.promises("zero force causes no effort, and a force causes one") as promise:
-        promise.holds(not bench.hold(np.zeros(bench.shape)).any(), "an effort without force")
+    with bench.promises("a zero force causes no effort, and a non-zero force causes an effort") as promise:
+        promise.holds(not bench.hold(np.zeros(bench.shape)).any(), "an effort for zero force")
         effort = bench.hold(bench.push(force))
         promise.holds(effort.shape == bench.shape, f"efforts of shape {effort.shape}, expected {bench.shape}")
         promise.holds(effort.any(axis=1).all(), f"no effort on a finger with {force} N")
@@ -320,7 +320,7 @@ def _check_efforts(bench: _Bench, force: float) -> None:
     if limit is not None:
         with bench.promises("the device applies the force limit last") as promise:
             effort, more = bench.hold(bench.push(10.0 * limit)), bench.hold(bench.push(100.0 * limit))
-            finding = f"efforts {effort.tolist()} at ten times the peak force and {more.tolist()} at a hundred times"
+            finding = f"efforts {effort.tolist()} for ten times the peak force and {more.tolist()} for a hundred times"
             promise.holds(np.allclose(effort, more, rtol=ROUNDING, atol=0.0), finding)
             norm = float(np.linalg.norm(effort, axis=1).max())
             promise.holds(
@@ -331,18 +331,18 @@ def _check_efforts(bench: _Bench, force: float) -> None:
 
 def _check_motion(bench: _Bench, force: float) -> None:
     plant = cast("Plant", bench.plant)
-    with bench.promises("the plant starts where it is placed, at rest, and keeps its arrays") as promise:
+    with bench.promises("`place` of the plant sets positions, sets zero velocities, and keeps the arrays") as promise:
         position, velocity = plant.position, plant.velocity
         promise.holds(position.shape == velocity.shape == bench.shape, f"shape {position.shape}, not {bench.shape}")
         bench.tick(bench.push(force))
         plant.place(bench.start)
-        promise.holds(plant.position is position and plant.velocity is velocity, "other arrays than before")
+        promise.holds(plant.position is position and plant.velocity is velocity, "`place` has replaced the arrays")
         away = float(np.abs(position - bench.start).max())
-        promise.holds(away <= ROUNDING and not velocity.any(), f"{away} m away, or moving")
+        promise.holds(away <= ROUNDING and not velocity.any(), f"positions off by {away} m, velocities {velocity} m/s")
     with bench.promises("positions are read to the reported resolution") as promise:
         error = float(np.abs(bench.device.read()[0] - plant.position).max())
-        promise.holds(error <= 2.0 * (bench.features.resolution or 0.0) + ROUNDING, f"{error} m off")
-    with bench.promises("without force or hand, the device stays at rest") as promise:
+        promise.holds(error <= 2.0 * (bench.features.resolution or 0.0) + ROUNDING, f"positions are {error} m off")
+    with bench.promises("without a force or a hand, the device does not move") as promise:
         _run(bench, TICKS, np.zeros(bench.shape))
         away = float(np.abs(plant.position - bench.start).max())
         promise.holds(away <= ROUNDING, f"the device moved by {away} m; set `start` to an equilibrium position")
@@ -360,7 +360,8 @@ def _check_motion(bench: _Bench, force: float) -> None:
             left = float(np.abs(plant.position - bench.start - PULL).max())
             if left < 0.5 * PULL:
                 break
-        promise.holds(left < 0.5 * PULL, f"{left} m of {PULL} m are left after a second with {stiffness:g} N/m")
+        finding = f"{left} m of {PULL} m remain after 1 s with a hand of {stiffness:g} N/m"
+        promise.holds(left < 0.5 * PULL, finding)
     with bench.promises("two runs are identical, bit for bit") as promise:
         runs = [_run(bench, TICKS, bench.push(force), bench.hand(50.0, 1.0, PULL)) for _ in range(2)]
         promise.holds(

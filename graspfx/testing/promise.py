@@ -117,39 +117,48 @@ SECONDS = "the time is that of the reading, in seconds"
 ALONE = "the device's force ends without further writes"
 
 HARDWARE = (
-    BlindSpot(ZERO, "the kit does not see the wire, only that the calls return"),
-    BlindSpot(NOT_FINITE, "the kit sees that DeviceError is raised, not what is displayed"),
-    BlindSpot(LIMIT, "the kit writes small forces only, and does not see what is displayed"),
-    BlindSpot(NEWTONS, "the kit does not see what the actuators do"),
+    BlindSpot(ZERO, "the kit cannot observe the force, only that the calls return"),
+    BlindSpot(NOT_FINITE, "the kit checks that DeviceError is raised, but cannot observe the force"),
+    BlindSpot(LIMIT, "the kit writes only small forces, and cannot observe the force"),
+    BlindSpot(NEWTONS, "the kit cannot observe the actuators"),
     BlindSpot(
         METRES,
-        "the kit checks only their shape and that they are finite: millimetres pass",
+        "the kit checks only that the arrays have the right shape and are finite: millimetres pass",
     ),
-    BlindSpot(SECONDS, "the kit checks only that it does not decrease"),
-    BlindSpot(ALONE, "the kit cannot kill the program"),
+    BlindSpot(SECONDS, "the kit checks only that the time does not decrease"),
+    BlindSpot(ALONE, "the kit cannot kill the program that uses the device"),
 )
 """Promises that the kit cannot observe in hardware."""
 
 PERSON = (
-    BlindSpot("the motors follow the wire", "a force gauge: newtons, directions and signs of every finger"),
-    BlindSpot("lengths, encoders and axes are those of the settings", "a ruler: put the finger at known positions"),
-    BlindSpot("the emergency stop switches the power off", "press it while a force is displayed"),
+    BlindSpot(
+        "the motors exert the forces that the driver sends",
+        "measure magnitude, direction and sign of the force of every finger with a force gauge",
+    ),
+    BlindSpot(
+        "lengths, encoders and axes are those of the settings",
+        "put each finger at positions measured with a ruler, and compare the readings",
+    ),
+    BlindSpot("the emergency stop switches the power off", "press the emergency stop while a force is displayed"),
 )
 """Promises of hardware that only a person can test."""
 
 FORCELESS = HARDWARE[4:6]
 """Promises that the kit cannot observe in hardware without force feedback."""
 
-SIMULATED = (BlindSpot("velocities are the derivatives of the positions", "the kit checks only that they are finite"),)
+SIMULATED = (
+    BlindSpot("velocities are the derivatives of the positions", "the kit checks only that the velocities are finite"),
+)
 """Promises that the kit cannot observe in a simulated device."""
 
 NO_LIMIT = BlindSpot("a force limit", "`features.peak_force` is None, so no limit was tested")
 NOT_NEWTONS = BlindSpot(
     "forces and their limit are in newtons",
-    "efforts have other units: the kit checks only their fingers and that they are bounded",
+    "the device's efforts are not in newtons: the kit checks only that each force causes an effort of its own finger, "
+    "and that efforts are bounded",
 )
 ONE_DEVICE = BlindSpot(
-    "two devices of one kind are independent", "one device was given: pass a function that creates one"
+    "two devices of one kind are independent", "a device was given: pass a function that creates a device"
 )
 ALWAYS = (
     BlindSpot("`read` and `write` neither wait nor allocate more than necessary", "no time is measured"),

@@ -339,7 +339,7 @@ def _check_together(scene: Scene, recording: Recording) -> None:
         with _promise("two servos of a scene share no memory") as promise:
             for a in _arrays(pair[0]):
                 for b in _arrays(pair[1]):
-                    promise.holds(not np.shares_memory(a, b), "both write to the same array")
+                    promise.holds(not np.shares_memory(a, b), "both servos write to the same array")
         overheard = []
         for servo in pair:
             listener = [_Listener(station.device) for station in servo.stations]
@@ -362,7 +362,9 @@ def _check_together(scene: Scene, recording: Recording) -> None:
         with _promise("two servos that run alternately each give the result of a single servo") as promise:
             for recorder in recorders:
                 rows = recorder.finish().rows
-                promise.holds(np.array_equal(rows, recording.rows[:ticks]), "different rows than in a separate run")
+                promise.holds(
+                    np.array_equal(rows, recording.rows[:ticks]), "rows that differ from those of a separate run"
+                )
 
 
 def _forces(layout: Layout, row: FloatArray) -> FloatArray:

@@ -277,7 +277,7 @@ def _check_forces(bench: _Bench, promises: Promises) -> None:
                     near = max(SMALL, SHARE * bench.size)
                     same = bench.becomes(partial(_is_near, bench, f, near), partial(bench.tick, f))
                     finding = np.round(np.asarray(wire.force, dtype=float), 6).tolist()
-                    promise.holds(same, f"{finding} N, but {f.tolist()} N were written")
+                    promise.holds(same, f"the forces are {finding} N, but {f.tolist()} N were written")
     with promises(LIMIT) as promise:
         peak = bench.features.peak_force or 1.0
         levels = []
@@ -291,11 +291,11 @@ def _check_forces(bench: _Bench, promises: Promises) -> None:
         off = float(np.abs(levels[1] - levels[0]).max())
         promise.holds(
             off <= 0.1 * np.abs(levels[0]).max(),
-            f"{levels[0].tolist()} at ten times the peak force and {levels[1].tolist()} at a thousand times",
+            f"torques {levels[0].tolist()} at ten times the peak force and {levels[1].tolist()} at a thousand times",
         )
         if wire.force is not None and bench.features.peak_force is not None and not isinstance(device, LimitedDevice):
             norm = float(np.linalg.norm(wire.force, axis=1).max())
-            promise.holds(norm <= peak * (1.0 + SHARE), f"{norm} N, above the limit of {peak} N")
+            promise.holds(norm <= peak * (1.0 + SHARE), f"a force of {norm} N, above its limit of {peak} N")
     device.close()
 
 
@@ -404,8 +404,8 @@ def _killed(bench: _Bench, promise: Promise) -> float | None:
     os.close(theirs)
     try:
         answer = os.read(ours, 100).decode() if select.select([ours], [], [], LONGEST)[0] else ""
-        promise.holds(answer, "the device does not open and write in another process")
-        promise.holds(bench.becomes(lambda: not bench.is_quiet(), within=PATIENCE), "no force on the wire")
+        promise.holds(answer, "the device cannot be opened and written to in another process")
+        promise.holds(bench.becomes(lambda: not bench.is_quiet(), within=PATIENCE), "the motors have no torque")
     finally:
         os.close(ours)
         os.kill(process, signal.SIGKILL)
@@ -446,7 +446,9 @@ def _check_failure(bench: _Bench, promises: Promises, kind: Failure) -> None:
                 away = float(np.abs(position - place).max())
                 exact = wire.checksum or kind != "flip"
                 promise.holds(not exact or away <= NEAR, f"the reading of a finger at rest is off by {away} m")
-                promise.holds(kind != "blocked" or now == before, "a new time, although the board sends nothing")
+                promise.holds(
+                    kind != "blocked" or now == before, f"the new time {now} s, although the board sends nothing"
+                )
                 most = float(np.abs(wire.torque).max())
                 promise.holds(
                     most <= wire.limit * (1.0 + 1e-6),

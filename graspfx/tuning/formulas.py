@@ -165,7 +165,7 @@ def _tree(words: Sequence[str], name: str, text: str) -> Tree:
         if depth > DEEPEST:
             raise InputError(name, text, f"at most {DEEPEST} nested brackets")
         if not rest:
-            raise refusal("the text ends too early")
+            raise refusal("a name or a number is missing at the end")
         first = rest.popleft()
         if first == "-":
             return ("-", 0.0, factor(depth + 1))
@@ -287,12 +287,12 @@ def key_of(scene: Scene, name: str) -> str | None:
     try:
         value = value_of(scene, key)
     except UnknownNameError as error:
-        remedy = str(error) if "." in name else "or use any key of the scene that is a number"
+        remedy = str(error) if "." in name else "or use a key of the scene whose value is a number"
         raise UnknownNameError("measure or key", name, (*MEASURES, *GAINS), remedy) from error
     except GraspFXError:
         value = None
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InputError(name, value, "a key with a single number", "use a measure or another key")
+        raise InputError(name, value, "a key whose value is a number", "use a measure or another key")
     return key
 
 

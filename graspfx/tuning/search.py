@@ -75,7 +75,7 @@ class Problem:
         self.over = tuple(_ranges(scene, objective, over, self.keys))
         shared = {each.key for each in self.over} & set(operators.keys if operators is not None else ())
         if shared:
-            raise InputError("over", sorted(shared)[0], "a key that no operator varies")
+            raise InputError("over", sorted(shared)[0], "a key that does not vary with the operator")
         self._judge = Judge(scene, grips=True)
         self.session = self._judge.session
         self._needs_pushing = PUSHING in self.keys
@@ -173,7 +173,8 @@ def _key(scene: Scene, name: str) -> str:
 def _wide(scene: Scene, key: str) -> OperatorRange:
     value = value_of(scene, key)
     if not value > 0.0:
-        raise InputError("over", key, "a range, KEY=FROM:TO", f"the value {value} has no default range")
+        do = f"the value {value} has no default range, because it is not positive"
+        raise InputError("over", key, "a range, KEY=FROM:TO", do)
     return OperatorRange(key, value / WIDE, value * WIDE)
 
 

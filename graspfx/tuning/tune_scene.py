@@ -204,7 +204,7 @@ def _refutation(
     """
     first = min((each for each in at if not each.holds), key=lambda each: each.slack)
     k = next(k for k, one in enumerate(ones) if one is first.judgement)
-    origin = "a hand of the search, after rounding to six digits" if k < shaped else "the worst hand found"
+    origin = "a hand of the search, with values rounded to six digits" if k < shaped else "the worst hand found"
     if shaped <= k < shaped + FRESH and len(hands) > shaped:
         origin = f"one of {FRESH} random hands (seed {seed})"
     where = f" in the hand of {numbers(hands[k])}, {origin}" if hands[k] else " in the scene's own hand"

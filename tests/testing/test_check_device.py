@@ -305,7 +305,7 @@ class Noisy(PointDevice):
         (WallClock, "the time never decreases", "the time"),
         (HalfTime, "number of ticks", "s at tick 1"),
         (AveragedForces, "its own force", "finger 0 alone"),
-        (FirstFingerOnly, "a force causes one", "no effort on a finger"),
+        (FirstFingerOnly, "a non-zero force causes an effort", "no effort on a finger"),
         (NoLimit, "force limit", "hundred times"),
         (LimitPerComponentTwice, "force limit", "6.0 N, above the limit of 3.0 N"),
         (WrongSign, "in its direction", "finger 0 moved by -"),

@@ -50,7 +50,7 @@ class Outline(NamedTuple):
 
     @property
     def endless(self) -> bool:
-        """Whether the shape is a plane or half-space."""
+        """Whether the shape is a plane or a half-space, which have infinite surfaces."""
         return self.shape.get("kind") in ENDLESS
 
 
@@ -66,7 +66,7 @@ def object_tables(table: Table) -> dict[str, Table]:
 
 
 def is_fixed(own: Table) -> bool:
-    """Tell whether all degrees of freedom in an object's table are locked."""
+    """Return whether all degrees of freedom in an object's table are locked."""
     free = own.get("free")
     return free is not None and not any(free)
 
@@ -169,8 +169,8 @@ class Thing:
     Attributes:
         name: Name in the scene.
         surface: Surface in the world frame; of an infinite surface, the drawn part.
-        fixed: Whether the thing is an obstacle, or an object that cannot move.
-        endless: Whether the surface is a plane or half-space.
+        fixed: Whether it is an obstacle, or an object that cannot move.
+        endless: Whether the surface is that of a plane or a half-space.
         path: Positions of the object from the start to the drawn instant (k, d) [m]; of an obstacle, its position
             (1, d).
     """

@@ -76,13 +76,13 @@ class Shape(ABC):
 
     @abstractmethod
     def _volume(self) -> float:
-        """Compute the volume in space [m^3]."""
+        """Compute the volume of the solid in three dimensions [m^3]."""
 
     def volume(self) -> float:
-        """Compute the volume of the solid in space [m^3].
+        """Compute the volume of the solid in three dimensions [m^3].
 
         Raises:
-            InputError: If the shape is unbounded or does not exist in space.
+            InputError: If the shape is unbounded or does not exist in three dimensions.
         """
         self._check(3)
         return self._volume()

@@ -248,7 +248,7 @@ def make_mesh(
     crowded = half_edges(f)[2]
     if not shell and (crowded or _open_edges(f)):
         fault = f"{_open_edges(f)} open edges, {crowded} with more than two triangles"
-        do = "close it, or set shell = true for contact with its front only"
+        do = "close the surface, or set shell = true, so that fingers touch only its front"
         raise InputError(name, fault, "a watertight surface", f"unite solids that touch, {do}" if crowded else do)
     f, turned, crossing = wound(v, f, closed=not shell)
     if turned == len(f):
@@ -324,7 +324,7 @@ def _without_area(v: FloatArray, f: IntArray, height: float) -> tuple[IntArray, 
 
 
 def _open_edges(f: IntArray) -> int:
-    """Count the triangle sides that coincide with no other side, or with more than one."""
+    """Count the sides of triangles that coincide with no side, or with more than one side, of other triangles."""
     return int((half_edges(f)[0] < 0).sum()) if len(f) else 0
 
 

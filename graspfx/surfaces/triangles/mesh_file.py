@@ -43,7 +43,9 @@ def read_mesh_file(path: str | PathLike[str], most_bytes: int, most_triangles: i
     except OSError as error:
         raise InputError("mesh", str(path), "a file that can be read", error.strerror or "") from error
     if len(data) > most_bytes:
-        raise InputError("mesh", str(path), f"a file of at most {most_bytes} bytes", "raise most_bytes to read it")
+        raise InputError(
+            "mesh", str(path), f"a file of at most {most_bytes} bytes", "increase most_bytes to read the file"
+        )
     if kind == ".stl" and (missing := _missing_of_stl(data)):
         raise InputError("mesh", str(path), "a valid stl file", f"it is truncated: {missing}; copy or export it again")
     trimesh = load_trimesh()
@@ -55,9 +57,12 @@ def read_mesh_file(path: str | PathLike[str], most_bytes: int, most_triangles: i
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:LONGEST]
         raise InputError("mesh", str(path), f"a valid {kind[1:]} file", f"trimesh cannot read it: {reason}") from error
     if count > most_triangles:
-        fault = f"it has {count} triangles, and most_triangles is {most_triangles}"
+        fault = f"the file has {count} triangles, but most_triangles is {most_triangles}"
         raise InputError(
-            "mesh", str(path), f"at most {most_triangles} triangles", f"{fault}; raise the limit to read the file"
+            "mesh",
+            str(path),
+            f"at most {most_triangles} triangles",
+            f"{fault}; increase most_triangles to read the file",
         )
     fault = "it has no triangles" if not len(faces) else ""
     if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
