@@ -70,7 +70,7 @@ def read_over(text: str) -> tuple[str, Range | list[Any]]:
 def read_values(text: str, argument: str) -> Range | list[Any]:
     """Parse a range, or a list of comma-separated values.
 
-    Each value is read as TOML; if no value contains quotes or brackets, other words are texts.
+    Each value is read as TOML. In a text without quotes and brackets, a value that is not valid TOML is a text.
 
     Args:
         text: Text to parse.

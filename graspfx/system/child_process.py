@@ -65,7 +65,8 @@ def start(
 def spawn(module: str, *descriptors: int) -> tuple[subprocess.Popen[bytes], Connection]:
     """Start a process with a connection to the calling process; otherwise as `start`.
 
-    The arguments of `main` are the file descriptor of the connection, followed by `descriptors`.
+    The arguments of `main` are the file descriptor of the connection, followed by `descriptors`. Numerical libraries in
+    the process use one thread.
 
     Args:
         module: Name of a module of this package.

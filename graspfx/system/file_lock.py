@@ -26,7 +26,7 @@ def lock(descriptor: int, *, lockless: bool = True) -> bool:
     Args:
         descriptor: Descriptor of the file.
         lockless: Value to return if the system or the file system has no locks. Use True only if a second program is
-            harmless or excluded by other means.
+            excluded by other means.
     """
     try:
         if sys.platform == "win32":

@@ -127,7 +127,7 @@ class Wire(Resource):
 
     @abstractmethod
     def move(self) -> None:
-        """Move every finger to a fixed position, a few millimetres from its initial position."""
+        """Displace every finger by a few millimetres from its initial position, and keep it there."""
 
     @abstractmethod
     def home(self) -> None:

@@ -45,7 +45,8 @@ def closest(kind: int, d: int, size: Vector, p: Vector, face: int, last: Vector)
         d: Number of dimensions; only the first d coordinates of vectors are used.
         size: Lengths or normal of the shape, see `kind`.
         p: Position of the finger in the object's frame [m].
-        face: Face index of the finger's contact in the last sample; -1 for a new finger.
+        face: Face index of the finger's contact in the last sample; -1 for a new finger, which gets the face with the
+            largest signed distance.
         last: Contact point in the last sample [m]. If several points of the shape are nearest to the finger, as for a
             finger at the centre of a sphere, the direction from the centre to `last` selects the contact point.
     """

@@ -249,7 +249,7 @@ def far_side(h: Vector, u: Vector) -> Foot:
 
 
 def lower_bound(k: float, left: float, slope: float) -> float:
-    """Return a lower bound of the root s of (k/s)^2 = left + slope s, smaller than the root by a small factor."""
+    """Return a lower bound of the root s of (k/s)^2 = left + slope s; the root is larger by at most a small factor."""
     bound = k / math.sqrt(2.0 * left) if left > 0.0 else math.inf
     if slope > 0.0:
         exponent = (2 * math.frexp(k)[1] - 3 - math.frexp(slope)[1]) // 3  # cube root of k^2/(2 slope), rounded down

@@ -139,8 +139,8 @@ def face_normals(corners: FloatArray) -> FloatArray:
 def vertex_normals(corners: FloatArray, faces: IntArray, normals: FloatArray, vertices: int) -> FloatArray:
     """Compute the angle-weighted unit pseudonormals of the vertices (v, 3).
 
-    The sign of the product of a pseudonormal and the vector from the vertex to a point shows whether the point, if the
-    vertex is its nearest point, is outside (Baerentzen and Aanaes, 2005).
+    If a vertex is the point of the surface nearest to a finger, the sign of the dot product of the pseudonormal and the
+    vector from the vertex to the finger shows whether the finger is outside (Baerentzen and Aanaes, 2005).
     """
     total = np.zeros((vertices, 3))
     for k in range(3):
