@@ -17,7 +17,7 @@ SMALL = 1e-8  # squared angle below which two terms of the series are accurate t
 
 @dataclass(frozen=True, slots=True)
 class Vector:
-    """Vector of three components; z is zero in a plane, y and z are zero on a line."""
+    """Vector of three components; in two dimensions z is zero, in one dimension y and z are zero."""
 
     x: float
     y: float
@@ -50,7 +50,7 @@ class Vector:
 
 @dataclass(frozen=True, slots=True)
 class Vector4:
-    """Contact coordinates of a finger: a vector, and the torsion of a soft finger, scaled by its patch length."""
+    """Contact coordinates of a finger: a vector, and the torsion t of a soft finger in units of its patch length."""
 
     x: float
     y: float
@@ -100,21 +100,21 @@ class Matrix:
 
     @property
     def first(self) -> Vector:
-        """The first row."""
+        """First row."""
         return Vector(self.xx, self.xy, self.xz)
 
     @property
     def second(self) -> Vector:
-        """The second row."""
+        """Second row."""
         return Vector(self.yx, self.yy, self.yz)
 
     @property
     def third(self) -> Vector:
-        """The third row."""
+        """Third row."""
         return Vector(self.zx, self.zy, self.zz)
 
     def row(self, i: int) -> Vector:
-        """Return row i, where i is known only at run time."""
+        """Return row i, for an index that is not known when the kernel is compiled."""
         return Vector(self[3 * i], self[3 * i + 1], self[3 * i + 2])
 
     @property
@@ -146,7 +146,7 @@ class Quaternion:
         return Vector(self.x, self.y, self.z)
 
     def __matmul__(self, other: Quaternion) -> Quaternion:
-        """Compose rotations: return the rotation by `other`, followed by this rotation."""
+        """Return the quaternion of the rotation by `other` followed by the rotation by `self`."""
         return Quaternion(
             self.w * other.x + self.x * other.w + self.y * other.z - self.z * other.y,
             self.w * other.y - self.x * other.z + self.y * other.w + self.z * other.x,
@@ -162,49 +162,49 @@ IDENTITY = Matrix(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 @inline
 def dot(a: Vector, b: Vector) -> float:
-    """Compute a . b."""
+    """Compute the dot product a . b."""
     return a.x * b.x + a.y * b.y + a.z * b.z
 
 
 @inline
 def inner(a: Vector, b: Vector) -> float:
-    """Compute a . b, starting the sum from zero so that the result is never -0.0."""
+    """Compute the dot product a . b as a sum that starts with 0.0, so that the result is never -0.0."""
     return 0.0 + a.x * b.x + a.y * b.y + a.z * b.z
 
 
 @inline
 def with_torsion(v: Vector, t: float) -> Vector4:
-    """Append a torsion to a vector."""
+    """Return the contact coordinates with vector v and torsion t."""
     return Vector4(v.x, v.y, v.z, t)
 
 
 @inline
 def cross(a: Vector, b: Vector) -> Vector:
-    """Compute a x b."""
+    """Compute the cross product a x b."""
     return Vector(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
 
 
 @inline
 def outer(a: Vector, b: Vector) -> Matrix:
-    """Compute the matrix a b'."""
+    """Compute the outer product a b'."""
     return Matrix(a.x * b.x, a.x * b.y, a.x * b.z, a.y * b.x, a.y * b.y, a.y * b.z, a.z * b.x, a.z * b.y, a.z * b.z)
 
 
 @inline
 def length(v: Vector) -> float:
-    """Compute |v|."""
+    """Compute the Euclidean norm |v|."""
     return math.sqrt(v.x * v.x + v.y * v.y + v.z * v.z)
 
 
 @inline
 def total(v: Vector) -> float:
-    """Add the components of a vector; the sum is NaN or infinite if a component is NaN or infinite."""
+    """Compute the sum of a vector's components, which is not finite if a component is not finite."""
     return v.x + v.y + v.z
 
 
 @inline
 def rotate(q: Quaternion, v: Vector) -> Vector:
-    """Rotate v by a unit quaternion: v + w t + q x t with t = 2 q x v. The conjugate is the inverse rotation."""
+    """Rotate v by a unit quaternion: v + w t + u x t, where t = 2 u x v, and q has vector part u and scalar part w."""
     tx, ty, tz = 2.0 * (q.y * v.z - q.z * v.y), 2.0 * (q.z * v.x - q.x * v.z), 2.0 * (q.x * v.y - q.y * v.x)
     return Vector(
         v.x + q.w * tx + q.y * tz - q.z * ty,
@@ -233,7 +233,7 @@ def angle_matrix(angle: float) -> Matrix:
 
 @kernel
 def exponential(v: Vector) -> Quaternion:
-    """Compute the quaternion of a rotation vector [rad]: (v sin(|v|/2)/|v|, cos(|v|/2)), exact to rounding."""
+    """Compute the quaternion of a rotation vector v [rad]: (v sin(|v|/2)/|v|, cos(|v|/2)), accurate to rounding."""
     square = v.x * v.x + v.y * v.y + v.z * v.z
     if square < SMALL:
         s = 0.5 - square / 48.0
@@ -257,7 +257,10 @@ def normalise(q: Quaternion) -> Quaternion:
 
 
 def quaternion(R: Sequence[float]) -> Quaternion:
-    """Compute the unit quaternion, w >= 0, of a rotation matrix given by rows (Shepperd, 1978: no cancellation)."""
+    """Compute the unit quaternion with w >= 0 of a rotation matrix R, whose 9 entries are given row by row.
+
+    Shepperd's method (1978) avoids cancellation.
+    """
     a, b, c, d, e, f, g, h, i = R
     squares = (1.0 + a - e - i, 1.0 - a + e - i, 1.0 - a - e + i, 1.0 + a + e + i)  # squares of 2 x, 2 y, 2 z, 2 w
     largest = max(squares)
@@ -277,8 +280,8 @@ def quaternion(R: Sequence[float]) -> Quaternion:
 def orthogonalise(rows: Table, first: int, count: int) -> None:
     """Orthogonalise rows `first` to `first + count - 1` in place by one-sided Jacobi rotations.
 
-    The first entry of each row is ignored. Rows of small norm remain accurate relative to their norm, which the
-    eigenvectors of the matrix of the rows' products would not.
+    The first entry of each row is ignored. Unlike an eigendecomposition of the rows' Gram matrix, this method is
+    accurate for rows of small norm, relative to their norm.
     """
     for _ in range(SWEEPS):
         turned = False

@@ -1,4 +1,4 @@
-"""paper-spring in the plane with the paper's arms, whose encoders have finite resolution: tips on 33 N/m springs."""
+"""The scene paper-spring in the plane with the paper's two-link arms, whose encoders have finite resolution."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ import graspfx as gx
 
 
 def scene() -> gx.Scene:
-    """Make the scene: springs stretched by 7 mm press the tips 3 mm into the cube; its contacts stick sideways."""
+    """Make the scene.
+
+    Springs of 33 N/m, which are stretched by 7 mm, press the fingertips 3 mm into the cube. The contacts do not slide.
+    """
     spring = gx.load("paper-spring")
     fingers = [
         {

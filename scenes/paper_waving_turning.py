@@ -1,4 +1,4 @@
-"""paper-waving with the cube free to turn: eq. (27) for translation, and a rotational viscosity for the rotation."""
+"""The scene paper-waving with rotation of the cube: eq. (27) for translation, and a rotational viscosity."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ EDGE = 0.05  # [m]
 
 
 def scene(rotational_viscosity: float | None = None) -> gx.Scene:
-    """Let the cube turn: its rotation is the weakest mode of the grasp, unstable without rotational viscosity.
+    """Make the scene, in which the cube can rotate.
+
+    The rotation of the cube is the least stable mode of the grasp; it is unstable without rotational viscosity.
 
     Args:
-        rotational_viscosity: Viscosity [N m s/rad]; by default b_v a^2 / 6 for the edge a, with which rotation decays
-            as fast as translation.
+        rotational_viscosity: Rotational viscosity [N m s/rad]; by default b_v a^2 / 6 with the cube's viscosity b_v and
+            edge a. Rotation of the free cube then decays at the same rate as translation.
     """
     waving = gx.load("paper-waving")
     if rotational_viscosity is None:

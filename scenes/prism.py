@@ -1,4 +1,4 @@
-"""A prism with any number of sides, whose mesh is generated, lifted by fingers at the centres of its sides."""
+"""A prism with any number of sides, as a generated mesh; fingers at the centres of sides lift the prism."""
 
 from __future__ import annotations
 
@@ -11,9 +11,18 @@ KIP, HAND = 800.0, 300.0  # coupling stiffness and stiffness of a finger's hand 
 
 
 def prism(sides: int, radius: float, height: float) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Build vertices (2 s + 2, 3) [m] and faces (4 s, 3) of a regular prism about z: two rings and two centres.
+    """Build the mesh of a regular prism with s sides about the z axis.
 
-    Corners are at the distance `radius` from the axis; the first side, between corners 0 and 1, faces along x.
+    The first side, between corners 0 and 1, is normal to x.
+
+    Args:
+        sides: Number of sides s.
+        radius: Distance from the axis to a corner [m].
+        height: Height [m].
+
+    Returns:
+        Vertices (2 s + 2, 3) [m]: the corners at the bottom and at the top, and the centres of both; and faces
+        (4 s, 3).
     """
     corner = np.arange(sides)
     following = (corner + 1) % sides
@@ -42,16 +51,18 @@ def scene(
     density: float = 600.0,
     friction: float = 0.6,
 ) -> gx.Scene:
-    """Lift the prism by 30 mm; fingers start in the squeeze, at the depth pinch/KIP.
+    """Make the scene, in which fingers lift a prism by 30 mm.
+
+    The fingers start in equilibrium at the penetration depth pinch/KIP, with the coupling stiffness KIP.
 
     Args:
         sides: Number of sides, at least three.
         radius: Distance from the axis to a corner [m].
         height: Height [m].
-        fingers: Number of fingers, at least two and at most one per side; evenly spaced if it divides the number of
-            sides.
-        pinch: Force of each finger [N]; the sum of these forces times `friction` must exceed the prism's weight.
-        density: Density [kg/m^3]; by default wood.
+        fingers: Number of fingers, from two to the number of sides. The fingers are evenly spaced if the number of
+            fingers divides the number of sides.
+        pinch: Force of each finger [N]. The sum of these forces times `friction` must exceed the prism's weight.
+        density: Density [kg/m^3]; by default that of wood.
         friction: Coefficient of friction.
     """
     if not (isinstance(sides, int) and sides >= 3):

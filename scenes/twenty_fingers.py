@@ -1,4 +1,4 @@
-"""Twenty fingers, spread evenly, hold a bumpy mesh of 20480 triangles in space against its weight and turn it."""
+"""Twenty evenly spread fingers hold a bumpy mesh of 20480 triangles against gravity, and rotate the mesh."""
 
 from __future__ import annotations
 
@@ -15,21 +15,22 @@ GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))  # [rad]
 
 
 def corners(file: Path) -> NDArray[np.float64]:
-    """Read the vertices (V, 3) of a binary PLY file: four-byte floats, stored before the triangles."""
+    """Read the vertices (V, 3) of a binary PLY file, which are four-byte floats before the triangles."""
     head, _, body = file.read_bytes().partition(b"end_header\n")
     count = int(head.partition(b"element vertex ")[2].split()[0])
     return np.frombuffer(body, "<f4", 3 * count).reshape(-1, 3).astype(np.float64)
 
 
 def scene(fingers: int = 20, squeeze: float = 0.006, radius: float = 0.0, friction: float = 0.6) -> gx.Scene:
-    """Close fingers along the normals, from the surface, at the directions of a Fibonacci spiral.
+    """Make the scene, in which fingers start at the surface and close along its normals.
 
-    The directions have z_i = 1 - (2 i + 1)/n and are rotated about z by i times the golden angle.
+    The initial position of finger i is the vertex nearest to the direction i of a Fibonacci spiral, which has the
+    height z_i = 1 - (2 i + 1)/n and the angle about z of i times the golden angle.
 
     Args:
         fingers: Number of fingers n.
-        squeeze: Displacement by which each finger closes [m].
-        radius: Radius of spherical fingertips [m]; 0 for points.
+        squeeze: Displacement of the closing motion of each finger [m].
+        radius: Radius of the fingertips [m]; zero for point fingertips.
         friction: Coefficient of friction mu.
     """
     vertices = 0.001 * corners(POTATO)  # (V, 3) [m], 1 mm apart

@@ -1,4 +1,4 @@
-"""Three devices of 50, 100 and 300 g wave a puck; with the mass metric the motion does not disturb the squeeze."""
+"""Three devices of 50, 100 and 300 g wave a puck; with the metric "mass", the motion does not disturb the squeeze."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ KIP = 400.0  # [N/m]
 
 
 def scene(metric: str = "mass", pinch: float = 0.4) -> gx.Scene:
-    """Scale each device's damping, and its hand's stiffness and damping, with its mass, which decouples the modes.
+    """Make the scene, in which all stiffness and damping of a device and its hand are proportional to its mass.
 
-    The fingers start at rest in the squeeze: finger i at the depth pinch/(kip M_i), its hand's spring of stiffness k_i
-    stretched by pinch/k_i. M_i is the device's mass over the mean mass, or 1 with the metric "equal". The puck does not
-    turn, like the paper's cube; with rotation, contact displacements are not linear in the motion, and modes decouple
-    only approximately.
+    This proportionality decouples the internal and external modes. The fingers start in equilibrium: finger i has the
+    penetration depth pinch/(kip M_i), and the spring of its hand, with stiffness k_i, is stretched by pinch/k_i. M_i is
+    the mass of device i divided by the mean mass, or 1 for the metric "equal". The puck does not rotate, like the
+    paper's cube; with rotation, the modes would decouple only approximately.
 
     Args:
-        metric: Metric of the split, "mass" or "equal".
+        metric: Metric of the split into internal and external forces, "mass" or "equal".
         pinch: Force of each finger [N].
     """
     angles = np.pi * np.array([1 / 2, 7 / 6, 11 / 6])

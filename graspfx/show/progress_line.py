@@ -1,4 +1,4 @@
-"""Terminal progress line for waits of more than a second: percentage, rate and time left."""
+"""Progress line in a terminal, for operations that take more than a second: percentage, rate and time left."""
 
 from __future__ import annotations
 
@@ -19,10 +19,12 @@ SCALES = ((1e9, "G"), (1e6, "M"), (1e3, "k"))
 
 
 class ProgressLine:
-    """A listener that draws on the last line of a terminal, in its own thread, which ends with the last wait.
+    """Progress listener that writes the progress of the current wait to the last line of a terminal.
+
+    A thread updates the line; the thread ends when the last wait ends.
 
     Args:
-        terminal: Terminal for the output; the only escape sequence used is the one that erases a line.
+        terminal: Terminal for the output. The only escape sequence written is "erase to the end of the line".
     """
 
     def __init__(self, terminal: TextIO) -> None:
@@ -82,7 +84,7 @@ class ProgressLine:
 
 @contextmanager
 def progress_line(terminal: TextIO) -> Iterator[None]:
-    """Show the waits within the block, if the stream is a terminal."""
+    """Show a progress line for waits within the `with` block; do nothing if the stream is not a terminal."""
     if not terminal.isatty():
         yield
         return
@@ -91,9 +93,10 @@ def progress_line(terminal: TextIO) -> Iterator[None]:
 
 
 def text_of(wait: Wait, now: float) -> str:
-    """Format a wait: description, percentage, rate, and remaining time.
+    """Format the progress of a wait at time `now` [s]: description, percentage, rate, and remaining time.
 
-    The remaining time assumes the mean rate so far.
+    The remaining time assumes that the mean rate since the start of the wait continues. If the progress is unknown or
+    zero, the elapsed time is shown.
     """
     seconds, done = now - wait.began, wait.progress()
     if not wait.total or done <= 0:
@@ -105,7 +108,7 @@ def text_of(wait: Wait, now: float) -> str:
 
 
 def quantity_text(value: float) -> str:
-    """Format a number with three digits and the suffix k, M or G."""
+    """Format a number with three digits, from 1000 on with the suffix k, M or G."""
     for size, letter in SCALES:
         if value >= size:
             return f"{value / size:.3g} {letter}"

@@ -1,4 +1,4 @@
-"""Recordings as ROS 1 and ROS 2 bags: poses, velocities and wrenches with their times, as standard messages."""
+"""Recordings as ROS 1 and ROS 2 bags: poses, twists and wrenches as stamped messages of geometry_msgs."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ SECOND = 1_000_000_000  # [ns]
 
 
 class Topic(NamedTuple):
-    """A topic with a message for each row.
+    """A topic with one message for each of the N rows of a recording.
 
     Attributes:
         name: Name of the topic, such as "/fingers/thumb/wrench".
-        kind: Type of its messages.
+        kind: Type of the messages.
         linear: Position [m], velocity [m/s] or force [N] (N, 3).
         angular: Quaternion x, y, z, w (N, 4), angular velocity [rad/s] or moment [N m] (N, 3).
     """
@@ -46,11 +46,12 @@ class Topic(NamedTuple):
 
 
 def topics(recording: Recording) -> Iterator[Topic]:
-    """Yield the topics of a recording; bags omit messages with NaN or infinity.
+    """Yield the topics of a recording.
 
-    The topics of a finger contain its position (a pose without rotation), its velocity, and its total, internal and
-    external wrench on the object. The topics of an object contain its pose, twist and received wrench. All data are in
-    space: a line becomes the x axis, and a plane the plane of x and y.
+    A finger has topics for its pose (without rotation), its twist, and the total, internal and external wrench that it
+    exerts on the object. An object has topics for its pose, its twist and the wrench exerted on it. All data are in
+    space: a line becomes the x axis, and a plane becomes the plane of x and y. Values may be NaN or infinite;
+    `write_bag` omits messages with such values.
     """
     rows, columns = len(recording), recording.layout.columns
     unturned = np.tile([0.0, 0.0, 0.0, 1.0], (rows, 1))
@@ -84,8 +85,8 @@ def write_bag(recording: Recording, path: str | PathLike[str], kind: str, *, ove
     """Write a recording as a bag.
 
     Args:
-        recording: Recording with all columns.
-        path: Path of the file.
+        recording: Recording with all columns of poses, velocities, forces and moments.
+        path: Path of the file to write.
         kind: "bag" for ROS 1, "mcap" or "db3" for ROS 2.
         overwrite: Whether to replace an existing file.
 
@@ -112,7 +113,10 @@ def write_bag(recording: Recording, path: str | PathLike[str], kind: str, *, ove
 
 
 def stamps(recording: Recording) -> NDArray[np.int64]:
-    """Compute the time of each row since 1970 [ns]: the recording's creation, rounded to 1 s, plus the row's time."""
+    """Compute the time of each row since 1970-01-01 UTC [ns].
+
+    It is the recording's time of creation, rounded to 1 s, plus the time of the row in the run.
+    """
     try:
         start = round(datetime.fromisoformat(recording.header.created).timestamp()) * SECOND
     except ValueError:
@@ -130,7 +134,7 @@ def _write_one(recording: Recording, file: Path) -> None:
 
 
 def _write_two(recording: Recording, file: Path, kind: str) -> None:
-    """Write the single, self-describing file of a ROS 2 bag."""
+    """Write a ROS 2 bag as a single file, without the folder and the metadata file that usually surround it."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -147,7 +151,7 @@ def _write_two(recording: Recording, file: Path, kind: str) -> None:
 def _write(
     recording: Recording, writer: Any, store: Any, serialize: Callable[[Any, str], Any], *, with_number: bool
 ) -> None:  # fmt: skip
-    """Write all topics of each row, in the order of time."""
+    """Write the messages of all topics in the order of time; omit messages with NaN or infinite values."""
     times = stamps(recording).tolist()
     every = list(topics(recording))
     if not times:
@@ -184,13 +188,13 @@ def _maker(store: Any, *, with_number: bool) -> Callable[..., Any]:
 
 
 def _word(name: str) -> str:
-    """Convert a name to a valid part of a topic name, with letters, digits and "_" only."""
+    """Convert a name to a valid part of a topic name: letters, digits and "_", with no digit at the start."""
     text = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in name)
     return text if text[:1].isalpha() else f"_{text}"
 
 
 def _spatial(spin: FloatArray) -> FloatArray:
-    """Convert angular quantities to vectors (N, 3); those of a plane are along z."""
+    """Convert angular velocities or moments to vectors (N, 3); the scalar values of a plane are the z components."""
     if spin.ndim == 2 and spin.shape[1] == 3:
         return spin
     vectors = np.zeros((len(spin), 3))
@@ -199,7 +203,12 @@ def _spatial(spin: FloatArray) -> FloatArray:
 
 
 def _quaternions(turn: FloatArray | None, rows: int) -> FloatArray:
-    """Convert orientations to quaternions x, y, z, w (N, 4); an angle is about z."""
+    """Convert orientations to quaternions x, y, z, w (N, 4).
+
+    Args:
+        turn: Quaternions (N, 4); angles about z (N,) [rad]; or None for no rotation.
+        rows: Number of rows N.
+    """
     if turn is not None and turn.ndim == 2:
         return turn
     angle = np.zeros(rows) if turn is None else turn

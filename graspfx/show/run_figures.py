@@ -31,12 +31,12 @@ SPANS = 1500  # number of intervals into which a longer recording is divided
 
 
 class Thinned(Recording):
-    """Unevenly spaced rows of a recording.
+    """Selected rows of a recording, not equally spaced in time.
 
     Args:
         whole: Complete recording.
-        rows: Some of its rows.
-        numbers: Indices of these rows in the recording.
+        rows: Selected rows of the complete recording.
+        numbers: Indices of the selected rows in the complete recording.
     """
 
     def __init__(self, whole: Recording, rows: FloatArray, numbers: NDArray[np.intp]) -> None:
@@ -44,12 +44,12 @@ class Thinned(Recording):
         self._numbers, self._end = numbers, whole.end
 
     def part(self, first: int, stop: int) -> Thinned:
-        """Return the rows `first` to `stop` - 1."""
+        """Return the selected rows `first` to `stop` - 1."""
         return Thinned(self, self.rows[first:stop], self._numbers[first:stop])
 
     @cached_property
     def time(self) -> FloatArray:
-        """Times of the rows, (N,) [s]."""
+        """Times of the selected rows (N,) [s]."""
         return self.header.every * self._numbers.astype(float) * self.header.period
 
     @property
@@ -59,10 +59,12 @@ class Thinned(Recording):
 
 
 def thinned(recording: Recording) -> Recording:
-    """Thin a recording on disk of more than `MOST` bytes without changed values; return any other unchanged.
+    """Select rows of a long recording for drawing.
 
-    Each of `SPANS` equal intervals keeps its first row, and the rows with the smallest or largest value of each drawn
-    quantity (such as positions, forces and their parts), so that curves keep their envelopes.
+    The recording is returned unchanged if it is in memory, has at most `MOST` bytes, or contains values that were
+    changed during the run. Otherwise it is divided into about `SPANS` equal intervals. From each interval, the first
+    row and the rows with the smallest and the largest value of each drawn quantity (such as positions, forces and their
+    parts) are selected, which preserves the envelopes of the curves.
     """
     size = 8 * recording.layout.width * len(recording)
     if not recording.is_stored or size <= MOST or recording.changes:
@@ -78,7 +80,7 @@ def thinned(recording: Recording) -> Recording:
 
 
 def _ends(part: Recording) -> NDArray[np.intp]:
-    """Find the first row, and the rows with the smallest or largest value of a drawn quantity."""
+    """Return the indices of the first row and of the rows with an extreme value of a drawn quantity, in order."""
     names = ["finger_position", "finger_force", "gap"]
     names += [f"objects/{name}/{place}" for name in part.layout.objects for place in ("position", "orientation")]
     drawn = [part.array(name) for name in names if name in part.layout.columns]
@@ -109,37 +111,42 @@ def sheet(
     brief: bool = False,
     width: str = "screen",
 ) -> Sheet:
-    """Draw one recording, or several side by side with shared axes, in the manner of Kawai and Yoshikawa, Figs. 12-13.
+    """Draw recordings side by side with shared axes, as in Kawai and Yoshikawa, Figs. 12-13.
 
-    Rows, from the top: positions of object and fingers along each axis of noticeable motion; displacements of the
-    fingers from their contacts, and then forces, as the two signed modes of a grasp; with more than two fingers, the
-    magnitude of each finger's force; with friction, the grip margin; the rotation of the object from its start, if it
-    rotates. The internal mode is the squeeze, positive into the object; the external mode is the push, along each axis
-    with a noticeable push. Six or more fingers are shown by their mean and range. Internal parts are drawn while at
-    least two fingers touch, external parts while at least one does.
+    The rows of panels are, from the top:
 
-    With `brief`, the figure has three rows: mean and range of the fingers' penetration depth, the squeeze, and the
-    push.
+    - positions of the object and the fingers along each axis with noticeable motion,
+    - displacements of the fingers from their contacts, as squeeze and push,
+    - forces, as squeeze and push,
+    - with more than two fingers, the magnitude of each finger's force,
+    - with friction, the grip margin,
+    - if the object rotates, its rotation since the start.
 
-    If the scene's `record` omits a column, the panels that need it are omitted, and the title says so.
+    The squeeze is the internal part, positive into the object, and is drawn while at least two fingers touch. The push
+    is the external part along each axis where it is noticeable, and is drawn while at least one finger touches. From
+    six fingers on, the mean and the range of the fingers are drawn instead of each finger.
 
-    If positions would look straight, their change since the first tick is drawn, and labels state the initial values. A
-    recording of several objects gets a column for each object that fingers touch.
+    If `brief` is True, the rows are the mean and range of the fingers' penetration depth, the squeeze, and the push.
+
+    If a curve of positions would look straight, the change since the first tick is drawn, and the label states the
+    initial value. Panels whose columns were not recorded are omitted, and the title says so. A recording of several
+    objects has a column of panels for each object that fingers touch.
 
     Args:
         recordings: One or more recordings.
         titles: Titles, one per recording; by default the settings of each recording.
-        labels: Labels, one per recording, before its settings.
-        brief: Whether to draw only depth, squeeze and push.
+        labels: Labels, one per recording, written before the recording's settings.
+        brief: Whether to draw only penetration depth, squeeze and push.
         width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
 
     Raises:
-        InputError: If there are no recordings, a recording has no ticks, the number of titles or labels differs, or the
-            width is unknown; or, with `brief`, no recording has penetration depths or internal and external forces.
+        InputError: If there are no recordings, a recording has no ticks, the number of titles or labels differs from
+            the number of recordings, or the width is unknown; or if `brief` is True and no recording has penetration
+            depths or internal and external forces.
     """
     for each in recordings:
         if not isinstance(each, Recording):
-            raise InputError("recordings", each, "a recording", "plot draws whole recordings: rec.plot(other, ...)")
+            raise InputError("recordings", each, "a recording", "pass complete recordings, as in rec.plot(other)")
     if not recordings or not all(len(recording) for recording in recordings):
         raise InputError("recordings", len(recordings), "one or more recordings with at least one tick each")
     for name, texts in (("titles", titles), ("labels", labels)):
@@ -206,7 +213,11 @@ def _thin_out(row: Row, panels: Sequence[Axes], height: float) -> None:
 
 
 def _sampled_places(values: FloatArray) -> IntArray:
-    """Select the ticks to draw: all ticks of a short run, or the extreme values in short intervals of a long run."""
+    """Return the indices of the values to draw.
+
+    From up to about 1.5 `MOST_POINTS` values, all are drawn. More values are divided into intervals, and the smallest
+    and the largest value of each interval are drawn.
+    """
     size = 2 * len(values) // MOST_POINTS
     if size < 3:
         return np.arange(len(values))
@@ -217,14 +228,14 @@ def _sampled_places(values: FloatArray) -> IntArray:
 
 
 def _entry(label: str) -> str:
-    """Format an entry of a legend; matplotlib omits names that begin with an underscore."""
+    """Return a label for a legend, with a leading space if it begins with "_", since matplotlib omits such labels."""
     return f" {label}" if label.startswith("_") else label
 
 
 def _add_titles(
     drawing: Sheet, recordings: Sequence[Recording], titles: Sequence[str] | None, labels: Sequence[str] | None
 ) -> None:
-    """Set titles: a common scene above the figure; settings of the recording, and the object, above each column."""
+    """Set the titles: settings and object above each column, and the scene above the figure if it is the only one."""
     names = [_name(recording) for recording in recordings]
     if titles is None and len(set(names)) == 1:
         drawing.title(names[0])
@@ -253,7 +264,7 @@ def _name(recording: Recording) -> str:
 
 
 def _settings(recording: Recording) -> str:
-    """Format the gains, and other settings of this run that are not in a preset."""
+    """Format the gains, and all other overrides of the scene that the preset does not set to the same value."""
     header = recording.header
     preset = header.scene_table.get("preset", {}).get(header.preset, {}).get("set", {})
     own = {key: value for key, value in header.overrides.items() if key not in preset or preset[key] != value}

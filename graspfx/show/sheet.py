@@ -1,4 +1,4 @@
-"""A figure on a grid of panels, with titles, legends and labels in measured strips that never overlap data."""
+"""Layout of a figure on a grid of panels: titles, legends and labels have measured strips outside the panels."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ PITCH = 1.32  # line spacing, in font sizes
 
 @dataclass(frozen=True)
 class Width:
-    """A width on paper or screen, and font sizes that are legible at this width.
+    """Width of a figure on paper or screen, and sizes of text and lines for this width.
 
     Attributes:
-        inches: Width of the figure [inches]; on a screen it grows with the number of columns.
+        inches: Width of the figure [inches]; on a screen, the width of a figure with one column of panels.
         text: Font size of labels, names and numbers [points].
-        share: Factor on panel heights relative to a screen.
-        weight: Factor on line widths and markers relative to a screen.
+        share: Ratio of panel heights to those on a screen.
+        weight: Ratio of line widths and marker sizes to those on a screen.
         dpi: Resolution of raster images [dpi].
     """
 
@@ -52,15 +52,15 @@ class Width:
 
 
 class Sheet:
-    """Panels in rows and columns, with a strip above each row for its letter and legend.
+    """Figure of panels in rows and columns, with a strip above each row for a letter and a legend.
 
     Attributes:
         figure: Matplotlib's figure.
-        panels: Axes, (rows, columns).
-        bar: Axes for a colour bar, or None.
-        width: Sizes of fonts and paper.
-        arranged: Whether the layout is complete.
-        shares_x: Whether all panels have the same abscissa.
+        panels: Matplotlib's axes, array (rows, columns).
+        bar: Axes for a colour bar; None if the figure has no colour bar.
+        width: Width of the figure, and sizes of text and lines.
+        arranged: Whether `arrange` has computed the layout.
+        shares_x: Whether all panels share the x axis.
     """
 
     def __init__(
@@ -108,21 +108,21 @@ class Sheet:
         self.bar: Axes | None = self.figure.add_axes((0.9, 0.2, 0.05, 0.6), label="bar") if bar else None
 
     def title(self, text: str, column: int | None = None) -> None:
-        """Set a title over the figure or over a column; long titles are wrapped."""
+        """Set the title above a column, or above the figure if `column` is None; long titles are wrapped."""
         if column is None:
             self._title = text
         else:
             self._titles[column] = text
 
     def letters(self, rows: Sequence[int] | None = None) -> None:
-        """Label rows (a), (b), ...: the listed rows, or all rows; a single row gets no letter."""
+        """Label the rows with the given indices, by default all rows, (a), (b), ...; a single row is not labelled."""
         lettered = list(range(len(self.heights))) if rows is None else list(rows)
         if len(lettered) > 1:
             for letter, row in zip("abcdefghijklmnopqrstuvwxyz", lettered, strict=False):
                 self._letters[row] = f"({letter})"
 
     def legend(self, row: int, handles: Sequence[Artist] | None = None) -> None:
-        """Add a legend in the strip above a row: for the given handles, or for each distinct label of the row."""
+        """Add a legend above a row, with the given handles or, by default, one handle for each label in the row."""
         if handles is None:
             entries: dict[str, Artist] = {}
             for axes in self.panels[row]:
@@ -132,7 +132,7 @@ class Sheet:
         self._legends[row] = list(handles)
 
     def arrange(self) -> Figure:
-        """Measure all texts, lay out the figure, and set its size."""
+        """Measure all texts, place the panels and texts, and set the size of the figure."""
         for each in self._strips:
             each.remove()
         self._strips = []
@@ -165,7 +165,14 @@ class Sheet:
     def _place(
         self, left: float, right: float, above: Sequence[float], below: Sequence[float], head: float, between: float
     ) -> float:
-        """Place all panels; return the figure's height [inches]."""
+        """Set the positions of all panels; return the figure's height [inches].
+
+        Args:
+            left, right: Left end of the first and right end of the last column [inches].
+            above, below: Space above and below the panels of each row [inches].
+            head: Height of the titles at the top of the figure [inches].
+            between: Distance between columns [inches].
+        """
         width = self.width.inches
         tall = head + sum(above) + sum(below) + sum(self.heights)
         self.figure.set_size_inches(width, tall)
@@ -187,7 +194,7 @@ class Sheet:
         return tall
 
     def _overhang(self, axes: Axes) -> tuple[float, float, float, float]:
-        """Measure the overhang of a panel's labels: left, below, right, above [inches]."""
+        """Measure how far a panel's labels extend beyond its frame: left, below, right, above [inches]."""
         box, frame = axes.get_tightbbox(), axes.get_window_extent()
         assert box is not None
         dpi = self.figure.dpi
@@ -197,7 +204,11 @@ class Sheet:
     def _write(
         self, left: float, right: float, wide: Sequence[float], between: float, start: float
     ) -> tuple[float, list[tuple[float, Legend | None]]]:
-        """Draw titles and legends; return the height of the titles, and the legends with their heights [inches]."""
+        """Draw titles and legends.
+
+        Returns:
+            Height of the titles [inches]; and, for each row, height of the strip [inches] and legend or None.
+        """
         size, inch = self.width.title, self.figure.dpi_scale_trans
         pitch = PITCH * size / 72.0
         whole = self._folded(self._title, self.width.inches - start - EDGE, size)
@@ -218,7 +229,11 @@ class Sheet:
         return head, heads
 
     def _strip(self, row: int, left: float, right: float) -> tuple[float, Legend | None]:
-        """Make a row's legend with as many columns as fit."""
+        """Make a row's legend with as many columns as fit.
+
+        Returns:
+            Height of the strip above the row [inches], and the legend, or None if the row has no legend.
+        """
         handles = self._legends.get(row, [])
         plain = PITCH * self.width.text / 72.0 + LEAD if self._letters[row] else 0.0
         room = right - left
@@ -239,7 +254,7 @@ class Sheet:
     def _set(
         self, heads: Sequence[tuple[float, Legend | None]], titled: Sequence[float], tall: float, left: float
     ) -> None:
-        """Place titles from the top down, and legends and letters above their rows."""
+        """Set the positions of titles at the top of the figure, and of legends and letters above their rows."""
         from matplotlib.text import Text
 
         for each in self._strips:
@@ -256,7 +271,10 @@ class Sheet:
                 ))  # fmt: skip
 
     def _folded(self, text: str, room: float, size: float) -> list[str]:
-        """Wrap a text into lines of a width [inches]; excess text becomes an ellipsis."""
+        """Wrap a text to the width `room` [inches] at font size `size` [points].
+
+        After `MOST_LINES` lines, the rest of the text is replaced by an ellipsis.
+        """
         lines: list[str] = []
         for paragraph in filter(None, text.split("\n")):
             full = ""
@@ -275,7 +293,7 @@ class Sheet:
         return lines
 
     def _pieces(self, word: str, room: float, size: float) -> list[str]:
-        """Split a word that is longer than a line, such as a path, unless it contains a formula."""
+        """Split a word that is wider than `room` [inches], such as a path, unless the word contains a formula."""
         if "$" in word or self._length(word, size) <= room:
             return [word]
         cut = next(k for k in range(len(word), 0, -1) if k == 1 or self._length(word[:k], size) <= room)
@@ -289,7 +307,7 @@ class Sheet:
 
 
 def _part(axes: Axes) -> None:
-    """Move labels vertically away from their points until none overlap."""
+    """Move the labels of data points vertically, away from the points, until no labels overlap."""
     from matplotlib.text import Annotation
 
     labels = [text for text in axes.texts if isinstance(text, Annotation) and text.anncoords == "offset points"]

@@ -1,4 +1,4 @@
-"""Signed modes of a grasp over time, for figures: squeeze and push."""
+"""Squeeze and push: internal and external parts of a grasp as signed numbers, for figures."""
 
 from __future__ import annotations
 
@@ -14,13 +14,15 @@ SMALL = 1e-9  # distance from the contacts' centre below which a contact has no 
 
 
 class Modes(NamedTuple):
-    """Internal and external part of forces or displacements as signed numbers.
+    """Internal and external parts of forces or displacements of n fingers in N ticks, as signed numbers.
 
     Attributes:
-        squeeze: Internal part of each finger towards the centre of the contacts (N, n); NaN for a free finger, or if no
-            other finger touches. For two fingers the squeeze is that of Kawai and Yoshikawa's eqs. (16) and (19),
-            (e_1 - e_2)/2 along the line from finger 1 to finger 2, which is equal for both fingers.
-        push: Mean of the touching fingers' external parts (N, d), as in eqs. (13) and (15); NaN if none touches.
+        squeeze: Component of each finger's internal part towards the centre of the contacts (N, n). The squeeze is NaN
+            for a free finger and while fewer than two fingers touch. For two fingers with forces or displacements e_1
+            and e_2, it is the component of (e_1 - e_2)/2 along the line from finger 1 to finger 2, equal for both
+            fingers (Kawai and Yoshikawa, eqs. (16) and (19)).
+        push: Mean of the touching fingers' external parts (N, d) (Kawai and Yoshikawa, eqs. (13) and (15)); NaN while
+            no finger touches.
     """
 
     squeeze: FloatArray
@@ -28,17 +30,17 @@ class Modes(NamedTuple):
 
     @property
     def mean_squeeze(self) -> FloatArray:
-        """Mean squeeze of the touching fingers, (N,)."""
+        """Mean of the squeeze over the touching fingers (N,)."""
         return mean(self.squeeze, np.isfinite(self.squeeze))
 
 
 def modes(internal: FloatArray, external: FloatArray, inward: FloatArray, touching: BoolArray) -> Modes:
-    """Compute signed modes from vectors.
+    """Compute squeeze and push from internal and external parts.
 
     Args:
         internal: Internal parts of forces on the object, or of displacements (N, n, d).
-        external: External parts (N, n, d).
-        inward: Unit vectors (N, n, d), from `directions`.
+        external: External parts of the forces or displacements (N, n, d).
+        inward: Unit vectors from each contact to the centre of all contacts (N, n, d), computed by `directions`.
         touching: Mask of touching fingers (N, n).
     """
     grasped = touching & (touching.sum(axis=1, keepdims=True) > 1)
@@ -49,9 +51,11 @@ def modes(internal: FloatArray, external: FloatArray, inward: FloatArray, touchi
 def directions(contacts: FloatArray, displacement: FloatArray) -> FloatArray:
     """Compute unit vectors (N, n, d) from each contact to the centre of all contacts.
 
-    If all contacts coincide, such as contacts attached to an object's centre, two fingers get the coordinate axis along
-    which their displacements differ most during the run; a squeeze is then positive if finger 1 pushes along this axis.
-    More fingers get no direction.
+    If all contacts coincide, for example because all fingers are attached to the object's centre, the vectors do not
+    exist.
+    For two fingers, they are then replaced by the coordinate axis along which the fingers' displacements differ most
+    during the run: finger 1 has the positive direction of this axis, finger 2 the negative. For more fingers, they are
+    zero.
 
     Args:
         contacts: Contact points (N, n, d) [m].
@@ -70,7 +74,7 @@ def directions(contacts: FloatArray, displacement: FloatArray) -> FloatArray:
 
 
 def mean(values: FloatArray, counted: BoolArray) -> FloatArray:
-    """Average the counted values over axis 1; NaN if there are none."""
+    """Average the values that the mask `counted` selects over axis 1; the mean is NaN where none is selected."""
     number = counted.sum(axis=1)
     total = np.where(counted, values, 0.0).sum(axis=1)
     return np.asarray(np.where(number > 0, total / np.maximum(number, 1), np.nan))

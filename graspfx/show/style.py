@@ -1,15 +1,16 @@
-"""The common style of all figures: widths, fonts, colours, panels and placement of text.
+"""The common style of all figures: widths, fonts, colours, panels and positions of text.
 
     with look("column"):
         sheet = figure([1.2, 0.9], width="column")          # two panels, heights in inches at screen width
         sheet.panels[0, 0].plot(x, y, color=EXTERNAL, label="external")
         panel(sheet.panels[0, 0], x="time [s]", y="force [N]")
-        sheet.legend(0)                                      # in a strip of its own above the row, never over data
+        sheet.legend(0)                                      # above the row, outside the panel
         sheet.title("A scene")
     save(sheet, "figure.svg")
 
-External and internal force, with their displacements, gains and limits, have two reserved colours. Each finger has a
-colour and a marker. The colours are also distinguishable with colour vision deficiency.
+One colour is reserved for the external force, another for the internal force; displacements, gains and limits have the
+colour of the force to which they belong. Each finger has a colour and a marker. The colours can be distinguished by
+readers with colour vision deficiency.
 """
 
 from __future__ import annotations
@@ -43,10 +44,10 @@ FURTHER = 3.2  # additional width for each further column [inches]
 
 
 def width_of(name: str, columns: int = 1) -> Width:
-    """Return the sizes of a named width; on a screen the figure's width grows with the number of columns.
+    """Return a width by its name; the width "screen" grows with the number of columns of panels.
 
     Raises:
-        InputError: If no width has that name.
+        InputError: If no width has the given name.
     """
     if name not in WIDTHS:
         raise InputError("width", name, f"one of {', '.join(WIDTHS)}")
@@ -62,9 +63,12 @@ EXTERNAL = "#d55e00"
 INTERNAL = "#0072b2"
 """Colour reserved for the internal force."""
 FINGERS = ("#1b9e77", "#882255", "#00a5b5", "#7a5230", "#332288")
-"""Colours of the fingers in order, repeated cyclically."""
+"""Colours of the fingers; finger i has colour i modulo the number of colours."""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-"""Markers of the fingers, whose number has no common factor with that of the colours."""
+"""Markers of the fingers; finger i has marker i modulo the number of markers.
+
+The numbers of markers and colours have no common factor, so that the first 35 fingers have different combinations.
+"""
 CONTACTS = {
     "free": "#b8b8b8",
     "touch": "#009e73",
@@ -72,7 +76,7 @@ CONTACTS = {
     "slide": "#f0e442",
     "limit": "#cc79a7",
 }
-"""Colours of a fingertip by the state of its contact; "touch" for a contact without friction."""
+"""Colours of fingertips by the state of the contact; the state "touch" is a contact without friction."""
 INK = "#1a1a1a"
 """Colour of axes and text."""
 NOTE = "#444444"
@@ -90,9 +94,9 @@ THICK = 2.4
 HAIR = 0.7
 """Width of a reference line [points]."""
 BAND = 0.22
-"""Opacity of the band between smallest and largest value."""
+"""Opacity of the band between the smallest and the largest value of several fingers."""
 AXES = ("-", (0.0, (5.0, 2.0)), (0.0, (1.2, 1.4)))
-"""Dashes of quantities along or about x, y and z."""
+"""Line styles of the components of a quantity along or about x, y and z."""
 FORMATS = ("png", "svg", "pdf")
 COLOURS = 256
 INLINE = 110  # resolution in a notebook [dpi]
@@ -128,18 +132,18 @@ def __dir__() -> list[str]:
 
 
 class InlineSheet(Sheet):
-    """A sheet that a notebook displays as the result of a cell, without pyplot."""
+    """A sheet that a notebook displays if it is the result of a cell."""
 
     def _repr_png_(self) -> bytes:
         return pixels(arranged(self), INLINE)
 
 
 class Drawing:
-    """A figure that notebooks display without pyplot. `figure` is matplotlib's figure, and `save` writes it.
+    """A figure that a notebook displays if it is the result of a cell.
 
     Args:
-        sheet: Panels of the figure.
-        notes: Reasons for omitted parts.
+        sheet: Panels and layout of the figure.
+        notes: Messages about parts that are not drawn.
     """
 
     def __init__(self, sheet: Sheet, notes: Sequence[str] = ()) -> None:
@@ -151,10 +155,15 @@ class Drawing:
         return arranged(self.sheet)
 
     def save(self, path: str | PathLike[str], form: str = "", dpi: int = 0) -> Path:
-        """Write the figure. The path's suffix selects the format, unless `form` is "png", "svg" or "pdf".
+        """Write the figure to a file and return its path.
+
+        Args:
+            path: Path of the file.
+            form: Format, such as "png", "svg" or "pdf"; by default the suffix of the path.
+            dpi: Resolution [dpi]; by default the resolution for the figure's width.
 
         Raises:
-            InputError: If the suffix has no known format, or the folder does not exist.
+            InputError: If the format is unknown, or the folder does not exist.
         """
         return save(self.sheet, path, form, dpi)
 
@@ -180,7 +189,7 @@ def require_matplotlib() -> ModuleType:
 
 @contextmanager
 def look(width: str = "screen") -> Iterator[Width]:
-    """Apply the style within the block, on top of matplotlib's defaults instead of the user's settings.
+    """Apply the style within the `with` block; the user's settings of matplotlib are ignored.
 
     Raises:
         InputError: If the width is unknown.
@@ -219,19 +228,19 @@ def figure(
     bar: bool = False,
     inches: float = 0.0,
 ) -> Sheet:
-    """Make a figure with rows and columns of panels of given heights.
+    """Make a figure with panels in rows and columns.
 
-    A notebook displays it as the result of a cell.
+    A notebook displays the figure if it is the result of a cell.
 
     Args:
-        heights: Heights of the panels by row on a screen [inches]; smaller on paper.
-        columns: Number of panels side by side.
+        heights: Height of the panels of each row on a screen [inches]; on paper, the panels are lower.
+        columns: Number of columns of panels.
         width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
-        share_x: Whether all panels share the abscissa, which is labelled below the last row.
-        share_y: Whether the panels of a row share the ordinate, which is labelled on the left.
-        widths: Relative widths of the columns; equal if None.
-        bar: Whether to leave room for a colour bar on the right, `sheet.bar`.
-        inches: Width of the figure [inches], if it differs from the named width; otherwise 0.
+        share_x: Whether all panels share the x axis; its tick labels are below the last row.
+        share_y: Whether the panels of a row share the y axis; its tick labels are on the left.
+        widths: Relative widths of the columns; by default all columns have the same width.
+        bar: Whether to add axes for a colour bar on the right (`sheet.bar`).
+        inches: Width of the figure [inches] that replaces that of `width`; 0 for the width that `width` names.
 
     Raises:
         InputError: If the width is unknown.
@@ -242,7 +251,7 @@ def figure(
 
 
 def panel(axes: Axes, *, x: str = "", y: str = "", title: str = "") -> None:
-    """Set a panel's axis labels, with units, and a title above it."""
+    """Set the labels of a panel's axes, which should include units, and the title above the panel."""
     if x:
         axes.set_xlabel(x)
     if y:
@@ -252,21 +261,24 @@ def panel(axes: Axes, *, x: str = "", y: str = "", title: str = "") -> None:
 
 
 def save(drawing: Sheet | Figure, path: str | PathLike[str], form: str = "", dpi: int = 0) -> Path:
-    """Write a figure; the bytes of equal figures are identical.
+    """Write a figure to a file and return its path.
+
+    Files of equal figures are identical: they contain no date and no random identifiers.
 
     Args:
-        drawing: Result of `figure`.
+        drawing: Result of `figure`, or a figure of matplotlib.
         path: Path of the file.
-        form: Format, such as "png", "svg" or "pdf", or another format of matplotlib; by default that of the path's
-            suffix.
-        dpi: Resolution; by default the resolution for the figure's width.
+        form: Format that matplotlib supports, such as "png", "svg" or "pdf"; by default the suffix of the path.
+        dpi: Resolution [dpi]; by default the resolution for the figure's width.
 
     Raises:
-        InputError: If the suffix has no known format, or the folder does not exist.
+        InputError: If the format is unknown, or the folder does not exist.
     """
     target = Path(fspath(path))
     if not target.parent.is_dir():
-        raise InputError("path", fspath(path), "a file in an existing folder", f"make {target.parent} first")
+        raise InputError(
+            "path", fspath(path), "a file in an existing folder", f"create the folder {target.parent} first"
+        )
     form = form or target.suffix[1:].lower()
     sheet = drawing if isinstance(drawing, Sheet) else None
     dpi = dpi or (sheet.width if sheet is not None else WIDTHS["screen"]).dpi
@@ -281,7 +293,7 @@ def save(drawing: Sheet | Figure, path: str | PathLike[str], form: str = "", dpi
 
 
 def arranged(drawing: Sheet | Figure) -> Figure:
-    """Return matplotlib's figure with a complete layout."""
+    """Compute the layout of a sheet, if this has not been done, and return matplotlib's figure."""
     if not isinstance(drawing, Sheet):
         return drawing
     if not drawing.arranged:
@@ -291,7 +303,7 @@ def arranged(drawing: Sheet | Figure) -> Figure:
 
 
 def pixels(picture: Figure, dpi: int) -> bytes:
-    """Render a figure as PNG with up to 256 colours, which takes half the bytes of full colour."""
+    """Return a figure as the bytes of a PNG file with up to 256 colours, half the size of a file in full colour."""
     from io import BytesIO
 
     from PIL import Image
@@ -307,10 +319,10 @@ def pixels(picture: Figure, dpi: int) -> bytes:
 
 
 def require_form(form: str, path: str | PathLike[str]) -> None:
-    """Refuse a suffix without a known format.
+    """Raise an error if matplotlib does not support a format.
 
     Raises:
-        InputError: If the suffix has no known format.
+        InputError: If the format is unknown; the error shows the path.
         MissingPackageError: If matplotlib is not installed.
     """
     require_matplotlib()
@@ -322,7 +334,7 @@ def require_form(form: str, path: str | PathLike[str]) -> None:
 
 
 def plain(text: str) -> str:
-    """Escape dollar signs, which would begin a formula."""
+    """Escape dollar signs, which matplotlib would interpret as the start of a formula."""
     return text.replace("$", r"\$")
 
 
@@ -338,9 +350,9 @@ class Stroke:
     Attributes:
         colour: Colour of the line and its markers.
         width: Width of the line [points].
-        dashes: Name of a matplotlib line style, or offset and on-off lengths [line widths].
-        marker: Name of a matplotlib marker; no markers if empty.
-        place: Position of the first marker, as a fraction of the marker distance.
+        dashes: Matplotlib's name of a line style; or offset, and lengths of dashes and gaps [line widths].
+        marker: Matplotlib's name of a marker; empty for a line without markers.
+        place: Position of the first marker, as a fraction of the distance between markers.
     """
 
     colour: str
@@ -359,10 +371,13 @@ TURNS = tuple(Stroke(INK, LINE, dashes) for dashes in AXES)
 
 
 def finger_strokes(groups: Iterable[Sequence[str]]) -> dict[str, Stroke]:
-    """Assign a colour, a marker and dashes to each finger; alternate dashes fill each other's gaps.
+    """Return a line style with colour, marker and dashes for each finger name.
+
+    In each column, the dashes of every second finger are offset, so that coinciding lines of neighbouring fingers are
+    both visible.
 
     Args:
-        groups: Names of the fingers in each column; repeated names keep their stroke.
+        groups: Names of the fingers in each column of a figure; a name in several columns has one style.
     """
     half: dict[str, int] = {}
     for names in groups:

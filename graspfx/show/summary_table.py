@@ -1,4 +1,4 @@
-"""Summaries of runs on the terminal: tables, several runs side by side, and warnings."""
+"""Summaries of runs in the terminal: tables of one or several runs, and warnings."""
 
 from __future__ import annotations
 
@@ -23,7 +23,14 @@ ASCII = "||-+"
 
 
 class Column(NamedTuple):
-    """A title and the cells below it, with alignment and wrapping."""
+    """Column of a table.
+
+    Attributes:
+        title: Title in the head of the table.
+        cells: Texts below the title.
+        right: Whether the texts are aligned on the right.
+        folds: Whether long texts are wrapped.
+    """
 
     title: str
     cells: Sequence[str]
@@ -32,13 +39,14 @@ class Column(NamedTuple):
 
 
 def lines(columns: Sequence[Column], width: int, *, rules: str = RULES, bold: bool = False) -> Iterator[str]:
-    """Yield the table line by line.
+    """Yield the lines of a table.
 
     Args:
         columns: Columns with equal numbers of cells.
-        width: Width of the terminal. Wrapping columns share the width that other columns leave. Cells are wrapped
-            between words only, so lines may be longer.
-        rules: Separators in the form of RULES.
+        width: Width of the terminal in characters. Columns with `folds` share the width that other columns leave. A
+            line can be longer than the terminal, since cells are wrapped only between words.
+        rules: Four characters in the order of RULES: separator of head cells, separator of other cells, line below the
+            head, and crossing of this line with a separator.
         bold: Whether the head is bold.
     """
     fixed = sum(_widest([each.title, *each.cells]) for each in columns if not each.folds)
@@ -75,7 +83,7 @@ def _widest(texts: Iterable[str]) -> int:
 
 
 def _folded(text: str, width: int) -> list[str]:
-    """Wrap a text into lines of at most `width`, between words; only a word that is longer is split."""
+    """Wrap a text between words into lines of at most `width` characters; split only words longer than `width`."""
     lines = []
     for line in text.split("\n"):
         full = ""
@@ -94,7 +102,7 @@ def _folded(text: str, width: int) -> list[str]:
 
 
 def _size(text: str) -> int:
-    """Count the terminal columns of a text: two for a wide character, none for a combining accent."""
+    """Count the terminal columns of a text: two for a wide character, zero for a combining character."""
     if text.isascii():
         return len(text)
     from unicodedata import combining, east_asian_width
@@ -159,7 +167,11 @@ BRIEF: tuple[Row, ...] = (
 
 
 def columns(summaries: Sequence[dict[str, Any]], names: Sequence[str], table: Sequence[Row] = ROWS) -> list[Column]:
-    """Return the columns: row names, one column per summary, the relative change of two summaries, and units."""
+    """Return the columns of a table of summaries.
+
+    They are the quantities, the values of each summary, for two summaries the change from the first to the second [%],
+    and the units.
+    """
     rows = [row for row in table if any(summary[row[1]] is not None for summary in summaries)]
     listed = [Column("", [quantity for quantity, _, _, _ in rows])]
     for name, summary in zip(names, summaries, strict=True):
@@ -174,7 +186,7 @@ def columns(summaries: Sequence[dict[str, Any]], names: Sequence[str], table: Se
 def print_summary(
     recordings: Sequence[Recording], titles: Sequence[str] | None = None, table: Sequence[Row] = ROWS
 ) -> None:
-    """Print the summary of one recording, or of several side by side, in the terminal's width, and then notes."""
+    """Print a table with the summaries of one or more recordings, and below it notes about the recordings."""
     encoding = (getattr(sys.stdout, "encoding", None) or "utf-8").lower()
     rules = RULES if encoding.startswith("utf") else ASCII
     width = get_terminal_size().columns
@@ -225,7 +237,10 @@ FASTEST = 5.0  # contacts per second; a hand does not close faster [1/s]
 
 
 def remarks(recording: Recording) -> list[str]:
-    """Return a sentence for each warning; none for attached contacts, omitted columns or a run without ticks."""
+    """Return a sentence for each warning about the contacts of a run.
+
+    The list is empty if the contacts are attached, if a required column was not recorded, or if the run has no ticks.
+    """
     needs = {"gap", "touching", *(f"objects/{name}/position" for name in recording.layout.objects)}
     if not needs.isdisjoint(recording.layout.omitted) or recording.gap is None or not len(recording):
         return []
@@ -233,7 +248,7 @@ def remarks(recording: Recording) -> list[str]:
 
 
 def _shortfall(recording: Recording) -> Iterator[str]:
-    """Report free fingers that faded out where they could still touch again."""
+    """Warn if `coupling.fade` is too small: fingers left the grasp where they could still touch the object again."""
     needed = recording.outcome.fade_needed
     if needed > 0.0:
         h1 = 1e-4 * math.ceil(1e4 * needed)
@@ -252,7 +267,7 @@ def _untouched(recording: Recording, gap: NDArray[np.float64]) -> Iterator[str]:
 
 
 def _lost(recording: Recording) -> Iterator[str]:
-    """Report objects that all fingers leave permanently, and that slide out of the last fingers or fall afterwards."""
+    """Warn of objects that no finger touches at the end, if they slid out of the last fingers or then fell."""
     layout = recording.layout
     down = np.array(recording.header.scene_table.get("gravity") or [0.0] * layout.dimensions, dtype=float)
     down /= np.linalg.norm(down) or 1.0

@@ -1,6 +1,6 @@
-"""Figures of measures over keys: curves over one key, maps over two keys, and slices or marginals over more keys.
+"""Figures of a sweep's measures over the swept keys: curves, maps, slices and scatter plots.
 
-A variant with a failure or a fault is shown as a cross without a number.
+A variant without a number, because it failed or has a fault, is marked by a cross.
 """
 
 from __future__ import annotations
@@ -45,7 +45,14 @@ WORDS = {  # names of quantities in labels; in other names, underscores become s
 
 
 class Surface(NamedTuple):
-    """A measure: name (such as `finger_force.peak`), unit, values in the grid's shape, and mask of growing runs."""
+    """A measure of the variants of a sweep.
+
+    Attributes:
+        name: Name of the measure, such as `finger_force.peak`.
+        unit: Unit of the values.
+        values: Value for each variant, array in the shape of the grid.
+        unstable: Mask of the variants whose runs grow, in the shape of the grid; None if unknown.
+    """
 
     name: str
     unit: str
@@ -54,7 +61,7 @@ class Surface(NamedTuple):
 
     @property
     def grows(self) -> bool:
-        """Whether the measure is a growth, for which 1 separates growing from decaying runs."""
+        """Whether the measure is a growth factor, which is above 1 for growing and below 1 for decaying runs."""
         return self.name.endswith(".growth")
 
     @property
@@ -66,11 +73,12 @@ class Surface(NamedTuple):
 
 
 class Margins(NamedTuple):
-    """Smallest margins of certificates at some points of maps.
+    """Margins of stability certificates at selected points of the drawn maps.
 
     Attributes:
-        places: Indices of the judged values of the first two keys.
-        values: Margins (x, y, maps); NaN for points that are not judged.
+        places: For each of the first two keys, the indices of the values with a certificate.
+        values: Smallest margin for each selected value of the first key, of the second key, and each map (x, y, maps);
+            NaN for points without a certificate.
     """
 
     places: tuple[list[int], ...]
@@ -78,7 +86,13 @@ class Margins(NamedTuple):
 
 
 class Axis(NamedTuple):
-    """The values of a key along an axis: numbers, or positions of words."""
+    """Values of a key along an axis.
+
+    Attributes:
+        label: Label of the axis.
+        places: Values of the key; if the key's values are not numbers, their positions 0, 1, ... on the axis.
+        words: Values that are not numbers, as texts in the order of their positions; empty for numbers.
+    """
 
     label: str
     places: FloatArray
@@ -96,17 +110,19 @@ def variants_sheet(
     together: bool = False,
     margins: Margins | None = None,
 ) -> Sheet:
-    """Draw measures over keys.
+    """Draw measures of a sweep over the swept keys.
+
+    The figure contains curves for one key, maps for more keys, and scatter plots over each key if `together` is True.
 
     Args:
-        values: Value of each variant by key, in the grid's shape.
-        surfaces: Measures to draw; for maps, only the first.
-        bad: Mask of variants without a valid number.
+        values: For each key, its value in each variant, array in the shape of the grid.
+        surfaces: Measures to draw; maps show only the first measure.
+        bad: Mask of the variants without a valid number, in the shape of the grid.
         title: Title of the figure.
         width: "screen", "page" or "column".
-        slices: Number of values of a third key that have their own map.
-        together: Whether the keys' values are combined one to one, without a grid.
-        margins: Margins whose line at 1 is drawn over maps, or None.
+        slices: Number of maps, for different values of a third key.
+        together: Whether the keys vary together, so that the variants do not form a grid.
+        margins: Margins of certificates, to draw the line of margin 1 over maps; None for no line.
 
     Raises:
         InputError: If the width is unknown, or there is nothing to draw.
@@ -151,9 +167,9 @@ def _maps(
     slices: int,
     margins: Margins | None,
 ) -> Sheet:
-    """Draw one map, or one for each of some values of a third key: side by side, or stacked in a journal's column.
+    """Draw a measure over two keys; with a third key, draw a map for each of up to `slices` of its values.
 
-    Further keys have the middle value of their lists.
+    Further keys have the middle value of their lists. Maps are side by side, or stacked if the width is "column".
     """
     keys = list(values)
     x, y = _axis(keys[0], _line(values[keys[0]], 0)), _axis(keys[1], _line(values[keys[1]], 1))
@@ -201,7 +217,7 @@ def _extension(values: FloatArray, shades: Normalize) -> str:
 def _map(
     ax: Axes, x: Axis, y: Axis, values: FloatArray, bad: NDArray[np.bool_], shades: Normalize, *, grows: bool
 ) -> Any:
-    """Draw a map with contours; for growth, the contour at 1, beyond which runs are unstable."""
+    """Draw a map with contours; if `grows` is True, the only contour is that of growth 1, the limit of stability."""
     steps = [max(1, -(-size // MOST_CELLS)) for size in values.shape]
     cells = values[:: steps[0], :: steps[1]].T
     across, up = x.places[:: steps[0]], y.places[:: steps[1]]
@@ -218,15 +234,16 @@ def _map(
 
 
 def _edge(ax: Axes, x: Axis, y: Axis, unstable: NDArray[np.bool_]) -> None:
-    """Draw the line beyond which runs grow, over any measure."""
+    """Draw the boundary between decaying and growing runs over a map of any measure."""
     if min(unstable.shape) > 1 and unstable.any() and not unstable.all():
         ax.contour(x.places, y.places, unstable.T.astype(float), levels=[0.5], colors=[BAD], linewidths=1.4)
 
 
 def _limit_line(ax: Axes, x: Axis, y: Axis, places: Sequence[list[int]], margins: FloatArray) -> bool:
-    """Draw the line where the certificate's margin is 1, and mark points not judged; return whether the line exists.
+    """Draw the line of margin 1, and mark points without a certificate; return whether the line exists.
 
-    The reciprocal of the margin is interpolated, since it is proportional to a gain and 0 if no gain is too large.
+    The reciprocal of the margin is interpolated, since it is proportional to the gain, and is zero if the margin is
+    infinite.
     """
     across, up = (axis.places[picks] for axis, picks in zip((x, y), places, strict=True))
     i, j = np.nonzero(np.isnan(margins))
@@ -269,7 +286,10 @@ def _marginals(values: Mapping[str, Any], surfaces: Sequence[Surface], bad: NDAr
 
 
 def _medians(x: FloatArray, y: FloatArray) -> list[tuple[float, float]]:
-    """Compute the median in bands of the abscissa with enough points."""
+    """Compute medians of y in eight equal bands of x; return the middle and the median of each band.
+
+    Bands with fewer than three points are omitted; there are none for fewer than 20 points.
+    """
     good = np.isfinite(y)
     if good.sum() < 20:
         return []
@@ -291,17 +311,17 @@ def _axis(key: str, items: NDArray[Any]) -> Axis:
 
 
 def _line(values: NDArray[Any], axis: int) -> NDArray[Any]:
-    """Return the values of a grid's key along its axis."""
+    """Return the values (k,) of a key that varies along the given axis of the grid only."""
     return np.moveaxis(values, axis, 0).reshape(values.shape[axis], -1)[:, 0]
 
 
 def picks_of(count: int, most: int) -> list[int]:
-    """Choose evenly spaced numbers below a count, including both ends."""
+    """Return up to `most` evenly spaced indices from 0 to `count` - 1, including both ends."""
     return sorted({int(k) for k in np.round(np.linspace(0, count - 1, min(most, count)))})
 
 
 def drawn_maps(shape: Sequence[int], slices: int) -> tuple[list[int], tuple[int, ...]]:
-    """Choose the values of a third key that have maps, and the value of each further key."""
+    """Return the indices of the third key's values that have a map, and the index of each further key's value."""
     return picks_of(shape[2], max(1, slices)) if len(shape) > 2 else [0], tuple(size // 2 for size in shape[3:])
 
 
@@ -311,7 +331,7 @@ def _along(ax: Axes, axis: Axis, name: str) -> None:
 
 
 def _words(ax: Axes, axis: Axis, name: str) -> None:
-    """Label an axis with words, or make it logarithmic if its numbers differ by more than a factor of `MANY`."""
+    """Label the ticks with words, or make the axis logarithmic if its numbers differ by more than a factor `MANY`."""
     if not axis.words and _goes_over_many(float(axis.places.min()), float(axis.places.max())):
         (ax.set_xscale if name == "x" else ax.set_yscale)("log")
     if axis.words:
@@ -326,7 +346,7 @@ def _pad(drawing: Sheet, places: FloatArray) -> None:
 
 
 def _frame(ax: Axes, surface: Surface, y: FloatArray, missing: FloatArray) -> None:
-    """Choose the ordinate's range; draw crosses for variants without a number, and for growth the line at 1."""
+    """Set the range of the y axis; draw crosses for variants without a number, and a line at 1 for growth factors."""
     _range(ax, y, grows=surface.grows)
     crosses = ax.get_xaxis_transform()
     ax.plot(missing, np.full(len(missing), 0.03), ls="", marker="x", ms=3.5, color=BAD, transform=crosses)
@@ -335,7 +355,10 @@ def _frame(ax: Axes, surface: Surface, y: FloatArray, missing: FloatArray) -> No
 
 
 def _range(ax: Axes, values: FloatArray, *, grows: bool) -> None:
-    """Choose an ordinate range for most values, without a few diverged runs; logarithmic for a wide range of growth."""
+    """Set the range of the y axis so that it contains all values but a few outliers.
+
+    Growth factors that differ by more than a factor `MANY` have a logarithmic axis for all values.
+    """
     finite = values[np.isfinite(values)]
     if not finite.size:
         ax.text(0.5, 0.5, "no number", transform=ax.transAxes, ha="center", color=NOTE)
@@ -351,12 +374,12 @@ def _range(ax: Axes, values: FloatArray, *, grows: bool) -> None:
 
 
 def _goes_over_many(low: float, high: float) -> bool:
-    """Tell whether numbers are shown on a logarithmic scale."""
+    """Return whether numbers from `low` to `high` need a logarithmic scale."""
     return low > 0.0 and high > MANY * low
 
 
 def _shades(surface: Surface) -> Normalize:
-    """Choose the colour scale; it is logarithmic for growth that differs by more than a factor of `MANY`."""
+    """Return the colour scale, logarithmic for growth factors that differ by more than a factor `MANY`."""
     from matplotlib.colors import LogNorm, Normalize
 
     finite = surface.values[np.isfinite(surface.values)]
@@ -382,7 +405,7 @@ def _colours(values: FloatArray) -> tuple[float, float]:
 
 
 def _mark(label: str, **look: Any) -> Any:
-    """Make a legend entry."""
+    """Return a handle for a legend."""
     from matplotlib.lines import Line2D
 
     return Line2D([], [], label=label, **look)
@@ -393,7 +416,7 @@ def _bad_mark() -> Any:
 
 
 def _rest(values: Mapping[str, Any]) -> str:
-    """Return the values of keys without an axis as text."""
+    """Return a text with the values of the keys beyond the third, which have no axis and no maps."""
     keys = list(values)[3:]
     texts = []
     for k, key in enumerate(keys, start=3):

@@ -1,4 +1,4 @@
-"""Contact of a finger with a surface, as every surface kernel returns it."""
+"""Result of all contact kernels: the contact of a finger with a surface."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from graspfx.spatial import Vector
 
 @dataclass(frozen=True, slots=True)
 class Nearest:
-    """Contact in the object's frame, with p - c = -gap n for a finger at p."""
+    """Contact in the object's frame: for a point finger at p, contact point c and normal n satisfy p - c = -gap n."""
 
     face: int  # face of the contact, an input of the next sample
     point: Vector  # c, on the surface [m]

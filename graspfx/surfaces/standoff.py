@@ -1,4 +1,4 @@
-"""Position along a ray to a shape's centre at which an approaching fingertip has a given gap."""
+"""Position on a ray from a shape's centre at which a fingertip has a given distance from the shape."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ LEAST = 1e-9  # relative to the extent: remaining distance that is accepted if a
 
 
 def standoff(shape: Shape | Mesh, direction: FloatArray, distance: float) -> float | None:
-    """Find the largest t at which t u has the distance `distance` from the shape, for the direction's unit vector u.
+    """Find the outermost point of a ray from a shape's centre that has a given distance from the shape.
 
-    From outside, a step as long as the distance to a shape cannot pass through the shape. These steps converge to the
-    outermost point and never pass it (J. C. Hart, Sphere tracing, The Visual Computer 12, 1996). The last steps use
-    Newton's method along the normal. The distance is the gap of the finger's contact.
+    The search starts outside the shape and uses sphere tracing: each step towards the centre is as long as the distance
+    to the shape, so that no step passes the point (J. C. Hart, Sphere tracing, The Visual Computer 12, 1996). The last
+    steps use Newton's method. The distance to the shape is the gap of a point finger's contact.
 
     Args:
-        shape: Shape about its centre.
-        direction: Direction of any non-zero length in the shape's frame, (d,).
-        distance: Distance from the surface, zero or more [m].
+        shape: Shape with its centre at the origin.
+        direction: Direction of the ray in the shape's frame, of any non-zero length (d,).
+        distance: Distance of the point from the surface, not negative [m].
 
     Returns:
-        t [m], or None if the ray never comes that close to the shape.
+        Distance of the point from the centre [m], or None if no point of the ray has the given distance.
     """
     u = direction / np.sqrt((direction * direction).sum())
     if getattr(shape, "endless", False):
@@ -54,7 +54,7 @@ def standoff(shape: Shape | Mesh, direction: FloatArray, distance: float) -> flo
 
 
 def _polished(shape: Shape | Mesh, u: FloatArray, t: float, distance: float, extent: float) -> float | None:
-    """Take the last steps by Newton's method, with bisection if a step leaves the interval."""
+    """Refine t by Newton's method, with bisection if a step leaves the bracket; return None without convergence."""
     best, low, high = (np.inf, t), -np.inf, np.inf
     for _ in range(POLISH):
         gap, inward = _gap(shape, u, t)
@@ -72,7 +72,7 @@ def _polished(shape: Shape | Mesh, u: FloatArray, t: float, distance: float, ext
 
 
 def _gap(shape: Shape | Mesh, u: FloatArray, t: float) -> tuple[float, FloatArray]:
-    """Return the gap of a point on the ray, and the normal into the shape there."""
+    """Return the gap [m] and the inward normal (d,) of the contact of a point finger at t u."""
     contact = shape.contact((t * u)[None])
     return float(contact.gap[0]), contact.normal[0]
 

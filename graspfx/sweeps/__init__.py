@@ -1,1 +1,1 @@
-"""Sweeps: many variants in chunks, on many processors or machines, which can be resumed after a kill."""
+"""Sweeps: many variants of a scene in chunks, on many processors or machines; an interrupted sweep can be resumed."""

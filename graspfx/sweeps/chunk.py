@@ -1,4 +1,4 @@
-"""Chunks: variants of a sweep that run together in any process, with their measures, faults and failures."""
+"""Chunks of a sweep: groups of variants that one process runs together, and their results."""
 
 from __future__ import annotations
 
@@ -47,24 +47,27 @@ VERDICT = ("vibration", "unstable")  # statistics of the quantity RUN
 
 
 class SweepError(GraspFXError):
-    """Error of a sweep: its folder has another sweep, or its workers end, or have other files or package versions."""
+    """Error of a sweep.
+
+    The folder contains another sweep, the workers end, or the workers have other files or other versions of packages.
+    """
 
 
 @dataclass(frozen=True)
 class SceneOrder:
-    """An order to run variants of a scene in any process.
+    """Specification of a sweep, from which any process can run variants.
 
     Attributes:
         table: Table of the scene.
         source: Source of the scene.
-        trusted: Whether the scene may name files outside its folder.
-        duration: Duration that replaces the scene's [s].
-        shapes: Shapes of the measured quantities, by name.
-        statistics: Statistics of each quantity.
-        native: Whether the examined variant consists of kernels only.
-        files: Digests of the scene's files, by path.
-        engines: Versions of the physics engines, by distribution.
-        home: Host name and process number of the process that made the order.
+        trusted: Whether the scene may refer to files outside its folder.
+        duration: Duration of each run [s]; None for the scene's duration.
+        shapes: Shape of each measured quantity, by the quantity's name.
+        statistics: Names of the statistics of each quantity.
+        native: Whether all parts of the examined variant are kernels, so that variants run in batches.
+        files: Digest of each file of the scene, by path.
+        engines: Version of each physics engine, by the name of its distribution.
+        home: Host name and process number of the process that created the specification.
         version: Version of GraspFX.
     """
 
@@ -82,29 +85,32 @@ class SceneOrder:
 
     @property
     def bytes(self) -> bytes:
-        """The pickled order, for `run_chunk`."""
+        """The pickled specification, an argument of `run_chunk`."""
         return pickle.dumps(self, protocol=pickle.HIGHEST_PROTOCOL)
 
 
 @lru_cache(maxsize=2)
 def take_order(content: bytes) -> tuple[SceneOrder, Scene]:
-    """Make the scene of an order, once per process.
+    """Unpickle a specification and create its scene; results are cached.
 
     Raises:
-        SweepError: If this process has another version of GraspFX or of a physics engine, or other files, than the
-            process of the order.
+        SweepError: If GraspFX, a physics engine or a file of the scene differs from that of the process that created
+            the specification.
     """
     from graspfx.scene.model import Scene
 
     order: SceneOrder = pickle.loads(content)
     if order.version != __version__:
         raise SweepError(
-            f"a worker has GraspFX {__version__}, but the sweep has {order.version}: install the same on all machines"
+            f"a worker has GraspFX {__version__}, but the sweep has {order.version}: "
+            "install the same version on all machines"
         )
     for package, version in order.engines.items():
         if version_of(package) != version:
             have = f"{package} {version_of(package)}"
-            raise SweepError(f"a worker has {have}, but the sweep has {version}: install the same on all machines")
+            raise SweepError(
+                f"a worker has {have}, but the sweep has {version}: install the same version on all machines"
+            )
     for name, digest in order.files.items():
         own = digest_of(name)
         if own != digest:
@@ -116,20 +122,20 @@ def take_order(content: bytes) -> tuple[SceneOrder, Scene]:
 
 @contextmanager
 def permitted(order: SceneOrder) -> Iterator[None]:
-    """Apply the order's trust setting, and look up installed packages once."""
+    """Apply the setting `trusted` within the `with` block, and look up installed packages only once."""
     with granted(order.trusted), plugins.unchanged():
         yield
 
 
 @dataclass(frozen=True)
 class Chunk:
-    """Some variants of a sweep.
+    """A group of V variants of a sweep.
 
     Attributes:
-        number: Index of the chunk in its sweep.
-        members: Indices of the variants in the sweep, (V,).
-        lists: Values of the variants by key.
-        numbers: Index of each key's value in each variant, (V, keys).
+        number: Index of the chunk in the sweep.
+        members: Indices of the variants in the sweep (V,).
+        lists: For each key, the list of the values that occur in the variants.
+        numbers: For each variant and key, the index of the value in the key's list (V, keys).
     """
 
     number: int
@@ -141,24 +147,25 @@ class Chunk:
         return len(self.numbers)
 
     def overrides(self, variant: int) -> dict[str, Any]:
-        """Return the values of one variant, by key."""
+        """Return the values of one variant, by key, for `scene.replace`."""
         return {key: self.lists[key][n] for key, n in zip(self.lists, self.numbers[variant].tolist(), strict=True)}
 
     def part(self, places: Sequence[int] | IndexArray) -> Chunk:
-        """Return a chunk of some variants, by their positions."""
+        """Return a chunk of the variants at the given positions in this chunk."""
         where = np.asarray(places, dtype=np.intp)
         return Chunk(self.number, self.members[where], self.lists, self.numbers[where])
 
 
 @dataclass
 class ChunkResult:
-    """Results of variants.
+    """Results of V variants.
 
     Attributes:
-        measures: Measures by quantity and statistic, (V, *quantity); NaN for failed variants. Every zero is positive.
-        faults: Tick of each variant's first fault, -1 for none, (V,).
-        failures: Reason why a variant has no measures, otherwise empty, (V,).
-        notes: Reasons for longer computing times.
+        measures: For each quantity and statistic, an array (V, *quantity); NaN for failed variants. The arrays do not
+            contain -0.0.
+        faults: Tick of the first fault of each variant (V,); -1 for a variant without a fault.
+        failures: For each variant, the reason why it has no measures; empty if it has measures (V,).
+        notes: Reasons why the computation took longer than usual.
         seconds: Computing time [s].
     """
 
@@ -170,7 +177,7 @@ class ChunkResult:
 
     @classmethod
     def blank(cls, count: int, shapes: Mapping[str, tuple[int, ...]], statistics: Sequence[str]) -> ChunkResult:
-        """Make a result of `count` variants in which every measure is NaN, without faults and failures."""
+        """Return a result of `count` variants without faults and failures, in which all measures are NaN."""
         measures = {
             quantity: {name: np.full((count, *shape), np.nan) for name in (VERDICT if quantity == RUN else statistics)}
             for quantity, shape in shapes.items()
@@ -187,15 +194,15 @@ class ChunkResult:
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Faults and measures by their names in files, as writable arrays of the result."""
+        """Arrays of faults and measures, by their names in files; writing to an array changes this result."""
         named = {f"{quantity}_{name}".replace("/", "_"): whole for quantity, name, whole in self._entries()}
         return {"fault_tick": self.faults, **named}
 
     def put(self, where: IndexArray, measures: Measures, faults: IndexArray) -> None:
-        """Write measures and fault ticks of the variants at the positions `where`.
+        """Store the measures and fault ticks of the variants at the positions `where`.
 
         Raises:
-            InputError: If a quantity has another shape for these variants.
+            InputError: If the shape of a quantity differs from its shape in other variants.
         """
         for quantity, name, whole in self._entries():
             shape = measures[quantity][name].shape[1:]
@@ -207,7 +214,7 @@ class ChunkResult:
         self.faults[where] = faults
 
     def include(self, where: IndexArray, other: ChunkResult) -> None:
-        """Fill in the results of a part at its positions."""
+        """Store the results of some of the variants, at the positions `where`."""
         for quantity, name, whole in self._entries():
             whole[where] = other.measures[quantity][name]
         self.faults[where] = other.faults
@@ -218,16 +225,18 @@ class ChunkResult:
 
 
 def run_chunk(content: bytes, chunk: Chunk, threads: int | None = None) -> ChunkResult:
-    """Run the variants of a chunk, in this process.
+    """Run the variants of a chunk in this process.
 
     Args:
-        content: Order as bytes.
+        content: Pickled specification of the sweep (`SceneOrder.bytes`).
         chunk: Variants to run.
-        threads: Number of threads; by default one per processor in the process that made the order, one in others.
+        threads: Number of threads. By default, the process that created the specification uses one thread per
+            processor, and any other process uses one thread.
 
     Raises:
-        SweepError: If this process has other files, or another version of GraspFX or of a physics engine.
-        MissingPackageError: If llvmlite, which all native variants need, is missing.
+        SweepError: If this process has other files, or another version of GraspFX or of a physics engine, than the
+            process that created the specification.
+        MissingPackageError: If llvmlite is not installed.
     """
     began = perf_counter()
     order, scene = take_order(content)
@@ -245,7 +254,7 @@ def _result(order: SceneOrder, scene: Scene, chunk: Chunk, threads: int) -> Chun
     result = ChunkResult.blank(len(chunk), order.shapes, order.statistics)
 
     def refusal(members: Sequence[int]) -> str:
-        """Run some variants together; return the reason if this is impossible, otherwise an empty text."""
+        """Run the given variants in a batch; return the reason if this fails, or an empty text if it succeeds."""
         try:
             _batch(order, scene, chunk, np.array(members), threads, result)
         except GraspFXError as error:
@@ -282,7 +291,10 @@ def _batch(
 
 
 def _sorted(scene: Scene, chunk: Chunk, result: ChunkResult) -> tuple[list[int], list[int]]:
-    """List the variants that run in a batch and those that run alone; invalid scenes become failures."""
+    """Return the variants that can run in a batch, and the variants that run separately.
+
+    For variants that are not valid scenes, the reason is stored in the failures of `result`.
+    """
     variants = Variants(scene, chunk.lists, chunk.numbers)
     alike, alone = [], []
     for member, numbers in enumerate(chunk.numbers):
@@ -298,25 +310,25 @@ def _sorted(scene: Scene, chunk: Chunk, result: ChunkResult) -> tuple[list[int],
 
 
 def reason(error: Exception) -> str:
-    """Return the reason of a variant's failure in one line; for an invalid scene, its faults."""
+    """Return the message of an error in one line; for an invalid scene, all faults of the scene."""
     if isinstance(error, SceneError):
         return message(GraspFXError("; ".join(f"{fault.key}: {fault.message}" for fault in error.faults)))
     return message(error) or type(error).__name__
 
 
 def forget() -> None:
-    """Clear the memory that this thread keeps for further chunks."""
+    """Delete the data that this thread caches between chunks."""
     _thread.__dict__.clear()
 
 
 def _run_alone(order: SceneOrder, scene: Scene, chunk: Chunk, member: int, result: ChunkResult) -> None:
-    """Run one variant as `gx.run` does, and measure its recording; simulations only."""
+    """Run one variant of simulated devices by `run`, and store the measures of its recording in `result`."""
     try:
         variant = scene.replace({**chunk.overrides(member), "record": ALL})
         parts = resolve(variant)
         if parts.hardware:
             names = ", ".join(parts.hardware)
-            raise InputError("scene", names, "simulated devices", "a sweep does not run hardware")
+            raise InputError("scene", names, "simulated devices", "a sweep cannot run hardware")
         recording = run(variant, duration=order.duration)
         measures = _measures(order, recording)
         fault = recording.faults[0].tick if recording.faults else -1
@@ -326,7 +338,7 @@ def _run_alone(order: SceneOrder, scene: Scene, chunk: Chunk, member: int, resul
 
 
 def _measures(order: SceneOrder, recording: Recording) -> Measures:
-    """Measure a recording, (1, *quantity): its rows, and the whole run by the criterion of its summary."""
+    """Compute the measures (1, *quantity) of a recording, including those of the quantity "run"."""
     measures = measures_of_recording(recording, [name for name in order.shapes if name != RUN], order.statistics)
     if RUN in order.shapes:
         shaking = vibration(recording.finger_force, recording.row_period)
@@ -336,19 +348,23 @@ def _measures(order: SceneOrder, recording: Recording) -> Measures:
 
 
 def column_of(layout: Layout, quantity: str) -> Column:
-    """Return the description of a quantity of a sweep.
+    """Return the name, dimensions, unit and meaning of a quantity of a sweep.
 
     Raises:
-        UnknownNameError: If the quantity does not exist.
+        UnknownNameError: If there is no quantity with this name.
     """
     if quantity != RUN:
         return columns_of(layout, [quantity])[0][quantity]
-    meaning = "RMS over fingers and ticks of a finger's force above 5 Hz; whether the run grows"
+    meaning = "vibration: RMS over fingers and ticks of the force above 5 Hz; unstable: 1 if an oscillation grows"
     return Column(RUN, slice(0, 0), (), (), "N", meaning)
 
 
 def measures_of_recording(recording: Recording, measure: Sequence[str], statistics: Sequence[str]) -> Measures:
-    """Measure a recording of all columns and ticks, by quantity and statistic, (1, *quantity)."""
+    """Compute statistics of quantities of a recording that contains all columns and ticks.
+
+    Returns:
+        For each quantity and statistic, an array (1, *quantity).
+    """
     columns, _ = columns_of(recording.layout, measure)
     out: Measures = {}
     for quantity, column in columns.items():

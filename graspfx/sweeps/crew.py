@@ -1,4 +1,4 @@
-"""Execution of a sweep's chunks by this process, threads, processes, executors or clusters; handles lost workers."""
+"""Execution of a sweep's chunks in this process, threads, processes, executors or clusters; replaces dead workers."""
 
 from __future__ import annotations
 
@@ -39,22 +39,23 @@ PATIENCE = 10.0  # time for a scheduler to answer [s]
 DEATHS = 3  # worker deaths before dask blames a chunk
 DEPTH = 2  # chunks per worker that are submitted at a time
 TRIES = 2  # attempts of a single chunk before it is taken to kill workers
-KILLS = "the process that ran it was killed or crashed in every attempt"
+KILLS = "the process that ran this variant was killed or crashed in every attempt"
 BORN_DEAD = (
-    "worker processes die before they begin: a script that sweeps in processes must do so below "
+    "worker processes end before they begin: a script must start a sweep in processes below "
     '`if __name__ == "__main__":`, because each process runs the script again'
 )
 SCHEMES = ("tcp://", "tls://", "ucx://", "inproc://")
 
 
 class Crew:
-    """Workers that accept calls; each call returns a future.
+    """Workers to which calls are submitted.
 
     Args:
-        executor: Executor of the calls; None for this process, which runs each call at once.
+        executor: Executor that runs the calls; None to run each call immediately in this process.
         workers: Number of simultaneous calls.
-        threads: Number of threads per call; None if the process of the call decides.
-        anew: Function that makes a new executor after a process has died; None if only the executor's owner can do so.
+        threads: Number of threads of each call; None for the default of `run_chunk`.
+        anew: Function that creates a new executor after a worker process has died; None for an executor that cannot be
+            replaced.
     """
 
     def __init__(
@@ -68,11 +69,11 @@ class Crew:
 
     @property
     def mends(self) -> bool:
-        """Whether the crew continues after the death of a process."""
+        """Whether a new executor is created after a worker process has died."""
         return self._anew is not None
 
     def submit(self, call: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Submit a call, or run it at once if the crew is this process."""
+        """Submit a call and return its future; without an executor, run the call immediately."""
         if self.executor is not None:
             return self.executor.submit(call, *arguments)
         future: Future[Any] = Future()
@@ -84,7 +85,7 @@ class Crew:
         return future
 
     def mend(self) -> None:
-        """End the processes and make a new executor, if the crew can do so."""
+        """End the worker processes and create a new executor; do nothing if the executor cannot be replaced."""
         if self._anew is not None:
             end(self.executor)
             self.executor = self._anew()
@@ -92,15 +93,16 @@ class Crew:
 
 @contextmanager
 def crew_of(executor: Any) -> Iterator[Crew]:
-    """Make the crew for an argument; resources made for the crew end with the block.
+    """Create the workers for the argument `executor` of `sweep`, and release created resources after the `with` block.
 
     Args:
-        executor: None for this process; "threads:N", "processes:N", "local:N", "tcp://..." (N defaults to the number of
-            processors); an executor of `concurrent.futures`, or a dask client.
+        executor: None for this process; "threads:N" or "processes:N"; "local:N" for a local dask cluster, where N is
+            the number of workers, by default the number of processors; "tcp://HOST:PORT" for the scheduler of a dask
+            cluster; an executor of `concurrent.futures`; or a dask client.
 
     Raises:
-        InputError: If the argument is something else, or the cluster's scheduler cannot be reached.
-        MissingPackageError: If `distributed` is not installed, for a cluster.
+        InputError: If the argument has another form, or the scheduler of a cluster cannot be reached.
+        MissingPackageError: If a cluster is requested and `distributed` is not installed.
     """
     with ExitStack() as stack:
         crew = _crew(stack, executor)
@@ -146,7 +148,7 @@ def _processes(count: int) -> ProcessPoolExecutor:
 
 
 def follow_parent() -> None:
-    """End this process with its parent, even if the parent is killed; leave Ctrl-C to the parent."""
+    """End this process when its parent ends, even if the parent is killed; ignore Ctrl-C, which the parent handles."""
     with suppress(ValueError):
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
@@ -160,7 +162,7 @@ def _end_with(sentinel: Any) -> None:
 
 
 def end(executor: Executor | None) -> None:
-    """End an executor's processes at once."""
+    """Terminate the processes of an executor immediately."""
     if executor is None:
         return
     processes = list((getattr(executor, "_processes", None) or {}).values())
@@ -173,7 +175,7 @@ def end(executor: Executor | None) -> None:
 
 
 def _cluster(stack: ExitStack, address: str, count: int) -> Crew:
-    """Connect to a cluster's scheduler, or make a local cluster of single-threaded processes."""
+    """Connect to the scheduler at `address`; if it is empty, start a local cluster of `count` processes."""
     try:
         distributed: Any = import_module("distributed")
         dask: Any = import_module("dask")
@@ -203,13 +205,13 @@ def _of_client(client: Any) -> Crew:
 
 
 class ChunkLoop:
-    """Runs chunks and delivers each complete result.
+    """Runs chunks on workers, and passes each result to a function.
 
     Args:
         crew: Workers that run the chunks.
-        order: Order of the sweep.
-        finish: Function that receives a chunk and its result.
-        note: Function that receives sentences about problems.
+        order: Specification of the sweep.
+        finish: Function that is called with each chunk and its result.
+        note: Function that is called with a text about each problem.
     """
 
     def __init__(
@@ -227,7 +229,7 @@ class ChunkLoop:
         """Run all chunks.
 
         Raises:
-            SweepError: If workers cannot start, or the caller's executor is broken.
+            SweepError: If workers cannot start, or a process of the caller's executor has died.
         """
         left, flying = deque(chunks), dict[Future[Any], Chunk]()
         most = 1 if self.crew.executor is None else DEPTH * self.crew.workers
@@ -259,13 +261,13 @@ class ChunkLoop:
             return future
 
     def _result(self, future: Future[Any]) -> ChunkResult | None:
-        """Wait for the result of a chunk; None if its worker died."""
+        """Return the result of a chunk; None if the worker that ran the chunk died."""
         try:
             result: ChunkResult = future.result()
         except BrokenExecutor as error:
             if not self.crew.mends:
-                text = "a process of the executor died, so it accepts no more calls: use another, or 'processes:N'"
-                raise SweepError(f"{text}, which replaces dead processes") from error
+                text = "a process of the executor died, and the executor accepts no more calls"
+                raise SweepError(f"{text}: use a new executor, or 'processes:N', which replaces processes") from error
             return None
         except CancelledError as error:
             raise SweepError("the executor or the cluster was closed before the end of the sweep") from error
@@ -277,7 +279,10 @@ class ChunkLoop:
         return result
 
     def _bury(self, dead: list[Chunk], flying: dict[Future[Any], Chunk]) -> None:
-        """Repair the crew, and run alone each chunk that may have killed a process; for processes all running ones."""
+        """Replace the executor, and run again, one at a time, each chunk that may have killed a process.
+
+        In a pool of processes, the death of one process ends all running chunks, so that each of them may be the cause.
+        """
         tries = 0  # dask has already made its attempts
         if self.crew.mends:
             dead += flying.values()
@@ -289,7 +294,7 @@ class ChunkLoop:
             self.finish(chunk, self._alone(chunk, tries))
 
     def _require_life(self) -> None:
-        """Distinguish a chunk that kills workers from workers that cannot start.
+        """Check that workers can start: they have completed a chunk before, or now complete a trivial call.
 
         Raises:
             SweepError: If workers cannot start.
@@ -300,7 +305,15 @@ class ChunkLoop:
             raise SweepError(BORN_DEAD) from error
 
     def _alone(self, chunk: Chunk, tries: int, *, told: bool = False) -> ChunkResult:
-        """Run a chunk alone, or its halves if it kills its worker; a variant that kills workers becomes a failure."""
+        """Run a chunk while no other chunk runs, and return its result.
+
+        If all attempts kill the worker, the halves of the chunk are run. A single variant that kills the worker is
+        recorded as a failure.
+
+        Args:
+            tries: Number of attempts before the chunk is halved.
+            told: Whether the user has been told that the chunk is divided.
+        """
         for _ in range(tries):
             result = self._result(self._submit(chunk))
             if result is not None:

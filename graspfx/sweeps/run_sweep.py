@@ -1,4 +1,4 @@
-"""Many variants in chunks, each saved when it is complete: `sweep`."""
+"""Simulation of many variants of a scene in chunks: `sweep`."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ LEAST_SHARE = 4  # chunks per worker in a long sweep
 
 
 class SweepWarning(UserWarning):
-    """Warning of a sweep that continues after a loss: a damaged chunk, a dead process, or a replaced sweep."""
+    """Warning of a sweep about a damaged chunk, a process that died, or the removal of another sweep."""
 
 
 def sweep(
@@ -66,46 +66,51 @@ def sweep(
     seed: int = 0,
     chunk: int | None = None,
 ) -> SweepResult:
-    """Simulate many variants of any scene in chunks, which are saved when complete; a killed sweep can be resumed.
+    """Simulate many variants of a scene in chunks, and save each chunk when it is complete.
 
-    Results are identical to those of `run_batch` bit by bit, except that every zero is positive. Results do not depend
-    on the chunks or the executor. A variant with parts that are not kernels runs separately and is measured by the same
-    code. For a variant with a fault, `fault_tick` is the tick of the fault. For a variant that is not a valid scene, or
-    that kills its process, `failure` states the reason, and measures are NaN.
+    Results are bitwise identical to those of `run_batch`, except that they do not contain -0.0. They do not depend on
+    the size of the chunks or on the executor. A variant whose parts are not all kernels runs separately, and its
+    measures are computed by the same code. If a variant has a fault, `fault_tick` is the tick of the fault. If a
+    variant is not a valid scene or kills its process, `failure` is the reason, and its measures are NaN.
 
-    With `out` each chunk becomes a file, written atomically. To resume a killed sweep, call it again with the same
-    arguments and any executor. When all chunks are complete, `sweep.nc` is written: netCDF 4 with names, units and
-    coordinates, which xarray opens.
+    If `out` is a folder, each chunk is written to a file atomically. To resume a sweep that was killed, call `sweep`
+    again with the same arguments; the executor may differ. When all chunks are complete, the file `sweep.nc` is
+    written. It is a netCDF 4 file with names, units and coordinates, which xarray can open.
 
     Args:
-        scene: Scene, name or path, with simulated devices only.
-        values: Values by dotted key, as for `scene.replace`: a list, an array, or a range such as "20:70:25" (25 values
-            from 20 to 70) or "1:1000:4:log". All combinations are run; the last key changes fastest.
-        out: Folder of the results; None for a sweep in memory.
-        executor: None for this process with all processors; "threads:N", "processes:N"; "local:N" for a dask cluster on
-            this machine, "tcp://..." for the scheduler of a cluster; an executor of `concurrent.futures`, or a dask
-            client. Scripts must start processes below `if __name__ == "__main__":`.
-        resume: Whether to resume a sweep in `out`, if it is the same sweep.
-        overwrite: Whether to remove any sweep in `out`; a warning describes it.
-        duration: Duration that replaces the scene's [s]; rounded to whole periods.
-        zip: Whether to combine the first values of all keys, then the second values, and so on.
-        measure, statistics: As for `run_batch`. The quantity "run" has its own statistics: `vibration`, the RMS of a
-            finger's force above 5 Hz [N], and `unstable`, 1 if the run grows by the criterion of its summary. They
-            require the rows of each variant, which takes some milliseconds per variant.
-        sample: "lhs:N" for N variants of a Latin hypercube: ranges are sampled continuously, list values equally often.
-        seed: Seed of the sample, which is recorded.
-        chunk: Number of variants per chunk; by default as many as take a second or two. A resumed sweep keeps the
-            number with which it began.
+        scene: Scene with simulated devices only, or its name or path.
+        values: Values of each key, by dotted key as for `scene.replace`: a list, an array, or a range such as
+            "20:70:25" (25 values from 20 to 70) or "1:1000:4:log" (4 values with equal ratios). All combinations are
+            run; the last key changes fastest.
+        out: Folder of the results; None to keep the results in memory only.
+        executor: None for this process with all processors; "threads:N" or "processes:N" for N threads or processes;
+            "local:N" for a dask cluster on this machine; "tcp://HOST:PORT" for the scheduler of a dask cluster; an
+            executor of `concurrent.futures`; or a dask client. A script that uses processes must call `sweep` below
+            `if __name__ == "__main__":`.
+        resume: Whether to resume the sweep if `out` contains the same sweep.
+        overwrite: Whether to remove any sweep in `out` first; a warning describes the removed sweep.
+        duration: Duration of each run [s], rounded to whole periods; by default the scene's duration.
+        zip: Whether to combine the first values of all keys, then the second values, and so on, instead of all
+            combinations.
+        measure, statistics: Quantities and statistics, as for `run_batch`. The quantity "run" has its own statistics:
+            `vibration`, the RMS over fingers and ticks of the force above 5 Hz [N], and `unstable`, which is 1 if an
+            oscillation grows by the criterion of `Recording.summary`, and otherwise 0. The quantity "run" takes some
+            milliseconds per variant, because it requires a recording.
+        sample: "lhs:N" for N variants of a Latin hypercube. Ranges are sampled continuously; each value of a list
+            occurs equally often.
+        seed: Seed of the sample; it is stored with the results.
+        chunk: Number of variants per chunk; by default a number that takes one or two seconds. A resumed sweep keeps
+            its initial number.
 
     Raises:
-        SweepError: If `out` has another sweep, or this sweep without `resume`; another process is running a sweep in
-            `out`; or workers do not start, or have other files or versions.
-        SceneError: If no variant is a valid scene.
+        SweepError: If `out` contains another sweep; `out` contains the same sweep and `resume` is False; another
+            process is running a sweep in `out`; or workers do not start, or have other files or versions.
+        SceneError: If no examined variant is a valid scene.
         InputError: If values are invalid, the scene has hardware, or the executor is unknown.
         UnknownNameError: If a quantity or statistic does not exist.
-        MissingPackageError: If a package that the scene or the cluster needs is missing.
+        MissingPackageError: If a package that the scene or the cluster requires is not installed.
         RecordingError: If the folder cannot be written.
-        KeyboardInterrupt: If the sweep was interrupted; the message reports its progress and how to resume it.
+        KeyboardInterrupt: If the sweep is interrupted; the message reports the progress and how to resume the sweep.
     """
     from graspfx.scene.load import to_scene
 
@@ -143,14 +148,24 @@ def sweep(
 
 
 def _size(count: int, prospect: Prospect, crew: Crew) -> int:
-    """Choose the number of variants per chunk: enough for their set-up time, and few enough to occupy all workers."""
+    """Choose the number of variants per chunk.
+
+    A chunk has enough variants that the set-up time is small, and few enough that all workers have chunks to run.
+    """
     suits = (TICKS if prospect.native else ALONE) // prospect.ticks
     share = -(-count // (LEAST_SHARE * crew.workers))
     return max(1, min(suits, max(share, suits // LEAST_SHARE)))
 
 
 class Prospect(NamedTuple):
-    """Preview of a sweep from one valid variant: columns, shapes of measures, whether all are kernels, and ticks."""
+    """Properties of a sweep, obtained from one valid variant.
+
+    Attributes:
+        layout: Columns of a recording of the variant.
+        shapes: Shape of each measured quantity, by the quantity's name.
+        native: Whether all parts of the variant are kernels.
+        ticks: Number of ticks of a run.
+    """
 
     layout: Layout
     shapes: dict[str, tuple[int, ...]]
@@ -159,10 +174,10 @@ class Prospect(NamedTuple):
 
 
 def look_at(scene: Scene, variants: VariantGrid, duration: float | None, measure: Sequence[str]) -> Prospect:
-    """Examine the first valid variant among a few variants that are spread over the whole sweep.
+    """Determine properties of a sweep from the first valid variant among up to 64 variants spread over the sweep.
 
     Raises:
-        SceneError: If none of these variants is valid; the error describes the first variant and names its values.
+        SceneError: If none of these variants is a valid scene; the error is that of the first variant.
         InputError: If the scene has hardware, or the duration is invalid.
         UnknownNameError: If a quantity does not exist.
         MissingPackageError: If a required package is missing.
@@ -185,7 +200,7 @@ def _prospect(scene: Scene, duration: float | None, measure: Sequence[str]) -> P
     parts = resolve(scene)
     if parts.hardware:
         names = ", ".join(parts.hardware)
-        raise InputError("scene", names, "simulated devices", "a sweep does not run hardware")
+        raise InputError("scene", names, "simulated devices", "a sweep cannot run hardware")
     require_prompt_simulations(parts)
     warn_of_axes(parts)
     ticks = ticks_of(scene.duration if duration is None else duration, scene.period)
@@ -197,7 +212,7 @@ def _prospect(scene: Scene, duration: float | None, measure: Sequence[str]) -> P
 
 
 def spread(count: int) -> Iterator[int]:
-    """Yield some numbers below a count: the first, the last, then midpoints of the remaining intervals."""
+    """Yield up to `MOST_LOOKS` indices below `count`: the first, the last, and then midpoints of intervals."""
     seen: set[int] = set()
     shares = (0.0, 1.0, *((2 * k + 1) / 2**level for level in range(1, 8) for k in range(2 ** (level - 1))))
     for share in shares:
@@ -209,14 +224,14 @@ def spread(count: int) -> Iterator[int]:
 
 @dataclass
 class Work:
-    """A sweep's chunks, complete and missing.
+    """State of a sweep: complete and missing chunks.
 
     Args:
         scene, variants: Scene and variants of the sweep.
-        order: Order for the workers.
-        prospect: Preview of the sweep.
+        order: Specification of the sweep for the workers.
+        prospect: Properties of the sweep.
         size: Number of variants per chunk.
-        store: Folder of the chunks; None for memory only.
+        store: Folder of the chunks; None to keep results in memory only.
     """
 
     scene: Scene
@@ -239,7 +254,7 @@ class Work:
         return ChunkResult.blank(size, self.order.shapes, self.order.statistics)
 
     def recall(self) -> None:
-        """Read the complete chunks, and report damaged ones."""
+        """Read the complete chunks from the folder, and warn of damaged chunks."""
         for number, place in enumerate(self.members):
             result = self.store.load(number, self._blank(len(place))) if self.store is not None else None
             if result is None:
@@ -257,7 +272,7 @@ class Work:
         """Compute the missing chunks.
 
         Raises:
-            KeyboardInterrupt: If the sweep was interrupted; the message reports the progress, and how to resume.
+            KeyboardInterrupt: If the sweep is interrupted; the message reports the progress and how to resume it.
         """
         left = len(self.variants) - self.resumed
         if not left:
@@ -282,7 +297,7 @@ class Work:
 
     @cached_property
     def _dimensions(self) -> dict[str, tuple[str, ...]]:
-        """Names of the axes of a chunk's arrays, except that of variants."""
+        """Names of the axes of each array of a chunk, except the axis of variants, by the name of the array."""
         columns = {name: column_of(self.prospect.layout, name) for name in self.order.shapes}
         named = [column.dimensions for name, column in columns.items() for _ in self.total.measures[name]]
         return dict(zip(self.total.arrays, [(), *named], strict=True))
@@ -293,17 +308,21 @@ class Work:
 
     @contextmanager
     def _farewell(self) -> Iterator[None]:
-        """Report the progress of an interrupted sweep, and how to resume it."""
+        """If the sweep is interrupted, add its progress and how to resume it to the message."""
         try:
             yield
         except KeyboardInterrupt:
             done, where = self.resumed + self.done, "" if self.store is None else f" in {self.store.path}"
             text = f"{done} of {len(self.variants)} variants are done{where}"
-            how = "the same call with resume continues from there" if self.store else "without `out` they are lost"
+            how = "repeat the call to resume the sweep" if self.store else "the results are lost, because `out` is None"
             raise KeyboardInterrupt(f"{text}: {how}") from None
 
     def result(self, parts: Mapping[str, Any], took: float) -> SweepResult:
-        """Assemble the result, and write its file if there is a folder.
+        """Return the result of the sweep, and write it to `sweep.nc` if the sweep has a folder.
+
+        Args:
+            parts: Everything on which the results depend, from `sweep_parts`.
+            took: Time of the call of `sweep` [s].
 
         Raises:
             RecordingError: If the file cannot be written.

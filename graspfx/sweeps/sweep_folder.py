@@ -1,4 +1,4 @@
-"""The folder of a sweep: its description, a netCDF file per chunk, and a netCDF file of the whole result."""
+"""Folder of a sweep: a description (sweep.json), a netCDF file for each chunk, and a netCDF file with all results."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class SweepFolder:
     Args:
         path: Path of the existing folder.
         manifest: Content of sweep.json.
-        removal: Description of a removed sweep; empty for none.
+        removal: Description of the sweep that was removed from the folder; empty if none was removed.
     """
 
     def __init__(self, path: Path, manifest: Mapping[str, Any], removal: str = "") -> None:
@@ -51,7 +51,7 @@ class SweepFolder:
 
     @property
     def identity(self) -> str:
-        """Digest of everything on which the results depend."""
+        """Digest of everything on which the results of the sweep depend."""
         return str(self.manifest["identity"])
 
     @property
@@ -61,7 +61,7 @@ class SweepFolder:
 
     @property
     def final(self) -> Path:
-        """Path of the file of all results."""
+        """Path of the file with all results (sweep.nc)."""
         return self.path / FINAL
 
     def save(self, number: int, result: ChunkResult, dimensions: Mapping[str, tuple[str, ...]]) -> None:
@@ -69,8 +69,8 @@ class SweepFolder:
 
         Args:
             number: Index of the chunk.
-            result: Result of its variants.
-            dimensions: Names of the axes of each array of the result, except that of variants.
+            result: Result of the variants in the chunk.
+            dimensions: Names of the axes of each array of the result, except the axis of variants.
 
         Raises:
             RecordingError: If the disk cannot be written.
@@ -84,7 +84,7 @@ class SweepFolder:
         write_whole(self._place(number), body + seal(BytesIO(body), len(body)))
 
     def load(self, number: int, blank: ChunkResult) -> ChunkResult | None:
-        """Read a chunk into an empty result; None if it is missing or damaged."""
+        """Read the file of a chunk into `blank` and return it; return None if the file is missing or damaged."""
         place = self._place(number)
         try:
             content = place.read_bytes()
@@ -119,7 +119,7 @@ class SweepFolder:
 
     @property
     def is_finished(self) -> bool:
-        """Whether the file of all results exists, has valid checksums, and belongs to this sweep."""
+        """Whether the file with all results exists, has valid checksums, and belongs to this sweep."""
         import h5py
 
         from graspfx.recording.file import require_contained
@@ -134,7 +134,7 @@ class SweepFolder:
             return False
 
     def finish(self, labels: Labels) -> None:
-        """Write the file of all results.
+        """Write the file with all results.
 
         Raises:
             RecordingError: If the disk cannot be written.
@@ -158,7 +158,7 @@ def write_whole(place: Path, content: bytes) -> None:
     except OSError as error:
         with suppress(OSError):  # frees its bytes on a full disk
             draft.unlink()
-        raise RecordingError(f"{place}: cannot be written; {error.strerror}: results so far are kept") from error
+        raise RecordingError(f"{place}: cannot be written; {error.strerror}: files written before are kept") from error
     sync_folder(place.parent)
 
 
@@ -169,25 +169,25 @@ def write_whole(place: Path, content: bytes) -> None:
 def open_folder(
     path: Path, parts: Mapping[str, Any], size: int, *, resume: bool, overwrite: bool
 ) -> Iterator[SweepFolder]:
-    """Open and lock the folder of a sweep, with the existing chunks of the same sweep.
+    """Open the folder of a sweep, and lock it until the end of the `with` block.
 
     Args:
-        path: Path of the folder, which is created if necessary.
-        parts: Everything on which the results depend.
+        path: Path of the folder, which is created if it does not exist.
+        parts: Everything on which the results depend, from `sweep_parts`.
         size: Number of variants per chunk of a new sweep.
-        resume: Whether to resume an existing sweep, if it is the same.
-        overwrite: Whether to remove any existing sweep.
+        resume: Whether to resume the sweep if the folder contains the same sweep.
+        overwrite: Whether to remove any sweep in the folder first.
 
     Raises:
-        SweepError: If the folder has another sweep, results without a readable description, or the same sweep without
-            `resume`; or if another process is running a sweep in it.
+        SweepError: If the folder contains another sweep, or results without a readable description; the folder contains
+            the same sweep and `resume` is False; or another process is running a sweep in the folder.
         RecordingError: If the folder or a file in it cannot be written.
     """
     make_folder(path)
     try:
         file = claim(path / LOCK)
     except RecordingError:
-        text = f"{path}: another process is running this sweep; wait for its end, or choose another --out"
+        text = f"{path}: another process is running a sweep in this folder; wait for its end, or choose another --out"
         raise SweepError(text) from None
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written; {error.strerror}") from error
@@ -227,10 +227,10 @@ def _folder(path: Path, parts: Mapping[str, Any], size: int, *, resume: bool, ov
 
 
 def manifest_of(path: Path) -> dict[str, Any] | None:
-    """Read the description of a folder's sweep; None if it is missing or unreadable.
+    """Read the description of the sweep in a folder; return None if it is missing or unreadable.
 
     Raises:
-        SweepError: If the sweep has another format.
+        SweepError: If the folder has another format than this version of GraspFX reads.
     """
     try:
         about: dict[str, Any] = json.loads((path / MANIFEST).read_bytes())
@@ -246,19 +246,23 @@ def manifest_of(path: Path) -> dict[str, Any] | None:
 
 
 def _chunks(path: Path) -> list[Path]:
-    """List the files of chunks, including those of format 1 (npz)."""
+    """Return the paths of the files of chunks, including npz files of format 1."""
     return [each for kind in ("nc", "npz") for each in (path / CHUNKS).glob(f"{'[0-9]' * 6}.{kind}")]
 
 
 def _results(path: Path) -> str:
-    """Describe the results in a folder; empty for none."""
+    """Return a description of the results in a folder, such as "3 chunks and sweep.nc"; empty for no results."""
     count = len(_chunks(path))
     names = [counted(count, "chunk")] * bool(count) + [FINAL] * (path / FINAL).is_file()
     return " and ".join(names)
 
 
 def _remove(path: Path) -> str:
-    """Remove only the files of a sweep, with its description last; return a text about the removed sweep."""
+    """Remove the files of a sweep, and only these, from a folder; the description is removed last.
+
+    Returns:
+        Text about the removed sweep; empty if there were no results.
+    """
     try:
         there = manifest_of(path)
         title = f"the sweep of {there['created']}" if there is not None else f"a sweep with an unreadable {MANIFEST}"
@@ -274,10 +278,10 @@ def _remove(path: Path) -> str:
 
 
 def folder_of(out: object) -> Path:
-    """Return the path of a sweep's folder.
+    """Convert the argument `out` to the path of a folder, which need not exist.
 
     Raises:
-        InputError: If the argument is not a path, or is the path of a file.
+        InputError: If the argument is not a path, or a file has this path.
     """
     path = to_path("out", out, "the path of a folder")
     if path.is_file():
@@ -303,7 +307,7 @@ if hasattr(os, "register_at_fork"):  # a forked worker would keep the lock for i
 
 
 def identity_of(parts: Mapping[str, Any]) -> str:
-    """Compute the digest of a sweep's parts."""
+    """Compute the digest of everything on which the results of a sweep depend."""
     return sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
@@ -333,7 +337,7 @@ def sweep_parts(
 
 
 def _differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
-    """List the differences between a sweep and the sweep of a folder."""
+    """Describe the differences between the sweep in a folder (`there`) and the requested sweep (`here`)."""
     lines = [
         *scene_changes(there.get("scene", {}), here["scene"]),
         *file_changes(there.get("files", {}), here["files"]),
@@ -346,11 +350,11 @@ def _differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]
     for name in ("shape", "sample", "measure", "statistics", "duration", "version"):
         if there.get(name) != here[name]:
             lines.append(f"{name}: {brief(there.get(name))} there, {brief(here[name])} here")
-    return lines or ["its values differ in the last digits, or in their order"]
+    return lines or ["values of the keys differ in their last digits or in their order"]
 
 
 def _written(value: Any) -> Any:
-    """Convert a value to JSON's types, or else to its Python text."""
+    """Convert a value to types of JSON or, if this is not possible, to its `repr`."""
     try:
         return json.loads(json.dumps(value))
     except (TypeError, ValueError):
@@ -367,7 +371,7 @@ def _brief(items: Sequence[Any]) -> str:
 
 
 def netcdf(labels: Labels) -> bytes:
-    """Return the bytes of a netCDF file of labelled arrays."""
+    """Return the content of a netCDF file with labelled arrays."""
     import h5py
 
     content = BytesIO()
@@ -390,7 +394,7 @@ def netcdf(labels: Labels) -> bytes:
 
 
 def _scales(file: Any, labels: Labels) -> dict[str, Any]:
-    """Make a scale for each dimension, with its entries or without values."""
+    """Create an HDF5 dimension scale for each dimension, with the dimension's coordinates if it has any."""
     sizes: dict[str, int] = {}
     for dimensions, values, _ in (*labels.coordinates.values(), *labels.variables.values()):
         sizes |= dict(zip(dimensions, np.shape(values), strict=True))

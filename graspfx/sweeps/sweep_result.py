@@ -36,17 +36,22 @@ MOST_JUDGED, LEAST_JUDGED = 9, 3  # values along an axis at which certificates a
 
 @dataclass(frozen=True, repr=False)
 class SweepResult(Batch):
-    """Results of a sweep. Each array begins with the axes of the grid, or with one axis of variants (zip, samples).
+    """Results of a sweep.
+
+    The first axes of each array are the axes of the grid, one per key. If the keys vary together (argument `zip` or
+    `sample`), the first axis is the axis of variants instead.
 
     Attributes:
         values, fault_tick, measures, notes, scene, layout: As for a `Batch`; measures of failed variants are NaN, and
-            every zero is positive.
-        failure: Reason why a variant has no measures, otherwise empty, in the grid's shape.
-        folder: Folder of the chunks and `sweep.nc`; None for a sweep in memory.
-        about: Description of the sweep in its file: scene, identity, duration, sample, seed, version.
-        resumed: Number of variants that had been computed before.
-        seconds: Time of this call, and total time of all chunks [s].
-        base: Scene whose values were replaced; None if unknown.
+            measures do not contain -0.0.
+        failure: For each variant, the reason why it has no measures; empty if it has measures. Array of the shape of
+            the grid.
+        folder: Folder of the chunks and of `sweep.nc`; None for a sweep in memory.
+        about: Description of the sweep, as in the attributes of `sweep.nc`: scene, identity, duration, sample, seed and
+            version.
+        resumed: Number of variants that were read from the folder instead of being computed.
+        seconds: Time of the call, and total computing time of all chunks [s].
+        base: Scene in which values were replaced; None if unknown.
     """
 
     failure: NDArray[Any] = field(default_factory=lambda: np.empty(0, dtype=object))
@@ -62,7 +67,7 @@ class SweepResult(Batch):
         how = (
             f", {self.about['sample']}"
             if self.about.get("sample")
-            else ", values taken together"
+            else ", keys vary together"
             if self.is_together
             else ""
         )
@@ -84,14 +89,17 @@ class SweepResult(Batch):
 
     @property
     def unstable(self) -> NDArray[np.bool_] | None:
-        """Whether each run grows, in the grid's shape, False for failed variants; None if not measured."""
+        """Mask of the variants with a growing oscillation, in the shape of the grid; False for failed variants.
+
+        None if the quantity "run" was not measured.
+        """
         return np.asarray(self[RUN]["unstable"] == 1.0) if RUN in self.measures else None
 
     def column(self, quantity: str) -> Column:
-        """Return the description of a quantity: dimensions, unit and meaning.
+        """Return the dimensions, the unit and the meaning of a quantity.
 
         Raises:
-            UnknownNameError: If the quantity does not exist.
+            UnknownNameError: If there is no quantity with this name.
         """
         if self.layout is None:
             raise UnknownNameError("measure", quantity, ())
@@ -99,31 +107,35 @@ class SweepResult(Batch):
 
     @property
     def failed(self) -> NDArray[np.bool_]:
-        """Whether each variant has failed, in the grid's shape."""
+        """Mask of the variants that have failed, in the shape of the grid."""
         return np.asarray(self.failure.astype(str) != "")
 
     def reasons(self, most: int = 10) -> list[str]:
-        """List the reasons for failures with their counts, the most frequent first."""
+        """Return up to `most` reasons for failures, each with the number of variants, in order of frequency."""
         texts = Counter(str(text) for text in self.failure.ravel() if text)
         return [f"{count} x {text}" for text, count in texts.most_common(most)]
 
     def overrides(self, variant: int) -> dict[str, Any]:
-        """Return the values of one variant, by its index in the flattened grid, for `scene.replace`."""
+        """Return the values of one variant, by key, for `scene.replace`.
+
+        Args:
+            variant: Index of the variant in the flattened grid.
+        """
         return {key: values.ravel()[variant : variant + 1].tolist()[0] for key, values in self.values.items()}
 
     def scalar(self, measure: str = "") -> tuple[str, FloatArray]:
-        """Return one number per variant, in the grid's shape: the entry of a measure with the largest magnitude.
+        """Return one number per variant: the entry of a measure with the largest magnitude.
 
         Args:
-            measure: Name of a measure, such as `finger_force.peak`. By default it is the growth of the first quantity,
-                or else that quantity's first statistic: `run.vibration` if `run` is the first quantity. If the runs
-                are too short for a vibration, `run` is skipped.
+            measure: Name of a measure, such as `finger_force.peak`. By default, it is the statistic `growth` of the
+                first quantity or, if growth was not measured, the first statistic of this quantity. The quantity `run`
+                is skipped if its vibration is NaN in all variants, because the runs are too short.
 
         Returns:
-            Full name of the measure, and the numbers; NaN for missing numbers.
+            Name of the measure; and the numbers in the shape of the grid, NaN where there is none.
 
         Raises:
-            UnknownNameError: If the measure does not exist.
+            UnknownNameError: If there is no measure with this name.
         """
         quantity, statistic = self.measure_of(measure)
         values = self[quantity][statistic].reshape(*self.shape, -1)
@@ -132,10 +144,10 @@ class SweepResult(Batch):
         return f"{quantity}.{statistic}", np.asarray(largest)
 
     def measure_of(self, measure: str = "") -> tuple[str, str]:
-        """Split the name of a measure into quantity and statistic.
+        """Return the quantity and the statistic of a measure, whose default is as for `scalar`.
 
         Raises:
-            UnknownNameError: If the measure does not exist.
+            UnknownNameError: If there is no measure with this name.
         """
         names = [f"{quantity}.{name}" for quantity, by_name in self.measures.items() for name in by_name]
         if not measure:
@@ -149,9 +161,12 @@ class SweepResult(Batch):
         return quantity, name
 
     def ranking(self, measure: str = "") -> IndexArray:
-        """Return the variants' indices in the flattened grid, in ascending order of a measure.
+        """Return the indices of variants in the flattened grid, in ascending order of a measure.
 
-        Variants without the measure and variants with a fault are omitted. The argument is as for `scalar`.
+        Variants with a fault, and variants without a finite value of the measure, are omitted.
+
+        Args:
+            measure: Name of the measure; the default is as for `scalar`.
         """
         _, values = self.scalar(measure)
         flat = np.where(self.fault_tick.ravel() >= 0, np.nan, values.ravel())
@@ -159,7 +174,7 @@ class SweepResult(Batch):
         return np.asarray(order[: int(np.isfinite(flat).sum())])
 
     def labels(self) -> Labels:
-        """Collect all arrays with their dimensions, units and meanings, for files and xarray."""
+        """Return all arrays with their dimensions, units and meanings, for files and xarray."""
         labels = batch_labels(self)
         grid, _ = grid_of(self)
         meaning = {"long_name": "reason why the variant has no measures; otherwise empty"}
@@ -168,10 +183,11 @@ class SweepResult(Batch):
         return Labels(variables, labels.coordinates, {**attributes, "notes": list(self.notes)})
 
     def to_xarray(self) -> xarray.Dataset:
-        """Convert to an xarray Dataset with one dimension per key, or `variant`, as in `sweep.nc`.
+        """Convert the results to an xarray Dataset, with the content of `sweep.nc`.
 
-        Measures become variables such as `finger_force_rms`, each with `units` and `long_name`, in addition to
-        `fault_tick` and `failure`.
+        The dataset has a dimension for each key or, if the keys vary together, the dimension `variant`. The variables
+        are `fault_tick`, `failure`, and the measures, with names such as `finger_force_rms` and the attributes `units`
+        and `long_name`.
 
         Raises:
             MissingPackageError: If xarray is not installed: `pip install 'graspfx[data]'`.
@@ -179,9 +195,10 @@ class SweepResult(Batch):
         return batch_dataset(self.labels())
 
     def to_frame(self) -> pandas.DataFrame:
-        """Convert to a pandas DataFrame with one row per variant, and one column per key and component.
+        """Convert the results to a pandas DataFrame with one row per variant.
 
-        Components have names such as `finger_force.rms.thumb.x`.
+        The columns are the keys, `failure`, the faults, and each component of each measure, with names such as
+        `finger_force.rms.thumb.x`.
 
         Raises:
             MissingPackageError: If pandas is not installed: `pip install 'graspfx[data]'`.
@@ -191,28 +208,31 @@ class SweepResult(Batch):
         return frame
 
     def to_dict(self) -> dict[str, Any]:
-        """Return values, faults, failures and measures as nested lists, for JSON; None stands for NaN."""
+        """Return values, faults, failures and measures as nested lists for JSON, with None instead of NaN."""
         table = {**super().to_dict(), "failure": self.failure.tolist(), "about": dict(self.about)}
         whole: dict[str, Any] = json.loads(json.dumps(table, default=repr), parse_constant=lambda _: None)
         return whole
 
     def plot(self, *measures: str, width: Literal["screen", "page", "column"] = "screen", slices: int = 3) -> Drawing:
-        """Plot measures over the keys: curves for one key, maps for two, slices for more, marginals for samples.
+        """Plot measures over the keys.
 
-        Maps show the line beyond which runs grow, if measured, and the certificate's limit, the line at which its
-        smallest margin is 1. The limit is interpolated between certificates at no more than 9 x 9 of the sweep's
-        points, which are computed on the first call. Points without a rest or a grasp are not judged; see `notes` of
-        the drawing.
+        The figure contains curves for one key, a map for two keys, and several maps for more keys. If the keys vary
+        together, it contains scatter plots over each key.
+
+        Maps show two boundaries: the boundary between decaying and growing runs, if the quantity "run" was measured;
+        and the limit of the stability certificate, where its smallest margin is 1. The limit is interpolated between
+        certificates at up to 9 x 9 variants, which are computed in the first call. Variants for which there is no
+        certificate, such as those without an equilibrium, are marked, and the `notes` of the drawing state the reason.
 
         Args:
-            measures: Names of measures, such as `finger_force.peak`; by default one measure of each of the first three
-                quantities, or for maps of the first quantity. Maps show a single measure.
-            width: "screen", or a journal's width of 7.2 ("page") or 3.5 ("column") inches.
-            slices: Number of values of a third key that have their own map; further keys are set to their middle value.
+            measures: Names of measures, such as `finger_force.peak`; one name for maps. By default, one measure of each
+                of the first three quantities or, for maps, one measure of the first quantity.
+            width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
+            slices: Number of maps, for different values of a third key; further keys have their middle value.
 
         Raises:
-            UnknownNameError: If a measure does not exist.
-            InputError: If the width is unknown, there is nothing to plot, or maps of several measures are asked for.
+            UnknownNameError: If there is no measure with a given name.
+            InputError: If the width is unknown, there is nothing to plot, or several measures are given for maps.
         """
         from graspfx.show.style import Drawing
         from graspfx.show.variant_figures import Surface, variants_sheet
@@ -236,7 +256,10 @@ class SweepResult(Batch):
         return Drawing(sheet, notes)
 
     def _margins(self, slices: int) -> tuple[Margins | None, tuple[str, ...]]:
-        """Compute certificates on a coarse grid of the maps' variants once, and report points that are not judged."""
+        """Return margins of certificates on a coarse grid of the maps' variants, and notes about missing certificates.
+
+        Results are cached.
+        """
         if slices not in self._judged:
             self._judged[slices] = self._judge(slices)
         return self._judged[slices]
@@ -271,7 +294,7 @@ class SweepResult(Batch):
         return Margins(places, values), tuple(notes)
 
     def _margin(self, judge: Judge, variant: int) -> tuple[float, str]:
-        """Return a variant's smallest margin, or NaN and the reason; failed variants are not tried."""
+        """Return the smallest margin of a variant and an empty text, or NaN and the reason why there is no margin."""
         if failure := str(self.failure.ravel()[variant]):
             return np.nan, failure
         try:
@@ -284,7 +307,7 @@ class SweepResult(Batch):
 
     @property
     def is_together(self) -> bool:
-        """Whether the keys' values are combined one to one, without a grid."""
+        """Whether the keys vary together (argument `zip` or `sample`), so that the variants do not form a grid."""
         return len(self.values) > len(self.shape) or bool(self.about.get("sample"))
 
     @property
@@ -293,11 +316,11 @@ class SweepResult(Batch):
         return not self.is_together and len(self.values) > 1
 
     def drawn(self) -> list[str]:
-        """List the measures that are drawn by default: one measure of each of the first three quantities."""
+        """Return the measures that are drawn by default: one measure of each of the first three quantities."""
         return [self.first_of(quantity) for quantity in list(self.measures)[:3]]
 
     def first_of(self, quantity: str) -> str:
-        """Return the most informative measure of a quantity: growth or peak, or else the first.
+        """Return the name of the measure of a quantity that is drawn by default: growth, peak, or else the first.
 
         Raises:
             UnknownNameError: If the quantity was not measured.

@@ -1,4 +1,4 @@
-"""Values of swept keys, and their variants: a grid, lists combined one to one, or a Latin hypercube."""
+"""Values of swept keys, and variants of a sweep: a grid, keys that vary together, or a Latin hypercube."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ class Range:
 
     Args:
         first, last: Ends of the range.
-        count: Number of values in a grid; 0 if the range is for samples only.
-        log: Whether values are spaced by equal ratios instead of equal differences.
+        count: Number of values in a grid; 0 for a range that can only be sampled.
+        log: Whether successive values have equal ratios instead of equal differences.
     """
 
     first: float
@@ -41,13 +41,13 @@ class Range:
     log: bool = False
 
     def grid(self) -> NDArray[np.float64]:
-        """Return the values of the range in a grid."""
+        """Return the `count` values of the range."""
         return (
             self.at(np.linspace(0.0, 1.0, self.count)) if self.log else np.linspace(self.first, self.last, self.count)
         )
 
     def at(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the values at fractions of the way from the first to the last."""
+        """Return the values at fractions `share`, from 0 for the first value to 1 for the last."""
         if self.log:
             values = np.exp(math.log(self.first) + share * (math.log(self.last) - math.log(self.first)))
             values = np.where(share == 0.0, self.first, values)
@@ -56,7 +56,7 @@ class Range:
 
 
 def read_over(text: str) -> tuple[str, Range | list[Any]]:
-    """Parse KEY=RANGE or KEY=V1,V2,... from a command line.
+    """Parse KEY=RANGE or KEY=V1,V2,... from a command line; return the key and its values.
 
     Raises:
         InputError: If the text has another form.
@@ -68,7 +68,13 @@ def read_over(text: str) -> tuple[str, Range | list[Any]]:
 
 
 def read_values(text: str, argument: str) -> Range | list[Any]:
-    """Parse a range, or comma-separated values, each as TOML or else as text.
+    """Parse a range, or a list of comma-separated values.
+
+    Each value is read as TOML. In a text without quotes and brackets, a value that is not valid TOML is a text.
+
+    Args:
+        text: Text to parse.
+        argument: Name of the argument in error messages.
 
     Raises:
         InputError: If the text is neither a range nor a list of values.
@@ -82,7 +88,7 @@ def read_values(text: str, argument: str) -> Range | list[Any]:
         values: list[Any] = toml_value(f"[{text}]", argument)
     except tomllib.TOMLDecodeError:
         if any(letter in text for letter in "[]{}\"'"):
-            raise InputError(argument, text, FORM, "values of a list must be TOML or words") from None
+            raise InputError(argument, text, FORM, "each value must be valid TOML, or a word without quotes") from None
         values = [_value(part.strip(), argument) for part in text.split(",")]
     if not values:
         raise InputError(argument, text, FORM)
@@ -90,7 +96,7 @@ def read_values(text: str, argument: str) -> Range | list[Any]:
 
 
 def as_values(key: str, values: Any) -> Range | Values:
-    """Convert a key's values from a list, an array, a range, or the text of a list or range.
+    """Convert the values of a key, given as a list, an array, a range, or the text of a list or a range.
 
     Raises:
         InputError: If the values have another form.
@@ -117,7 +123,7 @@ def _range(text: str, argument: str) -> Range | None:
     try:
         (size,) = map(int, numbers[1:] or "0")
     except ValueError:
-        do = "COUNT is a whole number; write a text of this form in quotes"
+        do = "COUNT must be an integer; if the value is a text, write it in quotes"
         raise InputError(argument, text, FORM, do) from None
     if not (math.isfinite(low) and math.isfinite(high)) or size > MOST or (len(numbers) == 2 and size < 1):
         raise InputError(argument, text, f"FROM:TO:COUNT with finite ends and from 1 to {MOST:,} values")
@@ -139,13 +145,13 @@ def _value(text: str, argument: str) -> Any:
 
 @dataclass(frozen=True)
 class VariantGrid:
-    """All variants of a sweep.
+    """All V variants of a sweep.
 
     Attributes:
-        shape: Shape of the grid, or (N,) for variants whose values are combined one to one.
-        lists: Values by key.
-        numbers: Index of each key's value in each variant, (V, keys).
-        sample: Argument `sample`, empty for none.
+        shape: Shape of the grid; (V,) if the keys vary together.
+        lists: List of values of each key.
+        numbers: For each variant and key, the index of the value in the key's list (V, keys).
+        sample: Argument `sample` of `sweep`; empty if the variants are not a sample.
         seed: Seed of the sample.
     """
 
@@ -160,12 +166,12 @@ class VariantGrid:
 
     @property
     def keys(self) -> list[str]:
-        """The keys, in order."""
+        """Swept keys, in order."""
         return list(self.lists)
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Values of each variant by key, in the grid's shape; floats if all values are numbers."""
+        """For each key, its value in each variant, array in the shape of the grid; floats if all values are numbers."""
         return {
             key: as_array(self.lists[key])[self.numbers[:, k]].reshape(self.shape) for k, key in enumerate(self.lists)
         }
@@ -175,7 +181,7 @@ class VariantGrid:
         return {key: self.lists[key][n] for key, n in zip(self.lists, self.numbers[variant].tolist(), strict=True)}
 
     def part(self, members: IndexArray) -> tuple[dict[str, list[Any]], IndexArray]:
-        """Return the values of some variants by key, and the index of each variant's values among them."""
+        """Return lists and indices, as the attributes `lists` and `numbers`, of the variants with indices `members`."""
         numbers = np.empty((len(members), len(self.lists)), dtype=np.intp)
         lists = {}
         for k, (key, items) in enumerate(self.lists.items()):
@@ -186,46 +192,47 @@ class VariantGrid:
 
 
 def scattered(count: int, size: int) -> list[IndexArray]:
-    """Distribute the numbers below a count to sorted parts of a given size, each spread over the whole range.
+    """Divide the indices below `count` into sorted parts of `size` indices, each spread over the whole range.
 
-    The first complete part then represents the whole. Because each part contains most values of every key, the same
-    entries vary in all parts, and the same programs run all parts. The order is the order of the fractional parts of k
-    times the golden ratio.
+    The first complete part therefore represents the whole sweep. Since each part contains most values of every key, the
+    same entries vary in all parts, and all parts can be run by the same compiled program. The index k goes to the parts
+    in the order of the fractional part of k times the golden ratio.
     """
     order = np.argsort(np.arange(count) * GOLDEN % 1.0, kind="stable")
     return [np.sort(order[first : first + size]) for first in range(0, count, size)]
 
 
 def make_grid(values: Mapping[str, Any], *, zip: bool, sample: str, seed: int) -> VariantGrid:
-    """Make the variants of a sweep.
+    """Create the variants of a sweep.
 
     Args:
-        values: List, range, or text of a list or range, by dotted key.
+        values: For each dotted key, a list, a range, or the text of a list or a range.
         zip: Whether to combine the first values of all keys, then the second values, and so on.
-        sample: "lhs:N" for N variants of a Latin hypercube; empty for all combinations.
+        sample: "lhs:N" for N variants of a Latin hypercube; empty for all combinations or for `zip`.
         seed: Seed of the sample.
 
     Raises:
-        InputError: If there are no values; lists have different lengths with `zip`; a range in a grid has no count; or
-            the seed is not a non-negative integer.
+        InputError: If there are no values; `zip` is True and lists have different lengths; a range without a count is
+            not sampled; or the seed is not a non-negative integer.
     """
     if not isinstance(values, Mapping):
         raise InputError("values", values, "lists by dotted key", "as in {'coupling.internal.stiffness': [50.0, 60.0]}")
     spans = {str(key): as_values(str(key), each) for key, each in values.items()}
     if sample:
         if zip:
-            raise InputError("zip", zip, "no zip with a sample, whose values are already combined")
+            raise InputError("zip", zip, "False, because a sample already combines the values of the keys")
         seed = count("seed", seed)
         return VariantGrid(*grid(_sampled(spans, _size(sample), seed), zip=True), sample=sample, seed=seed)
     lists: dict[str, Values] = {}
     for key, each in spans.items():
         if isinstance(each, Range) and not each.count:
             text = f"{each.first:g}:{each.last:g}"
-            raise InputError(f"values[{key!r}]", text, "FROM:TO:COUNT", "a range without a count is for sample='lhs:N'")
+            do = "a range without a count requires sample='lhs:N'"
+            raise InputError(f"values[{key!r}]", text, "FROM:TO:COUNT", do)
         lists[key] = each.grid() if isinstance(each, Range) else each
     size = np.prod([float(len(each)) for each in lists.values()])
     if not zip and size > MOST:
-        raise InputError("values", f"{size:.3g} variants", f"at most {MOST:,}", "draw a sample of them: lhs:N")
+        raise InputError("values", f"{size:.3g} variants", f"at most {MOST:,}", "draw a sample of variants: lhs:N")
     return VariantGrid(*grid(lists, zip=zip))
 
 
@@ -237,7 +244,10 @@ def _size(sample: str) -> int:
 
 
 def _sampled(spans: Mapping[str, Range | Values], size: int, seed: int) -> dict[str, Values]:
-    """Draw a Latin hypercube: continuous values of ranges, and each value of a list equally often."""
+    """Draw the values of each key in a Latin hypercube of `size` variants.
+
+    Ranges have continuous values; each value of a list occurs equally often, up to rounding.
+    """
     from scipy.stats import qmc
 
     if not spans:

@@ -1,1 +1,1 @@
-"""Interfaces to the operating system. Each module also defines results for systems that lack an interface."""
+"""Interfaces to the operating system. Where a system lacks an interface, functions return documented defaults."""

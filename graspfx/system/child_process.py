@@ -1,4 +1,4 @@
-"""Child processes: fresh interpreters that import this package but not the main program."""
+"""Child processes: new Python interpreters that import this package but not the main program."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ REFUSAL = "needs a system whose processes can share memory by file descriptors, 
 
 
 def is_possible() -> bool:
-    """Tell whether this system supports child processes that share memory."""
+    """Return whether this system supports child processes that share memory."""
     return os.name == "posix" and bool(sys.executable)
 
 
@@ -35,19 +35,20 @@ def start(
     outputs: int | None = None,
     environment: Mapping[str, str] | None = None,
 ) -> subprocess.Popen[bytes]:
-    """Start a process that calls `main` of a module.
+    """Start a process that calls the function `main` of a module.
 
-    The process has its own group, so that Ctrl-C in a terminal reaches only the parent, which passes the signal on.
+    The process is in its own process group. Ctrl-C in a terminal therefore reaches only the calling process, which
+    forwards the signal.
 
     Args:
-        module: Module of this package.
+        module: Name of a module of this package.
         arguments: Arguments of `main`; their `repr` must be valid Python.
-        descriptors: Descriptors of shared files.
-        inputs, outputs: Stdin and stdout of `subprocess.Popen`.
-        environment: Environment of the process; None for that of this process.
+        descriptors: File descriptors that the process inherits.
+        inputs, outputs: Arguments `stdin` and `stdout` of `subprocess.Popen`.
+        environment: Environment variables of the process; by default those of the calling process.
 
     Raises:
-        GraspFXError: If this system does not support such processes.
+        GraspFXError: If this system does not support child processes that share memory.
         OSError: If the process does not start.
     """
     if not is_possible():
@@ -62,17 +63,20 @@ def start(
 
 
 def spawn(module: str, *descriptors: int) -> tuple[subprocess.Popen[bytes], Connection]:
-    """Start a process that calls `main` of a module with descriptors; return it and the connection to it.
+    """Start a process with a connection to the calling process; otherwise as `start`.
 
-    The new process is in a separate process group: a terminal's Ctrl-C reaches only the calling process, which
-    passes the signal on.
+    The arguments of `main` are the file descriptor of the connection, followed by `descriptors`. Numerical libraries in
+    the process use one thread.
 
     Args:
-        module: Module of this package.
-        descriptors: Descriptors of shared files; `main` receives that of its connection before them.
+        module: Name of a module of this package.
+        descriptors: File descriptors that the process inherits.
+
+    Returns:
+        The process, and the calling process's end of the connection.
 
     Raises:
-        InputError: If this system does not support such processes.
+        InputError: If this system does not support child processes that share memory.
     """
     from multiprocessing.connection import Connection  # only where a process starts
 

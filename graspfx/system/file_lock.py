@@ -1,4 +1,4 @@
-"""Locks on files. The system releases them when the process ends, however it ends."""
+"""Locks on files. The operating system releases a lock when the process that holds it ends, for any reason."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ PAUSE = 0.05  # interval between attempts [s]
 
 
 def lock(descriptor: int, *, lockless: bool = True) -> bool:
-    """Lock an open file; return False if another program has locked the file.
+    """Lock an open file without waiting; return False if another process holds the lock.
 
     Args:
         descriptor: Descriptor of the file.
-        lockless: Result on a system or file system without locks. True admits every caller; use it only if
-            something else excludes a second program.
+        lockless: Value to return if the system or the file system has no locks. Use True only if a second program is
+            excluded by other means.
     """
     try:
         if sys.platform == "win32":
@@ -52,11 +52,14 @@ def lock(descriptor: int, *, lockless: bool = True) -> bool:
 
 @contextmanager
 def alone(folder: Path | None, name: str) -> Iterator[bool]:
-    """Exclude other processes within the block; yield whether another process held the lock and may have done the work.
+    """Hold a lock within the `with` block, so that other processes wait before their blocks.
 
     Args:
-        folder: Folder of the lock; None, or a folder that is not writable, excludes no other process.
+        folder: Folder of the lock's file. If it is None or not writable, no process is excluded.
         name: Name of the lock.
+
+    Yields:
+        Whether this process had to wait, so that another process may already have done the work.
     """
     descriptor = None
     if folder is not None:
@@ -74,10 +77,12 @@ def alone(folder: Path | None, name: str) -> Iterator[bool]:
 
 
 class ProgramLock:
-    """Lock named after a piece of hardware. The operating system releases it when the program ends, for any reason.
+    """Lock that allows only one program to use a piece of hardware.
+
+    The operating system releases the lock when the program ends, for any reason.
 
     Args:
-        name: Name of the hardware, equal in all programs that use it.
+        name: Name of the hardware; all programs that use the hardware must give the same name.
     """
 
     def __init__(self, name: str) -> None:
@@ -107,7 +112,7 @@ class ProgramLock:
         self._descriptor = descriptor
 
     def release(self) -> None:
-        """Release the lock; do nothing if it is not held."""
+        """Release the lock; do nothing if this object does not hold it."""
         descriptor, self._descriptor = self._descriptor, -1
         if descriptor >= 0:
             with suppress(OSError):
@@ -115,7 +120,7 @@ class ProgramLock:
 
 
 def _opened(file: Path) -> int:
-    """Open the file of a lock, even if another user created it."""
+    """Open or create the file of a lock; if another user created it and it is not writable, open it for reading."""
     flags = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0)
     try:
         return os.open(file, os.O_RDWR | os.O_CREAT | flags, 0o644)

@@ -1,4 +1,4 @@
-"""Ends of processes: end with the parent, signals, and descriptors that report an end."""
+"""Ends of processes: end with the parent process, signals, and file descriptors that report the end of a process."""
 
 from __future__ import annotations
 
@@ -16,12 +16,15 @@ DEATH = 1  # PR_SET_PDEATHSIG
 
 
 def die_with_parent(number: int) -> None:
-    """On Linux, let the system send signal `number` to this process when the parent's thread that started it ends."""
+    """On Linux, request that this process receives signal `number` when the thread of the parent that started it ends.
+
+    On other systems, do nothing.
+    """
     c_library.call("prctl", DEATH, number, 0, 0, 0)
 
 
 def watched(process: Popen[bytes]) -> int:
-    """Open a descriptor that becomes readable when a process has ended; -1 if unsupported."""
+    """Return a file descriptor that becomes readable when a process has ended; -1 if the system has none."""
     if hasattr(os, "pidfd_open"):
         with suppress(OSError):
             return os.pidfd_open(process.pid)
@@ -29,7 +32,12 @@ def watched(process: Popen[bytes]) -> int:
 
 
 def send(number: int, process: Popen[bytes] | None, descriptor: int) -> None:
-    """Send a signal to a process that has not ended, by its descriptor from `watched` unless that is -1."""
+    """Send signal `number` to a process, unless the process has ended.
+
+    Args:
+        process: Process, which is used only if the descriptor is -1.
+        descriptor: File descriptor of the process from `watched`.
+    """
     with suppress(OSError):
         if descriptor >= 0:
             signal.pidfd_send_signal(descriptor, number)
@@ -38,7 +46,7 @@ def send(number: int, process: Popen[bytes] | None, descriptor: int) -> None:
 
 
 def is_stopped(number: int) -> bool:
-    """Tell whether a process is stopped by a signal; False except on Linux."""
+    """Return whether a signal has stopped the process with the given number; always False except on Linux."""
     try:
         return Path(f"/proc/{number}/stat").read_bytes().rpartition(b")")[2].split()[0] in (b"T", b"t")
     except (OSError, IndexError):
@@ -46,7 +54,7 @@ def is_stopped(number: int) -> bool:
 
 
 def ending(code: int) -> str:
-    """Describe how a process ended, from its exit code."""
+    """Return a description of how a process with the given exit code ended."""
     if code < 0:
         try:
             return f"was ended by {signal.Signals(-code).name}"

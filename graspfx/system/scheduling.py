@@ -1,4 +1,4 @@
-"""Priorities, processors, timers and memory locking of threads and processes; partly on Linux only."""
+"""Priorities, processors, timers and memory locking of threads and processes; some functions require Linux."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ OTHER = "other"  # policy without real-time priority
 
 
 def processors() -> int:
-    """Count the processors that this process may use."""
+    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def memory_limit() -> str:
-    """Describe the memory limit of this process; empty if there is none."""
+    """Return a description of this process's memory limit; empty if there is no limit."""
     with suppress(ImportError, OSError, ValueError):
         import resource
 
@@ -35,16 +35,19 @@ def memory_limit() -> str:
 
 
 def be_nice(number: int) -> None:
-    """Lower the priority of this process by `number` levels of niceness, where supported."""
+    """Increase the nice value of this process by `number`, which lowers its priority, if the system supports it."""
     if hasattr(os, "nice"):
         with suppress(OSError):
             os.nice(number)
 
 
 def set_fifo(priority: int) -> str:
-    """Give this thread a real-time priority (SCHED_FIFO); return the resulting policy.
+    """Set the policy of this thread to SCHED_FIFO with a priority.
 
     Threads that this thread starts do not inherit the priority.
+
+    Returns:
+        "fifo PRIORITY", or "other" if the system does not allow the policy.
     """
     fifo = getattr(os, "SCHED_FIFO", None)
     if fifo is None or not hasattr(os, "sched_setscheduler"):
@@ -53,7 +56,7 @@ def set_fifo(priority: int) -> str:
 
 
 def set_policy(policy: Any, priority: int) -> bool:
-    """Set this thread's policy and priority, such as those of `real_time_policy`; return whether it is allowed."""
+    """Set the scheduling policy and priority of this thread; return whether the system allows it."""
     with suppress(OSError):
         os.sched_setscheduler(0, policy, os.sched_param(priority))
         return True
@@ -61,7 +64,7 @@ def set_policy(policy: Any, priority: int) -> bool:
 
 
 def real_time_policy() -> tuple[Any, int] | None:
-    """Return the real-time policy and priority of this thread; None without a real-time policy."""
+    """Return the scheduling policy and priority of this thread; None if the policy is not a real-time policy."""
     if not hasattr(os, "sched_getscheduler"):
         return None
     policy = os.sched_getscheduler(0) & ~getattr(os, "SCHED_RESET_ON_FORK", 0)
@@ -71,12 +74,12 @@ def real_time_policy() -> tuple[Any, int] | None:
 
 
 def set_exact_timers() -> bool:
-    """Remove the timer slack of this thread; return whether the system allows it."""
+    """Set the timer slack of this thread to its minimum of 1 ns; return whether the system allows it."""
     return c_library.call("prctl", SLACK, 1, 0, 0, 0) == 0
 
 
 def most_locked() -> float | None:
-    """Return the number of bytes that this process may lock in memory; inf without a limit, None if unknown."""
+    """Return the number of bytes that this process may lock in memory: infinity for no limit, None if unknown."""
     try:
         import resource
 
@@ -87,7 +90,12 @@ def most_locked() -> float | None:
 
 
 def lock_memory() -> str:
-    """Lock this process's memory, without a limit also future memory; return "locked", "locked so far" or "free"."""
+    """Lock the memory of this process, so that it is not swapped to disk.
+
+    Returns:
+        "locked" if the present memory and all future memory are locked; "locked so far" if only the present memory is
+        locked, because the process has a limit; "free" if no memory is locked.
+    """
     most = most_locked()
     if most is None:
         return "free"
@@ -97,7 +105,7 @@ def lock_memory() -> str:
 
 
 def leave_no_core() -> None:
-    """Disable core dumps, because nothing can set the force to zero while a core dump is written."""
+    """Disable core dumps, since a force would persist while a core dump of this process is written."""
     with suppress(ImportError, OSError, ValueError):
         import resource
 
@@ -111,7 +119,10 @@ class Timespec(ctypes.Structure):
 
 
 def sleeper() -> Callable[[int], None]:
-    """Return a function that sleeps until a time of the monotonic clock [ns]; on Linux an absolute sleep."""
+    """Return a function that sleeps until a given time of the monotonic clock [ns].
+
+    On Linux the function uses an absolute sleep, on other systems a relative sleep.
+    """
     function = c_library.function("clock_nanosleep")
     if function is None:
         return lambda deadline: time.sleep(max(0.0, 1e-9 * (deadline - time.monotonic_ns())))

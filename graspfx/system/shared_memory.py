@@ -1,4 +1,4 @@
-"""Memory shared by two processes through a file descriptor, or by any program through a name."""
+"""Shared memory: between two processes by a file descriptor, or between any programs of a user by a name."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from graspfx.system.file_lock import lock
 
 
 def create(name: str, size: int) -> int:
-    """Create zeroed shared memory; return its descriptor. The memory is freed with the last process that uses it.
+    """Create shared memory filled with zeros, and return its file descriptor.
 
-    On Linux the memory has no file. On other systems it is a file without a directory entry.
+    The memory is freed when the last process that uses it ends. On Linux the memory has no file; on other systems it is
+    a deleted temporary file.
 
     Args:
-        name: Name shown by tools that inspect the process.
+        name: Name of the memory in tools that inspect processes.
         size: Size in bytes.
     """
     if hasattr(os, "memfd_create"):
@@ -30,23 +31,23 @@ def create(name: str, size: int) -> int:
 
 
 def file_of(name: str) -> Path:
-    """Return the file of a named memory of this user: in /dev/shm, or in the folder of temporary files."""
+    """Return the path of the file of this user's named memory, in /dev/shm or in the folder of temporary files."""
     folder = Path("/dev/shm") if Path("/dev/shm").is_dir() else Path(tempfile.gettempdir())
     return folder / f"graspfx-{os.getuid() if hasattr(os, 'getuid') else 0}-{name}"
 
 
 class Named:
-    """Zeroed memory that other programs of this user find by its name, once it is published.
+    """Shared memory that other programs of the same user can open by its name after `publish`.
 
-    The owner of the memory holds a lock on the file until `close` or the end of its process, so that the name of a
-    killed owner is free again.
+    The program that creates the memory holds a lock on its file until `close` or until its process ends. The name is
+    therefore available again after the program was killed.
 
     Args:
         name: Name of the memory.
         size: Size in bytes.
 
     Attributes:
-        memory: The memory.
+        memory: Memory map, initially filled with zeros.
     """
 
     def __init__(self, name: str, size: int) -> None:
@@ -58,7 +59,7 @@ class Named:
         self._is_published = False
 
     def publish(self) -> bool:
-        """Assign the name to the memory; return False if the name has another owner."""
+        """Assign the name to the memory; return False if another running program has memory of this name."""
         if self._is_published:
             return True
         assert self._temporary is not None
@@ -78,7 +79,7 @@ class Named:
         return True
 
     def _discard(self) -> bool:
-        """Remove the file if its owner no longer exists."""
+        """Remove the file of the name if no program holds its lock; return whether the name is available."""
         try:
             file = os.open(self._path, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
         except FileNotFoundError:
@@ -94,7 +95,7 @@ class Named:
             os.close(file)
 
     def close(self) -> None:
-        """Remove the name; a second call does nothing. Programs that have the memory keep it."""
+        """Remove the name; programs that have opened the memory can continue to use it. A second call does nothing."""
         if self._file < 0:
             return
         if self._is_published:
@@ -107,7 +108,7 @@ class Named:
 
 
 def find(name: str) -> mmap.mmap | None:
-    """Find named memory of this user; return None if there is none."""
+    """Open memory of this user by its name; return None if there is no memory of this name."""
     try:
         file = os.open(file_of(name), os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
     except OSError:

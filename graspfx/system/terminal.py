@@ -1,4 +1,4 @@
-"""Terminals: keys as they are pressed, lines that a user types, and pseudo-terminals."""
+"""Terminals: single keys, lines of input, and pseudo-terminals."""
 
 from __future__ import annotations
 
@@ -20,12 +20,14 @@ READY = "\n"
 
 @contextmanager
 def terminal_keys(press: Callable[[str], object], end: Callable[[], object]) -> Iterator[None]:
-    """Report keys within the block, from a separate thread; the terminal does not echo them.
+    """Report pressed keys within the `with` block; the terminal does not echo them.
+
+    A separate thread calls the functions. If the input is a file or a pipe, each line is reported as one key: its first
+    letter, or Enter for an empty line.
 
     Args:
-        press: Function called with each key. In input from a file or pipe, each line stands for the key of its first
-            letter, and an empty line for Enter.
-        end: Function called once when the input ends, such as when the terminal is closed.
+        press: Function that is called with each key.
+        end: Function that is called once when the input ends, for example because the terminal is closed.
     """
     over = threading.Event()
     stream = sys.stdin
@@ -53,7 +55,7 @@ def terminal_keys(press: Callable[[str], object], end: Callable[[], object]) -> 
 
 
 def _quiet(file: int) -> Any:
-    """Let a terminal report each key at once without echo; Ctrl-C has its usual effect."""
+    """Set a terminal to cbreak mode, in which keys are available immediately; return its previous attributes."""
     with suppress(ImportError):
         import termios
         import tty
@@ -85,7 +87,7 @@ def _keys(file: int, over: threading.Event, press: Callable[[str], object], end:
 
 
 def _read(file: int, most: int) -> bytes:
-    """Read the available input; empty at its end, such as after the terminal was closed."""
+    """Read the available input, up to `most` bytes; empty at the end of the input or if the terminal is closed."""
     try:
         return os.read(file, most)
     except OSError:
@@ -118,17 +120,20 @@ def _windows(file: int, over: threading.Event, press: Callable[[str], object], e
 
 
 def is_watched() -> bool:
-    """Tell whether stdin is a terminal whose lines can be polled; False on Windows."""
+    """Return whether stdin is a terminal that `takes_line` can poll; always False on Windows."""
     return sys.platform != "win32" and sys.stdin is not None and sys.stdin.isatty()
 
 
 def takes_line() -> bool:
-    """Read a line if one was typed, without waiting; return whether there was one."""
+    """Read a line from stdin without waiting; return whether a line was available."""
     return bool(select.select([sys.stdin], [], [], 0)[0] and sys.stdin.readline())
 
 
 def pseudo_terminal() -> tuple[int, int]:
-    """Open a raw pseudo-terminal; return the descriptors of the emulating program's end and of the serial line's end.
+    """Open a pseudo-terminal in raw mode, to emulate a serial line.
+
+    Returns:
+        File descriptors of the emulator's end and of the serial line's end.
 
     Raises:
         GraspFXError: If this system has no pseudo-terminals.
@@ -144,7 +149,11 @@ def pseudo_terminal() -> tuple[int, int]:
 
 
 def release_terminal(line: int) -> None:
-    """Release the exclusive access of a dead program to the line."""
+    """Reset the exclusive mode of a serial line, which persists after the program that set it has ended.
+
+    Args:
+        line: File descriptor of the line.
+    """
     import fcntl
     import termios
 

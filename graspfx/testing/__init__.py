@@ -1,4 +1,4 @@
-"""Conformance kits: tests of the observable promises of devices and scenes, for pytest."""
+"""Conformance tests for pytest: they check the observable requirements of devices and scenes."""
 
 from __future__ import annotations
 

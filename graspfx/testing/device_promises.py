@@ -1,4 +1,4 @@
-"""Conformance of devices: checks of the observable protocol, and a report of promises that cannot be observed."""
+"""Conformance of devices: checks of the observable part of the protocol, and a report of what cannot be observed."""
 
 from __future__ import annotations
 
@@ -44,14 +44,14 @@ ROUNDING = 1e-9  # tolerance of positions [m]; relative tolerance of other quant
 
 
 def driver(name: str | PathLike[str]) -> ModuleType:
-    """Import a driver: a module with `connect(**settings)`, which returns a `graspfx.protocols.Device`.
+    """Import a driver: a module with a function `connect(**settings)` that returns a `graspfx.protocols.Device`.
 
     Args:
         name: Name of a built-in or installed driver, or path of a .py file.
 
     Raises:
-        UnknownNameError: If no driver has that name.
-        InputError: If the path does not lead to a file.
+        UnknownNameError: If there is no driver with the given name.
+        InputError: If there is no file with the given path.
         PluginError: If the file cannot be imported.
     """
     return plugins.load_blaming("devices", name)
@@ -65,35 +65,56 @@ def check_device(
     force: float = 0.1,
     start: ArrayLike | None = None,
 ) -> DeviceReport:
-    """Check the observable promises of a `graspfx.protocols.Device`; raise ConformanceError if one is broken.
+    """Check the observable promises of a `graspfx.protocols.Device`.
 
-    For every device, the kit checks features before opening, with None for unknown features; shape, finiteness and
-    ownership of positions and velocities; non-decreasing time; acceptance of forces, with DeviceError for non-finite
-    forces; stop, repeated close, and the context manager. The kit cannot observe actuators or the meaning of numbers:
-    hardware passes even if it never limits its force, keeps the force after `stop`, and reports millimetres.
+    For every device, the function checks
 
-    For a simulated device, moved by its own plant, the kit also checks that every finger receives its own force and
-    moves in its direction; that a reported force limit holds; that no force remains after a non-finite force, after
-    stop and after close; that the device is at rest alone and follows a hand; and that two runs are identical. With a
-    factory and no wire, the kit checks that two devices in one process are independent.
+    - the features before `open`, where unknown features are None,
+    - that positions and velocities have the right shape, are finite, and are the device's own arrays,
+    - that the time does not decrease,
+    - that forces are accepted, and that a non-finite force raises DeviceError,
+    - `stop`, repeated `close`, and the context manager.
 
-    With a wire, that is, an emulator of the hardware to which the device connects, the kit also checks the motors: zero
-    force after `stop`, `close`, exceptions and non-finite forces; the force limit; the second, and the newton and metre
-    if the emulator knows the mechanism; removal of the force after the program is killed, by a watchdog or by the
-    driver's `quench`; and the driver's response to every failure of the wire. With a factory, the kit checks that a
-    second device is refused. This takes some seconds.
+    The function cannot observe the actuators or the units of numbers. A driver of hardware passes even if it does not
+    limit the force, does not remove the force in `stop`, or reports positions in millimetres.
 
-    The report lists whether each promise has passed, is not visible, or needs a person. `print` shows it.
+    For a simulated device, the function also checks
+
+    - that each force acts on its own finger and moves the finger in the force's direction,
+    - that the force limit holds, if the device reports one,
+    - that no force remains after a non-finite force, `stop` or `close`,
+    - that the device does not move without a force or a hand, and that a hand moves it,
+    - that two runs are identical,
+    - if `device` is a function and `wire` is None, that two devices in one process are independent.
+
+    If a wire, which is an emulator of the hardware, is given, the function also checks
+
+    - that the motors have zero force after `stop`, `close`, an exception or a non-finite force,
+    - the force limit,
+    - that times are in seconds and, if the emulator knows the mechanism, that positions are in metres and forces in
+      newtons,
+    - that a watchdog or the driver's `quench` removes the force after the program is killed,
+    - the response of the driver to each failure of the wire,
+    - if `device` is a function, that hardware in use is refused to a second device.
+
+    These checks take some seconds.
 
     Args:
-        device: Device, not yet open, or a function without arguments that creates one. It is closed afterwards.
-        wire: Wire of `graspfx.testing.wire`, inside its `with` block; the device is connected with the wire's
-            `settings`.
+        device: Device that is not open, or a function without arguments that creates such a device. The device is
+            closed afterwards.
+        wire: Emulator from `graspfx.testing.wire`, inside its `with` block, to which the device connects by the
+            emulator's `settings`; None to check without an emulator.
         period: Sampling period [s].
-        force: Size of the written forces [N], at most half the reported peak force; only simulated devices and
-            emulators also receive larger forces.
-        start: Initial positions of the fingers of a simulated device (k, d) or (d,) [m]; by default the middle of its
-            workspace, or zero.
+        force: Magnitude of the written forces [N], reduced to half the reported peak force if it is larger. Only
+            simulated devices and emulators also receive larger forces.
+        start: Initial positions of the fingers of a simulated device (k, d) or (d,) [m]; by default the middle of the
+            workspace, or zero for a device without a workspace.
+
+    Returns:
+        Report that lists for each promise whether it is kept, cannot be observed, or needs a person.
+
+    Raises:
+        ConformanceError: If the device breaks a promise.
     """
     promises = Promises("device")
     factory = not hasattr(device, "open") or isinstance(device, type)
@@ -131,7 +152,7 @@ def _blind_spots(bench: _Bench, *, factory: bool) -> Iterator[BlindSpot]:
 
 
 class _Bench:
-    """A device tested alone; a simulated device is connected to its plant, which is placed at the start."""
+    """A device under test; the plant of a simulated device is created and placed at the initial positions."""
 
     def __init__(self, device: Device, promises: Promises, period: float, start: ArrayLike | None) -> None:
         self.device, self.promises, self.period = device, promises, period
@@ -161,20 +182,20 @@ class _Bench:
             self.plant.advance(self.effort, hand or self.hand(), self.period)
 
     def hold(self, forces: FloatArray) -> FloatArray:
-        """Return the actuators' efforts after these forces have passed the delay."""
+        """Write forces for as many samples as the device's delay plus one, and return the actuators' efforts."""
         for _ in range((self.features.delay or 0) + 1):
             self.device.write(forces)
         return self.effort
 
     def push(self, size: float, finger: int | None = None) -> FloatArray:
-        """Return forces of this size along the first axis, on one finger or on all."""
+        """Return forces of magnitude `size` [N] along the first axis, on one finger or, if it is None, on all."""
         f = np.zeros(self.shape)
         f[slice(None) if finger is None else finger, 0] = size
         return f
 
 
 def _check_features(device: Device, promises: Promises) -> Features:
-    """Check the features that a device reports before it is opened, and return them."""
+    """Check and return the features of a device that is not open."""
     with promises("features are reported before `open`, and unknown ones are None, never zero") as promise:
         features = device.features
         k, d = features.fingers, features.dimensions
@@ -242,20 +263,20 @@ def _check_reading(bench: _Bench) -> None:
             promise.holds(isinstance(value, np.ndarray), f"{name} of type {type(value).__name__}, expected an array")
             promise.holds(value.shape == bench.shape, f"{name} of shape {value.shape}, expected {bench.shape}")
             promise.holds(value.dtype == np.float64, f"{name} of type {value.dtype}, expected float64")
-            promise.holds(np.isfinite(value).all(), f"{name} that are not finite")
+            promise.holds(np.isfinite(value).all(), f"non-finite {name}")
         time: Any = reading[2]
         promise.holds(isinstance(time, float) and math.isfinite(time), f"the time {time!r}")
     with bench.promises("positions and velocities are the device's own arrays") as promise:
-        promise.holds(not np.shares_memory(reading[0], reading[1]), "one array for both")
+        promise.holds(not np.shares_memory(reading[0], reading[1]), "both are in one array")
         if bench.plant is not None:
             true = bench.plant.position, bench.plant.velocity
             shared = any(np.shares_memory(ours, its) for ours in reading[:2] for its in true)
-            promise.holds(not shared, "the plant's true motion, which a caller could write to")
+            promise.holds(not shared, "arrays of the plant's true motion, so that a caller could change the motion")
 
     if isinstance(bench.device, LimitedDevice):
         with Promise("`largest_force` is a positive force for each finger at its last reading") as promise:
             largest = np.asarray(bench.device.largest_force, dtype=float)
-            promise.holds(largest.shape == bench.shape[:1], f"of shape {largest.shape}, not {bench.shape[:1]}")
+            promise.holds(largest.shape == bench.shape[:1], f"shape {largest.shape}, expected {bench.shape[:1]}")
             promise.holds((largest > 0.0).all(), f"{largest.tolist()} N")
 
 
@@ -265,8 +286,8 @@ def _check_ticks(bench: _Bench) -> None:
         for _ in range(TICKS):
             bench.tick(np.zeros(bench.shape))
             p, v, time = bench.device.read()
-            promise.holds(np.isfinite(p).all() and np.isfinite(v).all(), "positions or velocities that are not finite")
-            promise.holds(time >= last, f"the time {time} s after {last} s")
+            promise.holds(np.isfinite(p).all() and np.isfinite(v).all(), "non-finite positions or velocities")
+            promise.holds(time >= last, f"the time {time} s after the time {last} s")
             last = time
     if bench.plant is not None:
         with bench.promises("the time of a simulated device is the number of ticks times the period") as promise:
@@ -279,8 +300,8 @@ def _check_ticks(bench: _Bench) -> None:
 
 def _check_efforts(bench: _Bench, force: float) -> None:
     k, limit = bench.features.fingers, bench.features.peak_force
-    with bench.promises("zero force causes no effort, and a force causes one") as promise:
-        promise.holds(not bench.hold(np.zeros(bench.shape)).any(), "an effort without force")
+    with bench.promises("a zero force causes no effort, and a non-zero force causes an effort") as promise:
+        promise.holds(not bench.hold(np.zeros(bench.shape)).any(), "an effort for zero force")
         effort = bench.hold(bench.push(force))
         promise.holds(effort.shape == bench.shape, f"efforts of shape {effort.shape}, expected {bench.shape}")
         promise.holds(effort.any(axis=1).all(), f"no effort on a finger with {force} N")
@@ -299,7 +320,7 @@ def _check_efforts(bench: _Bench, force: float) -> None:
     if limit is not None:
         with bench.promises("the device applies the force limit last") as promise:
             effort, more = bench.hold(bench.push(10.0 * limit)), bench.hold(bench.push(100.0 * limit))
-            finding = f"efforts {effort.tolist()} at ten times the peak force and {more.tolist()} at a hundred times"
+            finding = f"efforts {effort.tolist()} for ten times the peak force and {more.tolist()} for a hundred times"
             promise.holds(np.allclose(effort, more, rtol=ROUNDING, atol=0.0), finding)
             norm = float(np.linalg.norm(effort, axis=1).max())
             promise.holds(
@@ -310,21 +331,21 @@ def _check_efforts(bench: _Bench, force: float) -> None:
 
 def _check_motion(bench: _Bench, force: float) -> None:
     plant = cast("Plant", bench.plant)
-    with bench.promises("the plant starts where it is placed, at rest, and keeps its arrays") as promise:
+    with bench.promises("`place` of the plant sets positions, sets zero velocities, and keeps the arrays") as promise:
         position, velocity = plant.position, plant.velocity
         promise.holds(position.shape == velocity.shape == bench.shape, f"shape {position.shape}, not {bench.shape}")
         bench.tick(bench.push(force))
         plant.place(bench.start)
-        promise.holds(plant.position is position and plant.velocity is velocity, "other arrays than before")
+        promise.holds(plant.position is position and plant.velocity is velocity, "`place` has replaced the arrays")
         away = float(np.abs(position - bench.start).max())
-        promise.holds(away <= ROUNDING and not velocity.any(), f"{away} m away, or moving")
+        promise.holds(away <= ROUNDING and not velocity.any(), f"positions off by {away} m, velocities {velocity} m/s")
     with bench.promises("positions are read to the reported resolution") as promise:
         error = float(np.abs(bench.device.read()[0] - plant.position).max())
-        promise.holds(error <= 2.0 * (bench.features.resolution or 0.0) + ROUNDING, f"{error} m off")
-    with bench.promises("without force or hand, the device stays at rest") as promise:
+        promise.holds(error <= 2.0 * (bench.features.resolution or 0.0) + ROUNDING, f"positions are {error} m off")
+    with bench.promises("without a force or a hand, the device does not move") as promise:
         _run(bench, TICKS, np.zeros(bench.shape))
         away = float(np.abs(plant.position - bench.start).max())
-        promise.holds(away <= ROUNDING, f"it moved by {away} m; set `start` to a position at which it rests")
+        promise.holds(away <= ROUNDING, f"the device moved by {away} m; set `start` to an equilibrium position")
     with bench.promises("a force moves its own finger, in its direction") as promise:
         for i in range(bench.features.fingers):
             _run(bench, TICKS + (bench.features.delay or 0), bench.push(force, i))
@@ -339,7 +360,8 @@ def _check_motion(bench: _Bench, force: float) -> None:
             left = float(np.abs(plant.position - bench.start - PULL).max())
             if left < 0.5 * PULL:
                 break
-        promise.holds(left < 0.5 * PULL, f"{left} m of {PULL} m are left after a second with {stiffness:g} N/m")
+        finding = f"{left} m of {PULL} m remain after 1 s with a hand of {stiffness:g} N/m"
+        promise.holds(left < 0.5 * PULL, finding)
     with bench.promises("two runs are identical, bit for bit") as promise:
         runs = [_run(bench, TICKS, bench.push(force), bench.hand(50.0, 1.0, PULL)) for _ in range(2)]
         promise.holds(
@@ -349,7 +371,11 @@ def _check_motion(bench: _Bench, force: float) -> None:
 
 
 def _run(bench: _Bench, ticks: int, forces: FloatArray, hand: Hand | None = None) -> FloatArray:
-    """Place and open the device, and move it under these forces; return all readings and the true final motion."""
+    """Place the plant, open the device, and simulate it with constant forces.
+
+    Returns:
+        All positions and velocities that were read, and the final true position and velocity, in one array.
+    """
     plant, rows = cast("Plant", bench.plant), []
     bench.device.close()
     plant.place(bench.start)
@@ -402,7 +428,7 @@ def _check_close(bench: _Bench) -> None:
         bench.device.close()
     with bench.promises("the end of `with device` propagates exceptions") as promise:
         error = DeviceError("an error inside `with`")
-        promise.holds(not bench.device.__exit__(DeviceError, error, None), "the error was swallowed")  # type: ignore[func-returns-value]
+        promise.holds(not bench.device.__exit__(DeviceError, error, None), "`__exit__` suppressed the exception")  # type: ignore[func-returns-value]
 
 
 def _check_two(a: Device, b: Device, promises: Promises, period: float, force: float, start: ArrayLike | None) -> None:
@@ -416,12 +442,12 @@ def _check_two(a: Device, b: Device, promises: Promises, period: float, force: f
             b.open(period)
             arrays = a.read()[:2], b.read()[:2]
             shared = any(np.shares_memory(x, y) for x in arrays[0] for y in arrays[1])
-            promise.holds(not shared, "both read into the same arrays")
+            promise.holds(not shared, "`read` of both devices returns the same arrays")
             if one.plant is not None and two.plant is not None:
                 _check_two_moving(promise, one, two, force)
             a.close()
             two.tick(np.zeros(two.shape))
-            promise.holds(np.isfinite(b.read()[0]).all(), "one has no reading after the other was closed")
+            promise.holds(np.isfinite(b.read()[0]).all(), "one device has no reading after the other was closed")
         finally:
             a.close()
             b.close()
@@ -431,11 +457,12 @@ def _check_two_moving(promise: Promise, one: _Bench, two: _Bench, force: float) 
     if one.features.peak_force is not None:
         force = min(force, 0.5 * one.features.peak_force)
     promise.holds(
-        one.hold(one.push(force)).any() and not two.effort.any(), "a force on one causes an effort of the other"
+        one.hold(one.push(force)).any() and not two.effort.any(),
+        "a force on one device causes an effort of the other device, or no effort of its own device",
     )
     _run(one, TICKS, one.push(force))
     away = float(np.abs(cast("Plant", two.plant).position - two.start).max())
-    promise.holds(away <= ROUNDING, f"a force on one moved the other by {away} m")
+    promise.holds(away <= ROUNDING, f"a force on one device moved the other by {away} m")
 
 
 def _start(features: Features, start: ArrayLike | None) -> FloatArray:
@@ -445,5 +472,5 @@ def _start(features: Features, start: ArrayLike | None) -> FloatArray:
         return np.array(np.broadcast_to(middle, shape))
     at = np.array(start, dtype=float)
     if at.shape not in (shape, shape[1:]) or not np.isfinite(at).all():
-        raise InputError("start", start, f"finite positions of shape {shape}, or {shape[1:]} for all fingers [m]")
+        raise InputError("start", start, f"finite positions [m] of shape {shape}, or {shape[1:]} for all fingers")
     return np.array(np.broadcast_to(at, shape))

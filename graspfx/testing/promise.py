@@ -1,4 +1,4 @@
-"""A promise under test, the error for a broken promise, and the report of the promises that a device keeps."""
+"""Promises of devices and scenes: tests of single promises, the error for a broken promise, and reports."""
 
 from __future__ import annotations
 
@@ -9,7 +9,13 @@ from graspfx.errors import GraspFXError
 
 
 class ConformanceError(GraspFXError, AssertionError):
-    """A device or a scene breaks a promise; the message contains the promise and the finding."""
+    """Error if a device or a scene breaks a promise.
+
+    Args:
+        promise: Text of the promise.
+        found: Observation that contradicts the promise.
+        subject: Subject of the promise, "device" or "scene".
+    """
 
     def __init__(self, promise: str, found: str, subject: str = "device") -> None:
         self.promise, self.found = promise, found
@@ -17,12 +23,12 @@ class ConformanceError(GraspFXError, AssertionError):
 
 
 class Promise:
-    """A promise under test; an error of any kind breaks the promise.
+    """Context manager that tests a promise; any exception in its `with` block means that the promise is broken.
 
     Args:
         text: Text of the promise.
         subject: Subject of the promise, "device" or "scene".
-        record: Texts of kept promises, to which this one is added if it holds.
+        record: List to which the text is added if the promise is kept.
     """
 
     def __init__(self, text: str, subject: str = "device", record: list[str] | None = None) -> None:
@@ -43,10 +49,10 @@ class Promise:
 
 
 class Promises:
-    """Promises tested one after another, with a record of those that hold.
+    """Tests promises of one subject, and records which of them are kept.
 
     Attributes:
-        texts: Texts of the promises that held, in order.
+        texts: Texts of the promises that are kept, in the order of the tests.
     """
 
     def __init__(self, subject: str) -> None:
@@ -54,17 +60,17 @@ class Promises:
         self.texts: list[str] = []
 
     def __call__(self, text: str) -> Promise:
-        """Test a promise in a `with` statement."""
+        """Return the context manager that tests a promise."""
         return Promise(text, self._subject, self.texts)
 
 
 @dataclass(frozen=True)
 class BlindSpot:
-    """A promise of a device that the kit cannot verify.
+    """A promise of a device that the conformance kit cannot verify.
 
     Attributes:
         promise: Requirement of the protocol.
-        reason: Reason why the kit cannot verify it, or what it has checked instead.
+        reason: Reason why the kit cannot verify the requirement, or a weaker requirement that it has checked.
     """
 
     promise: str
@@ -76,13 +82,13 @@ class BlindSpot:
 
 @dataclass(frozen=True, repr=False)
 class DeviceReport:
-    """Promises of a device that were checked and are kept, and those that could not be checked.
+    """Result of `check_device`: promises that the device keeps, and promises that could not be checked.
 
     Attributes:
-        checks: Promises in the order of the checks; each states only what was checked.
-        not_visible: Promises that a driver may break and still pass; test them on the bench, with a force gauge and a
-            ruler, before a person holds the device.
-        needs_person: Promises of the hardware that no program can check, each with an instruction.
+        checks: Promises that were checked and are kept, in the order of the checks.
+        not_visible: Promises that the kit could not observe, so that a driver that breaks them passes. Test them with a
+            force gauge and a ruler before a person holds the device.
+        needs_person: Promises of the hardware that only a person can check, each with an instruction.
     """
 
     checks: tuple[str, ...]
@@ -101,7 +107,7 @@ class DeviceReport:
         return str(self)
 
 
-# Promises of hardware that are not visible; on a wire they are visible.
+# Promises of hardware that the kit can observe only with a wire (an emulator of the hardware).
 ZERO = "`stop` and `close` set zero force"
 NOT_FINITE = "a non-finite force is displayed as zero"
 LIMIT = "the force limit is applied last"
@@ -111,39 +117,48 @@ SECONDS = "the time is that of the reading, in seconds"
 ALONE = "the device's force ends without further writes"
 
 HARDWARE = (
-    BlindSpot(ZERO, "the kit does not see the wire, only that the calls return"),
-    BlindSpot(NOT_FINITE, "the kit sees that DeviceError is raised, not what is displayed"),
-    BlindSpot(LIMIT, "the kit writes small forces only, and does not see what is displayed"),
-    BlindSpot(NEWTONS, "the kit does not see what the actuators do"),
+    BlindSpot(ZERO, "the kit cannot observe the force, only that the calls return"),
+    BlindSpot(NOT_FINITE, "the kit checks that DeviceError is raised, but cannot observe the force"),
+    BlindSpot(LIMIT, "the kit writes only small forces, and cannot observe the force"),
+    BlindSpot(NEWTONS, "the kit cannot observe the actuators"),
     BlindSpot(
         METRES,
-        "the kit checks only their shape and that they are finite: millimetres pass",
+        "the kit checks only that the arrays have the right shape and are finite: millimetres pass",
     ),
-    BlindSpot(SECONDS, "the kit checks only that it does not decrease"),
-    BlindSpot(ALONE, "the kit cannot kill the program"),
+    BlindSpot(SECONDS, "the kit checks only that the time does not decrease"),
+    BlindSpot(ALONE, "the kit cannot kill the program that uses the device"),
 )
-"""Promises that are not visible in a device without a plant."""
+"""Promises that the kit cannot observe in hardware."""
 
 PERSON = (
-    BlindSpot("the motors follow the wire", "a force gauge: newtons, directions and signs of every finger"),
-    BlindSpot("lengths, encoders and axes are those of the settings", "a ruler: put the finger at known positions"),
-    BlindSpot("the emergency stop switches the power off", "press it while a force is displayed"),
+    BlindSpot(
+        "the motors exert the forces that the driver sends",
+        "measure magnitude, direction and sign of the force of every finger with a force gauge",
+    ),
+    BlindSpot(
+        "lengths, encoders and axes are those of the settings",
+        "put each finger at positions measured with a ruler, and compare the readings",
+    ),
+    BlindSpot("the emergency stop switches the power off", "press the emergency stop while a force is displayed"),
 )
 """Promises of hardware that only a person can test."""
 
 FORCELESS = HARDWARE[4:6]
-"""Promises that are not visible in hardware without force feedback."""
+"""Promises that the kit cannot observe in hardware without force feedback."""
 
-SIMULATED = (BlindSpot("velocities are the derivatives of the positions", "the kit checks only that they are finite"),)
-"""Promises that are not visible in a simulated device, moved by its plant."""
+SIMULATED = (
+    BlindSpot("velocities are the derivatives of the positions", "the kit checks only that the velocities are finite"),
+)
+"""Promises that the kit cannot observe in a simulated device."""
 
 NO_LIMIT = BlindSpot("a force limit", "`features.peak_force` is None, so no limit was tested")
 NOT_NEWTONS = BlindSpot(
     "forces and their limit are in newtons",
-    "efforts have other units: the kit checks only their fingers and that they are bounded",
+    "the device's efforts are not in newtons: the kit checks only that each force causes an effort of its own finger, "
+    "and that efforts are bounded",
 )
 ONE_DEVICE = BlindSpot(
-    "two devices of one kind are independent", "one device was given: pass a function that creates one"
+    "two devices of one kind are independent", "a device was given: pass a function that creates a device"
 )
 ALWAYS = (
     BlindSpot("`read` and `write` neither wait nor allocate more than necessary", "no time is measured"),
@@ -152,4 +167,4 @@ ALWAYS = (
         "the kit checks only that the numbers are plausible",
     ),
 )
-"""Promises that are not visible in any device."""
+"""Promises that the kit cannot observe in any device."""

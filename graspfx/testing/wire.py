@@ -1,6 +1,6 @@
-"""Emulators of hardware for drivers: they show the motors' forces, and fail on demand.
+"""Emulators of hardware for tests of drivers: they report the motors' torques and simulate failures.
 
-The emulator of a built-in driver is in the driver's folder, in `emulator.py`; this module imports it on first use.
+The emulator of a built-in driver is the module `emulator.py` in the driver's folder; it is imported on first use.
 """
 
 from __future__ import annotations
@@ -75,24 +75,24 @@ def __dir__() -> list[str]:
 
 
 def emulator(driver: str) -> ModuleType:
-    """Import the emulator of a driver: `emulator.py` in its folder."""
+    """Import the emulator of a driver, which is the module `emulator.py` in the driver's folder."""
     return import_module(f"{plugins.load('devices', driver).__name__}.emulator")
 
 
 class Wire(Resource):
-    """An emulator of hardware: it answers a driver, shows the motors' torques, and fails on demand.
+    """Base class of emulators, which communicate with a driver in place of the hardware.
 
-    The emulator is a context manager. Inside its `with` block, the driver's `connect` reaches the emulator with
-    `settings`.
+    An emulator is a context manager. Inside its `with` block, `connect(**settings)` of the driver connects to the
+    emulator.
 
     Args:
-        clock: Clock of the hardware and of the conformance kit; by default the system's.
+        clock: Clock of the hardware and of the conformance kit; by default the system's clock.
 
     Attributes:
         kinds: Failures that this hardware can have.
-        limit: Largest torque of each motor [N m], or for a library the largest force [N].
-        checksum: Whether the receiver detects a changed bit.
-        slowness: Factor by which the hardware's clock runs slower than `clock`.
+        limit: Largest torque of each motor [N m]; for a library that accepts forces, the largest force [N].
+        checksum: Whether the receiver of an answer detects a changed bit.
+        slowness: Ratio of a time interval on `clock` to the same interval on the hardware's clock.
     """
 
     kinds: frozenset[Failure] = frozenset(FAILURES)
@@ -108,12 +108,12 @@ class Wire(Resource):
     @property
     @abstractmethod
     def settings(self) -> dict[str, Any]:
-        """Settings of `connect` that lead to the emulator, such as the port."""
+        """Arguments of `connect` for a connection to the emulator, such as the port."""
 
     @property
     @abstractmethod
     def torque(self) -> FloatArray:
-        """Present torques of the motors (m,) [N m]; forces [N] for a library that accepts forces."""
+        """Present torques of the motors (m,) [N m]; for a library that accepts forces, present forces [N]."""
 
     @property
     def position(self) -> FloatArray | None:
@@ -122,28 +122,28 @@ class Wire(Resource):
 
     @property
     def force(self) -> FloatArray | None:
-        """Forces of the motors at the fingertips, (k, d) [N]; None if the emulator does not know the mechanism."""
+        """Forces of the motors at the fingertips (k, d) [N]; None if the emulator does not know the mechanism."""
         return None
 
     @abstractmethod
     def move(self) -> None:
-        """Move every finger a few millimetres away from home, and leave it there."""
+        """Displace every finger by a few millimetres from its initial position, and keep it there."""
 
     @abstractmethod
     def home(self) -> None:
-        """Move every finger to its initial position, where a device may be opened."""
+        """Move every finger to its initial position, at which the device can be opened."""
 
     def fail(self, kind: Failure, number: float | None = None) -> None:
-        """Let the wire fail from now on, until `heal`.
+        """Simulate a failure until `heal` is called.
 
         Args:
-            kind: Kind of failure. "late": answers are `number` seconds late. "drop": one answer in `number` is lost.
-                "flip": a bit of an answer is changed with the probability `number`. "cut": only `number` bytes of an
-                answer are transmitted; with -1 this number changes from answer to answer, so that answers are cut at
-                every byte. "garbage": `number` random bytes precede every answer. "wrong-id": answers come from another
-                device. "unplugged": the cable is unplugged. "blocked": the board neither reads nor answers, and its
-                motors continue.
-            number: Parameter of the failure; the default is in NUMBERS.
+            kind: Kind of failure. "late": answers are delayed by `number` seconds. "drop": one of `number` answers is
+                lost. "flip": one bit of an answer is changed with probability `number`. "cut": only the first `number`
+                bytes of an answer are transmitted; if `number` is -1, successive answers are cut at different bytes.
+                "garbage": `number` random bytes precede each answer. "wrong-id": answers have the identifier of another
+                device. "unplugged": the cable is unplugged. "blocked": the board neither reads nor answers,
+                and the motors keep their torques.
+            number: Parameter of the failure; by default the value in NUMBERS.
 
         Raises:
             InputError: If this hardware cannot have the failure.
@@ -155,7 +155,7 @@ class Wire(Resource):
         self._change()
 
     def heal(self) -> None:
-        """End the failure; an unplugged cable is plugged in again, with the same settings."""
+        """End the failure; if the cable was unplugged, connect it again, with the same `settings`."""
         self.failure = None
         self._change()
 
@@ -165,14 +165,14 @@ class Wire(Resource):
 
     @abstractmethod
     def close(self) -> None:
-        """Shut the emulator down; do nothing if it is already closed."""
+        """End the emulator; do nothing if it has already ended."""
 
 
 class Damage:
-    """A failure of a line that changes single answers; the same seed changes the same answers in the same way.
+    """A failure of a line that changes, delays or removes answers, reproducibly for a given seed.
 
     Attributes:
-        kind: Kind of the failure, None for no failure.
+        kind: Kind of the failure, as in `Wire.fail`; None for no failure.
         number: Parameter of the failure, as in `Wire.fail`.
     """
 
@@ -182,7 +182,7 @@ class Damage:
         self._random, self._answers = random.Random(seed), 0
 
     def apply(self, answer: bytes) -> Iterator[tuple[float, bytes]]:
-        """Yield the output of the line for an answer, each part with its delay [s]."""
+        """Yield delay [s] and bytes of each part that the line transmits for an answer."""
         self._answers += 1
         match self.kind:
             case "late":
@@ -209,11 +209,11 @@ class Damage:
 
 
 class Plug:
-    """The name of a port that persists while the emulator is unplugged and plugged in again.
+    """Name of a port that remains valid when the emulator is disconnected and connected again.
 
     Attributes:
-        folder: Folder for further files of the emulator.
-        port: Name of the port.
+        folder: Temporary folder, which may contain further files of the emulator.
+        port: Name of the port, a symbolic link in the folder.
     """
 
     def __init__(self) -> None:
@@ -221,7 +221,7 @@ class Plug:
         self.port = str(self.folder / "port")
 
     def lead(self, terminal: str) -> None:
-        """Connect the port to this terminal."""
+        """Let the port refer to a terminal, given by its path."""
         self.pull()
         (self.folder / "port").symlink_to(terminal)
 
@@ -235,14 +235,14 @@ class Plug:
 
 
 class SerialWire(Wire):
-    """A board on a serial line. A subclass defines the answers, in `receive`.
+    """Base class of emulated boards on a serial line. A subclass defines the board's answers in `receive`.
 
-    The board runs in its own thread, which starts when the board is created. `settings` contain only the port. With a
-    given clock, the board has neither thread nor port: it runs only in `exchange`, on that clock.
+    The board runs in its own thread, which is started by the constructor, and `settings` contain only the port. If a
+    clock is given, the board has no thread and no port; it runs only during calls of `exchange`.
 
     Args:
-        seed: Seed of the damage by failures.
-        clock: Clock of the board; by default the system's.
+        seed: Seed of the random failures.
+        clock: Clock of the board; by default the system's clock.
     """
 
     def __init__(self, seed: int = 0, clock: Clock | None = None) -> None:
@@ -261,19 +261,22 @@ class SerialWire(Wire):
 
     @abstractmethod
     def receive(self, data: bytes) -> Iterable[bytes]:
-        """Process received bytes, which may be parts of frames; return the answers, one frame each."""
+        """Process received bytes, which may end within a frame; return the answers, one frame each."""
 
     def tick(self) -> None:
-        """Perform the board's own actions, such as a watchdog; called at least every millisecond."""
+        """Perform actions that are independent of received bytes, such as a watchdog.
+
+        The board calls this method about every millisecond or more often.
+        """
 
     def exchange(self, data: bytes = b"") -> bytes:
-        """Pass bytes to a board with a given clock, and return its output so far."""
+        """Send bytes to a board that was created with a clock, and return the bytes that the board has sent."""
         self._unread += data
         return b"".join(self._turn())
 
     @property
     def port(self) -> str:
-        """Name of the serial port, which stays the same after the cable was unplugged."""
+        """Name of the serial port; it does not change when the cable is unplugged and connected again."""
         return self._plug.port
 
     @property
@@ -320,7 +323,7 @@ class SerialWire(Wire):
                     self._send()
 
     def _send(self) -> None:
-        """Write the answers to the line; what it does not take now stays for the next turn."""
+        """Write as many bytes of the answers as the line accepts now; the others are written in a later call."""
         try:
             self._unsent = self._unsent[os.write(self._master, self._unsent) :]
         except BlockingIOError:
@@ -329,7 +332,7 @@ class SerialWire(Wire):
             self._unsent = b""
 
     def _turn(self) -> Iterator[bytes]:
-        """Let the board read, answer and perform its own actions; return its output."""
+        """Process received bytes, yield the answers that are due, and call `tick`."""
         if self._unread and self._damage.kind != "blocked":
             for answer in self.receive(self._unread):
                 now = self.clock.now()
@@ -341,7 +344,7 @@ class SerialWire(Wire):
         self.tick()
 
     def _heard(self) -> bytes:
-        """Wait for bytes, at most for `IDLE`."""
+        """Wait for bytes for up to `IDLE` seconds; return the received bytes."""
         with self._lock:
             master = self._master
             wait = IDLE if not self._late else max(0.0, min(IDLE, self._late[0][0] - self.clock.now()))
@@ -358,16 +361,21 @@ class SerialWire(Wire):
 
 
 def compiler() -> str | None:
-    """Find the C compiler of this machine, gcc or cc; None if there is none."""
+    """Return the path of a C compiler, gcc or cc; None if neither is installed."""
     return which("gcc") or which("cc")
 
 
 def build(arguments: Sequence[str], product: Path, folder: Path) -> Path:
-    """Call the C compiler with these arguments in a folder, to build a product; return the product.
+    """Run the C compiler, and return the path of its output.
+
+    Args:
+        arguments: Arguments of the compiler, such as source files.
+        product: Path of the output.
+        folder: Working folder of the compiler.
 
     Raises:
-        MissingPackageError: If there is no compiler.
-        RuntimeError: If the compiler rejects the source; the text is the compiler's output.
+        MissingPackageError: If no C compiler is installed.
+        RuntimeError: If the compilation fails; the message contains the compiler's messages.
     """
     program = compiler()
     if program is None:
@@ -380,19 +388,21 @@ def build(arguments: Sequence[str], product: Path, folder: Path) -> Path:
 
 
 def shared_page(kind: type[Page], file: Path) -> Page:
-    """Write a structure of zeros into a file and map it; all programs that map the file share its memory."""
+    """Create a file with a C structure of zeros, and map it into memory that other programs can share."""
     file.write_bytes(bytes(ctypes.sizeof(kind)))
     with file.open("r+b") as opened:
         return kind.from_buffer(mmap.mmap(opened.fileno(), 0))
 
 
 def tip_force(place: Callable[[FloatArray], FloatArray], angles: FloatArray, torque: FloatArray) -> FloatArray:
-    """Compute f of J'f = tau, (d,) [N], by virtual work, with J = dp/dq from difference quotients.
+    """Compute the force f at a fingertip (d,) [N] that corresponds to given joint torques tau, by J'f = tau.
+
+    The Jacobian J of the fingertip's position with respect to the joint angles is computed by finite differences.
 
     Args:
-        place: Function that returns the fingertip (d,) [m] for the angles of the joints (d,) [rad].
-        angles: Angles of the joints (d,) [rad].
-        torque: Torques at the joints, (d,) [N m].
+        place: Function that returns the position of the fingertip (d,) [m] for joint angles (d,) [rad].
+        angles: Joint angles (d,) [rad].
+        torque: Joint torques tau (d,) [N m].
     """
     steps = SMALL * np.eye(len(angles))
     J = np.array([(place(angles + step) - place(angles - step)) / (2.0 * SMALL) for step in steps]).T

@@ -1,4 +1,4 @@
-"""Promises of a device that are visible on its wire, an emulator that shows the motors' torques and can fail."""
+"""Promises of a device that can be checked with a wire: an emulator that reports torques and simulates failures."""
 
 from __future__ import annotations
 
@@ -50,7 +50,18 @@ RECKONING = 0.5  # relative tolerance of time or velocity, to distinguish second
 
 
 def check_wire(device: Device, wire: Wire, promises: Promises, period: float, force: float) -> None:
-    """Check the promises visible on the wire; the device must be closed, and is closed afterwards."""
+    """Check the promises of a device that can be observed by an emulator.
+
+    Args:
+        device: Device, which must not be open; it is closed afterwards.
+        wire: Emulator to which the device connects.
+        promises: Record of the promises that are kept.
+        period: Sampling period [s].
+        force: Magnitude of the written forces [N].
+
+    Raises:
+        ConformanceError: If the device breaks a promise.
+    """
     bench = _Bench(device, wire, period, force)
     try:
         _check_motion(bench, promises)
@@ -67,7 +78,7 @@ def check_wire(device: Device, wire: Wire, promises: Promises, period: float, fo
 
 
 def check_second(one: Device, two: Device, promises: Promises, period: float) -> None:
-    """Check that hardware that one device has opened is refused to a second device, as to a second program."""
+    """Check that a second device cannot be opened while another device uses the same hardware."""
     with promises("open hardware is refused to a second program, and the first one continues") as promise:
         promise.holds(one is not two, "the factory returned the same device twice")
         try:
@@ -77,24 +88,24 @@ def check_second(one: Device, two: Device, promises: Promises, period: float) ->
             except DeviceError:
                 pass
             else:
-                promise.holds(False, "both have opened it, and each sends its own forces")
-            promise.holds(np.isfinite(one.read()[0]).all(), "no reading after the second was refused")
+                promise.holds(False, "both devices have opened the hardware, and each sends its own forces")
+            promise.holds(np.isfinite(one.read()[0]).all(), "no reading after the second device was refused")
         finally:
             two.close()
             one.close()
 
 
-# intervals of samples: one period each, multiples of the period by their times, or their times themselves
+# lengths of sampling intervals: one period, time differences rounded to multiples of the period, or time differences
 INTERVALS = ("periods", "whole periods", "times")
 
 
 def displays(features: Features) -> bool:
-    """Tell whether a device displays a force according to its features."""
+    """Return whether a device with the given features displays forces."""
     return features.continuous_force != 0.0
 
 
 def unseen(wire: Wire, features: Features) -> Iterator[BlindSpot]:
-    """List the promises that cannot be checked on this wire."""
+    """Yield the promises of a device with the given features that cannot be checked with this emulator."""
     if wire.force is None and displays(features):
         yield BlindSpot(NEWTONS, "the emulator knows torques, but not the mechanism between motors and finger")
     if wire.position is None:
@@ -107,7 +118,7 @@ def unseen(wire: Wire, features: Features) -> Iterator[BlindSpot]:
 
 
 class _Bench:
-    """A device on its wire, opened with the fingers at home."""
+    """A device under test and the emulator to which it connects."""
 
     def __init__(self, device: Device, wire: Wire, period: float, force: float) -> None:
         self.device, self.wire, self.period = device, wire, period
@@ -118,7 +129,7 @@ class _Bench:
         self.forces: FloatArray = np.full(self.shape, self.size / math.sqrt(self.shape[1]))
 
     def open(self) -> None:
-        """Open the device again, with the fingers at home."""
+        """Close the device, move the fingers to their initial positions, and open the device again."""
         self.device.close()
         self.wire.home()
         self.device.open(self.period)
@@ -131,12 +142,12 @@ class _Bench:
 
     @property
     def patience(self) -> float:
-        """Time within which the wire must react, shorter than a watchdog of the hardware [s]."""
+        """Time within which the emulator must react, at most half the time of the hardware's watchdog [s]."""
         watchdog = self.device.features.watchdog
         return PATIENCE if watchdog is None else min(PATIENCE, 0.5 * watchdog * self.wire.slowness)
 
     def push(self) -> None:
-        """Write a small force until it is on the wire."""
+        """Write a small force until the motors have a torque."""
         there = self.becomes(lambda: bool(self.wire.torque.any()), lambda: self.tick(self.forces))
         if not there:
             raise DeviceError(f"{self.size} N are written, but the motors have no torque")
@@ -144,7 +155,13 @@ class _Bench:
     def becomes(
         self, state: Callable[[], bool], act: Callable[[], Any] | None = None, within: float | None = None
     ) -> bool:
-        """Tell whether the wire reaches a state in time while `act` ticks the device; without `act` no tick occurs."""
+        """Return whether the emulator reaches a state within a time.
+
+        Args:
+            state: Function that returns whether the state is reached.
+            act: Function that is called before each check, usually to tick the device; None for no calls.
+            within: Time [s]; by default `PATIENCE` if `act` is given, and otherwise `patience`.
+        """
         wait = within if within is not None else PATIENCE if act is not None else self.patience
         deadline, looks = self.wire.clock.now() + wait, 0
         while True:
@@ -158,18 +175,18 @@ class _Bench:
             self.wire.clock.sleep(min(self.period, 1e-3))
 
     def place_error(self, seen: FloatArray) -> float:
-        """Return the largest difference between the read positions and the true positions on the wire [m]."""
+        """Return the largest difference between the positions `seen` and the emulator's true positions [m]."""
         return float(np.abs(seen - np.asarray(self.wire.position, dtype=float)).max())
 
     def force_error(self, forces: FloatArray) -> float:
-        """Return the largest difference between the forces on the wire and the written forces [N]."""
+        """Return the largest difference between the emulator's forces and the written forces [N]."""
         return float(np.abs(np.asarray(self.wire.force, dtype=float) - forces).max())
 
     def is_quiet(self) -> bool:
         return not self.wire.torque.any()
 
     def falls_silent(self) -> bool:
-        """Tell whether the motors' torque soon becomes zero and stays zero."""
+        """Return whether all torques become zero within `patience`, and are still zero 5 ms later."""
         if not self.becomes(self.is_quiet, within=self.patience):
             return False
         self.wire.clock.sleep(0.005)
@@ -219,7 +236,15 @@ def _reckoning(
     readings: Sequence[tuple[FloatArray, FloatArray, float]], began: float, period: float, intervals: str,
     way: FloatArray,
 ) -> float:  # fmt: skip
-    """Integrate velocities over intervals; return their error relative to the displacement."""
+    """Integrate the velocities of readings; return the relative error of the displacement.
+
+    Args:
+        readings: Positions, velocities and times that were read.
+        began: Time of the sample before the first reading [s].
+        period: Sampling period [s].
+        intervals: Length of the intervals, an entry of `INTERVALS`.
+        way: True displacement [m].
+    """
     path, before = np.zeros_like(way), began
     for _, velocity, now in readings:
         if now != before:
@@ -252,7 +277,7 @@ def _check_forces(bench: _Bench, promises: Promises) -> None:
                     near = max(SMALL, SHARE * bench.size)
                     same = bench.becomes(partial(_is_near, bench, f, near), partial(bench.tick, f))
                     finding = np.round(np.asarray(wire.force, dtype=float), 6).tolist()
-                    promise.holds(same, f"{finding} N, but {f.tolist()} N were written")
+                    promise.holds(same, f"the forces are {finding} N, but {f.tolist()} N were written")
     with promises(LIMIT) as promise:
         peak = bench.features.peak_force or 1.0
         levels = []
@@ -266,11 +291,11 @@ def _check_forces(bench: _Bench, promises: Promises) -> None:
         off = float(np.abs(levels[1] - levels[0]).max())
         promise.holds(
             off <= 0.1 * np.abs(levels[0]).max(),
-            f"{levels[0].tolist()} at ten times the peak force and {levels[1].tolist()} at a thousand times",
+            f"torques {levels[0].tolist()} at ten times the peak force and {levels[1].tolist()} at a thousand times",
         )
         if wire.force is not None and bench.features.peak_force is not None and not isinstance(device, LimitedDevice):
             norm = float(np.linalg.norm(wire.force, axis=1).max())
-            promise.holds(norm <= peak * (1.0 + SHARE), f"{norm} N, above the limit of {peak} N")
+            promise.holds(norm <= peak * (1.0 + SHARE), f"a force of {norm} N, above its limit of {peak} N")
     device.close()
 
 
@@ -279,7 +304,7 @@ def _is_near(bench: _Bench, forces: FloatArray, most: float) -> bool:
 
 
 def _level(bench: _Bench, forces: FloatArray) -> FloatArray:
-    """Write forces for some samples, and return the torques on the wire [N m]."""
+    """Write constant forces for some samples, and return the torques of the motors [N m]."""
     for _ in range(5):
         bench.device.read()
         bench.device.write(forces)
@@ -322,11 +347,11 @@ def _check_zero(bench: _Bench, promises: Promises) -> None:
 
 
 class _Interruption(Exception):
-    """An exception of the device's user."""
+    """An exception in the program that uses the device."""
 
 
 def _check_alone(bench: _Bench, promises: Promises) -> None:
-    """Kill a program that displays a force, and check the removal of the force."""
+    """Kill a process that displays a force, and check that the force is removed."""
     if not hasattr(os, "fork"):
         return
     with promises(ALONE) as promise:
@@ -335,7 +360,11 @@ def _check_alone(bench: _Bench, promises: Promises) -> None:
 
 
 def _drop(bench: _Bench, promise: Promise, watchdog: float | None) -> None:
-    """Check that a force without further commands is removed by a watchdog after its time [s], or by `quench`."""
+    """Check that the force is removed after the driver has stopped writing: by a watchdog, or by `quench`.
+
+    Args:
+        watchdog: Time of the watchdog [s]; None if the hardware has none.
+    """
     wait = PATIENCE if watchdog is None else PATIENCE + 2.0 * watchdog * bench.wire.slowness
     if bench.becomes(bench.is_quiet, within=wait):
         return
@@ -351,7 +380,11 @@ def _drop(bench: _Bench, promise: Promise, watchdog: float | None) -> None:
 
 
 def _killed(bench: _Bench, promise: Promise) -> float | None:
-    """Let another process open the device and display a force; kill it, and return the device's watchdog time [s]."""
+    """Start a process that opens the device and displays a force, and kill the process.
+
+    Returns:
+        Time of the device's watchdog [s]; None if the device has none.
+    """
     bench.wire.home()
     ours, theirs = os.pipe()
     with warnings.catch_warnings():
@@ -371,8 +404,8 @@ def _killed(bench: _Bench, promise: Promise) -> float | None:
     os.close(theirs)
     try:
         answer = os.read(ours, 100).decode() if select.select([ours], [], [], LONGEST)[0] else ""
-        promise.holds(answer, "the device does not open and write in another process")
-        promise.holds(bench.becomes(lambda: not bench.is_quiet(), within=PATIENCE), "no force on the wire")
+        promise.holds(answer, "the device cannot be opened and written to in another process")
+        promise.holds(bench.becomes(lambda: not bench.is_quiet(), within=PATIENCE), "the motors have no torque")
     finally:
         os.close(ours)
         os.kill(process, signal.SIGKILL)
@@ -381,7 +414,10 @@ def _killed(bench: _Bench, promise: Promise) -> float | None:
 
 
 def _driver(device: Device) -> QuenchableDriver | None:
-    """Return the module of a device's class, or a package around it, that has `quench`; None without one."""
+    """Return the module of the device's class, or the innermost enclosing package, that has a function `quench`.
+
+    None if there is no such function.
+    """
     name = type(device).__module__
     while name:
         module: object = sys.modules.get(name)
@@ -410,7 +446,9 @@ def _check_failure(bench: _Bench, promises: Promises, kind: Failure) -> None:
                 away = float(np.abs(position - place).max())
                 exact = wire.checksum or kind != "flip"
                 promise.holds(not exact or away <= NEAR, f"the reading of a finger at rest is off by {away} m")
-                promise.holds(kind != "blocked" or now == before, "a new time, although the board sends nothing")
+                promise.holds(
+                    kind != "blocked" or now == before, f"the new time {now} s, although the board sends nothing"
+                )
                 most = float(np.abs(wire.torque).max())
                 promise.holds(
                     most <= wire.limit * (1.0 + 1e-6),

@@ -1,4 +1,4 @@
-"""Formulas of measures and keys: names, expressions of names and numbers, and comparisons of expressions."""
+"""Formulas of measures and keys of a scene: parser, evaluation, and comparisons of formulas."""
 
 from __future__ import annotations
 
@@ -32,24 +32,35 @@ Tree = float | str | tuple[str, "Tree", "Tree"]
 
 @dataclass(frozen=True)
 class Expression:
-    """A formula of names and numbers, and its text as entered."""
+    """A formula of names and numbers.
+
+    Attributes:
+        text: Text of the formula.
+        tree: Syntax tree: a number, a name, or an operator with two operands.
+    """
 
     text: str
     tree: Tree
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names in the formula, without repetitions."""
+        """Distinct names in the formula, in order of occurrence."""
         return tuple(dict.fromkeys(_names(self.tree)))
 
     def value(self, numbers: Mapping[str, float]) -> float:
-        """Evaluate the formula for values of its names; return NaN for a division by zero."""
+        """Evaluate the formula for the given values of its names; the result of a division by zero is NaN."""
         return _value(self.tree, numbers)
 
 
 @dataclass(frozen=True)
 class Constraint:
-    """A comparison: `left` must be at least, or at most, `right`."""
+    """A comparison of two formulas.
+
+    Attributes:
+        text: Text of the comparison.
+        left, right: Formulas on the two sides.
+        is_least: Whether `left` must be at least `right`; otherwise, `left` must be at most `right`.
+    """
 
     text: str
     left: Expression
@@ -58,17 +69,20 @@ class Constraint:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names on both sides, without repetitions."""
+        """Distinct names on both sides, in order of occurrence."""
         return tuple(dict.fromkeys((*self.left.names, *self.right.names)))
 
     @property
     def room(self) -> Expression:
-        """Slack as a formula, in the unit of the sides."""
+        """Absolute slack as a formula: the side that must be larger minus the other side."""
         more, less = (self.left, self.right) if self.is_least else (self.right, self.left)
         return Expression(f"({more.text}) - ({less.text})", ("-", more.tree, less.tree))
 
     def slack(self, numbers: Mapping[str, float]) -> float:
-        """Return the slack relative to the right side, absolute if that is 0 or infinite; -inf if a side is NaN."""
+        """Return the slack divided by the magnitude of the right side; a negative slack means a violation.
+
+        If the right side is zero or infinite, the slack is not divided. If a side is NaN, the slack is -inf.
+        """
         room, right = self.room.value(numbers), self.right.value(numbers)
         if math.isnan(room):
             return -math.inf
@@ -78,6 +92,10 @@ class Constraint:
 def read_expression(text: str, name: str = "maximise") -> Expression:
     """Parse a formula.
 
+    Args:
+        text: Text of the formula.
+        name: Name of the argument in error messages.
+
     Raises:
         InputError: If the text is not a formula.
     """
@@ -86,7 +104,11 @@ def read_expression(text: str, name: str = "maximise") -> Expression:
 
 
 def read_constraints(text: object, name: str = "subject_to") -> tuple[Constraint, ...]:
-    """Parse comparisons separated by commas.
+    """Parse comparisons that are separated by commas.
+
+    Args:
+        text: Text of the comparisons.
+        name: Name of the argument in error messages.
 
     Raises:
         InputError: If the text is not a list of comparisons.
@@ -124,14 +146,14 @@ def _words(text: object, name: str) -> list[str]:
 
 
 def _tree(words: Sequence[str], name: str, text: str) -> Tree:
-    """Parse a formula by the precedence of its operators, from the left."""
+    """Parse a formula by recursive descent; operators of equal precedence associate to the left."""
     rest = deque(words)
 
     def refusal(why: str) -> InputError:
         return InputError(name, text.strip(), f"{FORM}; {why}")
 
     def terms(depth: int, level: int = 0) -> Tree:
-        """Parse terms and the operators of one precedence level between them."""
+        """Parse a sequence of operands that operators of one precedence level connect."""
         if level == len(LEVELS):
             return factor(depth)
         tree = terms(depth, level + 1)
@@ -143,7 +165,7 @@ def _tree(words: Sequence[str], name: str, text: str) -> Tree:
         if depth > DEEPEST:
             raise InputError(name, text, f"at most {DEEPEST} nested brackets")
         if not rest:
-            raise refusal("the text ends too early")
+            raise refusal("a name or a number is missing at the end")
         first = rest.popleft()
         if first == "-":
             return ("-", 0.0, factor(depth + 1))
@@ -187,12 +209,12 @@ def _value(tree: Tree, numbers: Mapping[str, float]) -> float:
 
 @dataclass(frozen=True)
 class Measure:
-    """A quantity of a certification result.
+    """A quantity of a judgement that formulas can use.
 
     Attributes:
-        formula: Definition in words.
+        formula: Definition of the quantity in words.
         unit: Unit; empty for a ratio.
-        read: Function that reads the quantity from a judgement.
+        read: Function that returns the value of the quantity in a judgement.
     """
 
     formula: str
@@ -210,7 +232,9 @@ def _frequency(one: Judgement) -> float:
 
 
 MEASURES: dict[str, Measure] = {
-    "margin": Measure("smallest ratio of limit to gain, while all fingers hold", "", lambda one: one.margin),
+    "margin": Measure(
+        "smallest ratio of limit to gain over all modes, with all fingers in contact", "", lambda one: one.margin
+    ),
     "margin.internal": Measure("ratio of limit to gain for k_ip", "", lambda one: one.margin_of("internal")),
     "margin.external": Measure("ratio of limit to gain for k_ep", "", lambda one: one.margin_of("external")),
     "margin.external_translation": Measure(
@@ -221,20 +245,25 @@ MEASURES: dict[str, Measure] = {
     ),
     "margin.standing": Measure("ratio of limit to gain for an object on its support", "", _standing),
     "margin.pushing": Measure(
-        "smallest ratio of limit to gain for fingers that push without the others", "",
+        "smallest ratio of limit to gain for groups of fingers that push without the others", "",
         lambda one: min((row.limit.margin for row in one.pushing), default=math.inf),
     ),
     "grip": Measure(
-        "ratio of the squeeze at rest to the squeeze required by weight, drag and acceleration", "",
+        "ratio of the squeeze at equilibrium to the squeeze required by weight, drag and acceleration", "",
         lambda one: one.grip,
     ),
-    "depth": Measure("distance of the deepest fingertip from its contact at rest", "m", lambda one: one.depth),
-    "squeeze": Measure("largest internal force of a finger at rest", "N", lambda one: one.squeeze),
-    "force": Measure("largest force of a finger at rest", "N", lambda one: one.force),
+    "depth": Measure(
+        "largest distance of a fingertip from its contact point at equilibrium", "m", lambda one: one.depth
+    ),
+    "squeeze": Measure("largest internal force of a finger at equilibrium", "N", lambda one: one.squeeze),
+    "force": Measure("largest force of a finger at equilibrium", "N", lambda one: one.force),
     "frequency": Measure("frequency of the mode of smallest margin at its stability limit", "Hz", _frequency),
-    "spectral_radius": Measure("largest abs(z) of the sampled loop", "", lambda one: one.spectral_radius),
+    "spectral_radius": Measure(
+        "largest abs(z) of the eigenvalues z of the sampled loop", "", lambda one: one.spectral_radius
+    ),
     "displayed.stiffness": Measure(
-        "abs(f_i)^2/(f_i.e) of the squeeze at rest, with internal forces f_i and e from contact to fingertip", "N/m",
+        "abs(f_i)^2/(f_i.e) at equilibrium, with the internal forces f_i and the vectors e from contact points to "
+        "fingertips", "N/m",
         lambda one: one.displayed,
     ),
 }  # fmt: skip
@@ -246,10 +275,10 @@ GAINS = {
 
 
 def key_of(scene: Scene, name: str) -> str | None:
-    """Return the key that a name denotes; None for a measure.
+    """Return the key of the scene to which a name in a formula refers; None if the name is that of a measure.
 
     Raises:
-        UnknownNameError: If the name is neither a key nor a measure.
+        UnknownNameError: If the name is neither that of a measure nor a key.
         InputError: If the value of the key is not a number.
     """
     if name in MEASURES:
@@ -258,17 +287,22 @@ def key_of(scene: Scene, name: str) -> str | None:
     try:
         value = value_of(scene, key)
     except UnknownNameError as error:
-        remedy = str(error) if "." in name else "or use any key of the scene that is a number"
+        remedy = str(error) if "." in name else "or use a key of the scene whose value is a number"
         raise UnknownNameError("measure or key", name, (*MEASURES, *GAINS), remedy) from error
     except GraspFXError:
         value = None
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InputError(name, value, "a key with a single number", "use a measure or another key")
+        raise InputError(name, value, "a key whose value is a number", "use a measure or another key")
     return key
 
 
 def numbers_of(keys: Mapping[str, str | None], one: Judgement) -> dict[str, float]:
-    """Return the number of each name in a judgement; `keys` has the key of each name, as returned by `key_of`."""
+    """Return the value of each name in a judgement.
+
+    Args:
+        keys: For each name, the result of `key_of`.
+        one: Judgement.
+    """
     return {name: MEASURES[name].read(one) if key is None else _number(one, key) for name, key in keys.items()}
 
 

@@ -1,4 +1,8 @@
-"""A tuning problem and the search for its optimum by scipy's optimisers, over a growing set of worst-case hands."""
+"""Tuning problems, and the search for their optimum with SciPy, for a set of worst-case operators.
+
+A hand is a set of values of the operator's parameters. A point is a vector of the values of the keys that change,
+scaled to the unit box.
+"""
 
 from __future__ import annotations
 
@@ -46,14 +50,14 @@ STEP = 1e-4  # step of a difference quotient, relative to a range
 
 
 class Problem:
-    """A tuning problem with a cache of judgements.
+    """A tuning problem, with a cache of judgements.
 
     Args:
         scene: Scene whose gains change.
-        objective: Formula to be maximised.
-        constraints: Constraints that must hold in every hand.
-        over: Ranges of the keys that may change; if None, default ranges of the objective's keys, or of both
-            stiffnesses if it has none.
+        objective: Formula to maximise.
+        constraints: Constraints that must hold for every operator.
+        over: Ranges of the keys that may change. If None, the keys in the objective, or both stiffnesses if the
+            objective contains no keys, have default ranges.
         operators: Set of operators; None for the scene's own operator.
     """
 
@@ -71,7 +75,7 @@ class Problem:
         self.over = tuple(_ranges(scene, objective, over, self.keys))
         shared = {each.key for each in self.over} & set(operators.keys if operators is not None else ())
         if shared:
-            raise InputError("over", sorted(shared)[0], "a key that no operator varies")
+            raise InputError("over", sorted(shared)[0], "a key that does not vary with the operator")
         self._judge = Judge(scene, grips=True)
         self.session = self._judge.session
         self._needs_pushing = PUSHING in self.keys
@@ -79,22 +83,22 @@ class Problem:
 
     @property
     def count(self) -> int:
-        """Number of judgements so far."""
+        """Number of judgements that have been computed."""
         return self._judge.count
 
     @property
     def is_of_keys(self) -> bool:
-        """Whether the objective depends only on keys that change; such an objective is equal in all hands."""
+        """Whether all names in the objective are keys that change, so that its value does not depend on the hand."""
         changing = {each.key for each in self.over}
         return all(self.keys[name] in changing for name in self.objective.names) and bool(self.objective.names)
 
     def values(self, point: Sequence[float] | FloatArray) -> dict[str, float]:
-        """Return the values by key at a point of the unit box."""
+        """Return the value of each key at a point of the unit box."""
         pairs = zip(self.over, np.clip(point, 0.0, 1.0).tolist(), strict=True)
         return {each.key: float(each.between(share)) for each, share in pairs}
 
     def point(self, values: Mapping[str, float]) -> Point:
-        """Return the point of the unit box at which keys have these values, or the nearest point."""
+        """Return the point of the unit box for values of the keys; values outside their ranges are clipped."""
         shares = []
         for each in self.over:
             low, high, value = each.low, each.high, float(values[each.key])
@@ -104,11 +108,11 @@ class Problem:
         return tuple(shares)
 
     def judged(self, point: Sequence[float] | FloatArray, hand: Mapping[str, float]) -> Judgement:
-        """Judge the scene at a point in an operator's hand; results are cached."""
+        """Judge the scene at a point of the unit box for a hand; results are cached."""
         return self.judged_with(self.values(point), hand)
 
     def judged_with(self, values: Mapping[str, float], hand: Mapping[str, float]) -> Judgement:
-        """Judge the scene with these values, possibly outside the box, in an operator's hand; results are cached."""
+        """Judge the scene for values of the keys, which may be outside their ranges, and a hand; results are cached."""
         whole = {**values, **hand}
         entry = tuple(sorted(whole.items()))
         if entry not in self._memory:
@@ -116,16 +120,19 @@ class Problem:
         return self._memory[entry]
 
     def slacks(self, one: Judgement) -> list[float]:
-        """Return the slack of each constraint relative to its right side; negative slacks are violations."""
+        """Return the slack of each constraint in a judgement (`Constraint.slack`)."""
         numbers = numbers_of(self.keys, one)
         return [each.slack(numbers) for each in self.constraints]
 
     def least(self, one: Judgement) -> float:
-        """Return the smallest slack of a judgement."""
+        """Return the smallest slack of a constraint in a judgement."""
         return min(self.slacks(one), default=math.inf)
 
     def smooth_slacks(self, one: Judgement, modes: Sequence[str]) -> Iterator[float]:
-        """Yield the slacks; a constraint on the margin has a slack per mode, because their minimum is less smooth."""
+        """Yield slacks that are smoother functions of the point than those of `slacks`.
+
+        A constraint on `margin`, which is the minimum over all modes, is replaced by a constraint for each mode.
+        """
         numbers = numbers_of(self.keys, one)
         for each in self.constraints:
             if "margin" in each.names and one.stable:
@@ -135,12 +142,12 @@ class Problem:
                 yield from [each.slack(numbers)] * (len(modes) if "margin" in each.names else 1)
 
     def objective_of(self, one: Judgement) -> float:
-        """Return the value of the objective in a judgement."""
+        """Return the value of the objective for a judgement."""
         return self.objective.value(numbers_of(self.keys, one))
 
 
 def _ranges(scene: Scene, objective: Expression, over: Any, keys: Mapping[str, str | None]) -> Iterator[OperatorRange]:
-    """Read the ranges of the keys that may change."""
+    """Yield the ranges of the keys that may change, from the argument `over`."""
     if over is None:
         own = [key for key in dict.fromkeys(keys[name] for name in objective.names) if key is not None]
         for key in own or [GAINS["external.stiffness"], GAINS["internal.stiffness"]]:
@@ -166,7 +173,8 @@ def _key(scene: Scene, name: str) -> str:
 def _wide(scene: Scene, key: str) -> OperatorRange:
     value = value_of(scene, key)
     if not value > 0.0:
-        raise InputError("over", key, "a range, KEY=FROM:TO", f"the value {value} has no default range")
+        do = f"the value {value} has no default range, because it is not positive"
+        raise InputError("over", key, "a range, KEY=FROM:TO", do)
     return OperatorRange(key, value / WIDE, value * WIDE)
 
 
@@ -176,9 +184,9 @@ class Answer:
 
     Attributes:
         point: Best point in the unit box.
-        feasible: Whether the point satisfies all constraints in the hands of the search.
-        hands: Operators for which the constraints were evaluated.
-        worst: Last search for the worst operator; None for the scene's own operator.
+        feasible: Whether the point satisfies all constraints for all `hands`.
+        hands: Hands for which the constraints were imposed.
+        worst: Result of the last search for the worst hand; None for the scene's own operator.
         rounds: Number of rounds that added hands.
     """
 
@@ -190,11 +198,11 @@ class Answer:
 
 
 def search(problem: Problem) -> Answer:
-    """Find the best point that satisfies the constraints in all hands (Blankenship and Falk, 1976).
+    """Find the best point that satisfies the constraints for all hands (Blankenship and Falk, 1976).
 
-    The search alternates between two steps: find the best point for a few hands, then find the worst hand for this
-    point in the whole box of operators. If the worst hand violates a constraint, the few hands are extended by the
-    worst hand for each violated constraint, in at most `ROUNDS` rounds.
+    Each round finds the best point for a finite set of hands, and then the worst hand for this point among all
+    operators. If the worst hand violates a constraint, the worst hand for each violated constraint is added to the set.
+    The search ends when no hand violates a constraint, or after `ROUNDS` rounds.
     """
     hands: list[Hand] = [{}]
     operators = problem.operators
@@ -223,7 +231,7 @@ def _worst(problem: Problem, operators: OperatorSet, point: Point) -> Search:
 
 
 def _violators(problem: Problem, worst: Search, hands: Sequence[Hand], operators: OperatorSet) -> list[Hand]:
-    """Return, for each violated constraint, the hand that violates it most."""
+    """Return, for each violated constraint, the new hand that violates this constraint most."""
     result: list[Hand] = []
     for k in range(len(problem.constraints)):
         slack, point = min((problem.slacks(one)[k], place) for place, one in worst.every)
@@ -234,15 +242,15 @@ def _violators(problem: Problem, worst: Search, hands: Sequence[Hand], operators
 
 
 def clipped(slack: float) -> float:
-    """Clip a slack to the range that guides a solver."""
+    """Clip a slack to the range from -`WIDEST` to `WIDEST`; return -`WIDEST` for NaN."""
     return -WIDEST if math.isnan(slack) else min(max(slack, -WIDEST), WIDEST)
 
 
 class Subproblem:
-    """The problem with the constraints of a few hands.
+    """A tuning problem with constraints for a finite set of hands.
 
     Args:
-        problem: Problem for all hands.
+        problem: Tuning problem for all hands.
         hands: Hands in which the constraints must hold.
     """
 
@@ -250,26 +258,34 @@ class Subproblem:
         self.problem, self.hands = problem, hands
 
     def room(self, point: Sequence[float] | FloatArray) -> float:
-        """Return the smallest slack of a point over the hands."""
+        """Return the smallest slack at a point, over all constraints and hands."""
         return min(clipped(self.problem.least(self.problem.judged(point, hand))) for hand in self.hands)
 
     def height(self, point: Sequence[float] | FloatArray) -> float:
-        """Return the smallest objective of a point over the hands; -inf if it is not a number."""
+        """Return the smallest objective at a point over all hands; -inf if an objective is NaN."""
         problem, hands = self.problem, self.hands[: 1 if self.problem.is_of_keys else None]
         values = [problem.objective_of(problem.judged(point, hand)) for hand in hands]
         return min(-math.inf if math.isnan(each) else each for each in values)
 
     def ranked(self, point: Point) -> Ranked:
-        """Return whether a point satisfies the constraints, its objective or else its slack, and the point."""
+        """Return a tuple by which points are compared.
+
+        It contains whether the point satisfies the constraints; the objective if it does, and otherwise the smallest
+        slack; and the point.
+        """
         slack = self.room(point)
         return (True, self.height(point), point) if slack >= -MET else (False, slack, point)
 
     def best(self, before: Point | None) -> tuple[Point, bool]:
-        """Find the best point; also return whether it satisfies the constraints."""
+        """Return the best point, and whether this point satisfies the constraints.
+
+        Args:
+            before: Best point of the previous round, at which the search starts; None in the first round.
+        """
         return self._best_on_line() if len(self.problem.over) == 1 else self._best_in_box(before)
 
     def _best_on_line(self) -> tuple[Point, bool]:
-        """Evaluate a grid of one key, then find the boundary of the constraints next to the best grid point."""
+        """Find the best point for one key: evaluate a grid, then search next to the best point of the grid."""
         from scipy.optimize import brentq, minimize_scalar
 
         grid = np.linspace(0.0, 1.0, GRID).tolist()
@@ -309,7 +325,7 @@ class Subproblem:
         return (max(feasible, key=lambda x: self.height((x,))),), True
 
     def _inside(self, edge: float, inner: float) -> float:
-        """Step inwards from a root until the constraints are satisfied."""
+        """Move a root `edge` in steps towards the feasible point `inner` until the constraints are satisfied."""
         step = FINE
         while self.room((edge,)) < -MET and step < abs(edge - inner):
             edge += math.copysign(step, inner - edge)
@@ -317,7 +333,7 @@ class Subproblem:
         return edge
 
     def _best_in_box(self, before: Point | None) -> tuple[Point, bool]:
-        """Sample the box, then optimise from the two best samples by sequential quadratic programming."""
+        """Find the best point for several keys: sample the box, then optimise from the two best samples."""
         over = self.problem.over
         own = self.problem.point({each.key: _own(self.problem, each.key) for each in over})
         samples = OperatorSet(over, "").spread(STARTS * len(over)) if before is None else [before]
@@ -334,7 +350,12 @@ class Subproblem:
         return best[2], best[0]
 
     def _descended(self, start: Point) -> list[Point]:
-        """Maximise the objective of the worst hand with all slacks above zero (SLSQP, Kraft 1988); return points."""
+        """Maximise the smallest objective over the hands subject to all constraints, by SLSQP (Kraft 1988).
+
+        Returns:
+            Final point of the optimiser; if it violates a constraint, also points on the boundary of the constraints
+            between the start and the final point.
+        """
         from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
         problem, size = self.problem, len(start)
@@ -365,7 +386,11 @@ class Subproblem:
         return [end, *([] if self.room(end) >= -MET else self._between(start, end))]
 
     def _between(self, inner: Point, outer: Point) -> list[Point]:
-        """Find the boundary of the constraints between a point that satisfies them and a point that does not."""
+        """Find points on the boundary of the constraints between a feasible and an infeasible point.
+
+        Returns:
+            The boundary, and a point slightly nearer to the feasible point; empty if `inner` is not feasible.
+        """
         from scipy.optimize import brentq
 
         if self.room(inner) < 0.0:
@@ -375,7 +400,7 @@ class Subproblem:
         return [tuple(float(x) for x in a + s * (b - a)) for s in (edge, max(edge - 1e-7, 0.0))]
 
     def _pushed_out(self, best: Ranked) -> Ranked:
-        """Move each key in turn, twice, as far as the objective increases and the constraints hold."""
+        """Change one key after another, twice, while the objective increases and the constraints hold."""
         for i in [*range(len(best[2]))] * 2:
             for way in (1.0, -1.0):
                 step = 0.02

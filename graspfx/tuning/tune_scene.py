@@ -1,4 +1,4 @@
-"""Tuning: the largest gains of a scene that keep margins for a set of operators, with independent verification."""
+"""Tuning: the largest gains with which a scene satisfies constraints, such as margins, for a set of operators."""
 
 from __future__ import annotations
 
@@ -38,37 +38,41 @@ def tune(
     operators: Ranges | str | None = None,
     seed: int = 0,
 ) -> Tuning:
-    """Find the largest gains with which a scene keeps its margins for every operator of a set.
+    """Find the largest gains with which a scene satisfies constraints for every operator of a set.
 
-    Constraints must hold in the worst hand. The search alternates between the best gains for a few hands, and the worst
-    hand for these gains in the whole box. The worst hand is added to the few hands up to eight times, until no hand
-    violates a constraint (Blankenship and Falk 1976). For one key, roots are bracketed by a grid; several keys use
-    sequential quadratic programming from points that sample the box. Each judgement is a certificate at the rest with
-    the judged values. New judgements verify the result, including judgements for random hands and with each key 1 %
-    beyond the optimum.
+    A hand is one operator of the set, that is, values of the operator's parameters. The search alternates between two
+    steps: it finds the best gains for a finite set of hands, and then the worst hand for these gains among all
+    operators. The worst hand is added to the set, in up to eight rounds, until no hand violates a constraint
+    (Blankenship and Falk 1976). Gains are found by a grid and bracketing if one key changes, and by sequential
+    quadratic programming from several initial points if more keys change.
 
-    Names are `margin`, `margin.internal`, `margin.external`, `margin.external_translation`, `margin.external_rotation`,
-    `margin.standing`, `margin.pushing`, `grip`, `depth` [m], `squeeze` [N], `force` [N], `frequency` [Hz],
-    `spectral_radius`, `displayed.stiffness` [N/m] (formulas in `formulas.MEASURES`), gains such as
-    `internal.stiffness`, and any numeric key of the scene.
+    A judgement is a certificate at the equilibrium of the scene for given gains and a given hand. The result is
+    verified by new judgements, including those for random hands and for gains that are 1 % beyond the optimum.
+
+    Formulas can use the measures `margin`, `margin.internal`, `margin.external`, `margin.external_translation`,
+    `margin.external_rotation`, `margin.standing`, `margin.pushing`, `grip`, `depth` [m], `squeeze` [N], `force` [N],
+    `frequency` [Hz], `spectral_radius` and `displayed.stiffness` [N/m], which are defined in `formulas.MEASURES`; gains
+    such as `internal.stiffness`; and any key of the scene that is a number.
 
     Args:
         scene: Scene, or its name or path.
-        maximise: Formula of names, numbers, + - * / and brackets.
-        subject_to: Comparisons of formulas by >= or <=, as one comma-separated text or a sequence.
-        over: Ranges of the keys that may change, {"internal.stiffness": (50.0, 2000.0)} or a list of "KEY=FROM:TO". By
-            default the objective's keys, or both stiffnesses if it has none, from 1/100 to 100 times their values.
-        operators: Set of operators as for `certify_operators`; "own" for the scene's own operator. By default, the
-            ranges of the scene's table [operators], or else the usual ranges; without hands in the scene, "own".
-        seed: Seed of the random hands of the verification.
+        maximise: Formula to maximise, of names, numbers, + - * / and brackets.
+        subject_to: Constraints, which compare formulas by >= or <=: a text with commas between them, or a sequence.
+        over: Ranges of the keys that may change, such as {"internal.stiffness": (50.0, 2000.0)}, or a list of texts
+            "KEY=FROM:TO". By default, the keys in `maximise`, or both stiffnesses if `maximise` contains no keys, from
+            1/100 to 100 times their values in the scene.
+        operators: Set of operators, as for `certify_operators`; "own" for the scene's own operator. By default, the set
+            in the scene's table [operators], or else default ranges; if the scene has no hands, the scene's own
+            operator.
+        seed: Seed of the random hands in the verification.
 
     Returns:
-        A `Tuning`. If the problem is infeasible, the result contains the nearest point and states that no point
-        satisfies the constraints.
+        Result of the tuning. If no gains satisfy the constraints, the result states this and contains the gains that
+        violate the constraints least.
 
     Raises:
-        InputError: If an expression, a range or the objective is invalid, or the seed is not a non-negative integer.
-        UnknownNameError: If a name is neither a measure nor a key.
+        InputError: If a formula or a range is invalid, or the seed is not a non-negative integer.
+        UnknownNameError: If a name in a formula is neither a measure nor a key of the scene.
         SceneError: If the scene rejects a value.
     """
     scene_, seed = to_scene(scene), count("seed", seed)
@@ -91,7 +95,7 @@ def _operators(scene: Scene, operators: Ranges | str | None) -> OperatorSet | No
 
 
 def _verified(problem: Problem, answer: Answer, seed: int) -> Tuning:
-    """Judge the result again, with rounded values, and beyond the optimum."""
+    """Verify a result by judgements with rounded values, random hands, and values beyond the optimum."""
     values = {key: float(six_digits(value)) for key, value in problem.values(answer.point).items()}
     hands = list(answer.hands)
     if problem.operators is not None:
@@ -133,7 +137,10 @@ def _verified(problem: Problem, answer: Answer, seed: int) -> Tuning:
 
 
 def _rounded_inwards(problem: Problem, answer: Answer, values: dict[str, float], hands: list[Hand]) -> dict[str, float]:
-    """Round the tuned values to six digits towards the side where the constraints hold."""
+    """Return the tuned values, rounded to six digits in a direction in which the constraints hold for all hands.
+
+    If no direction satisfies the constraints, `values` is returned.
+    """
     if not answer.feasible:
         return values
     exact = problem.values(answer.point)
@@ -145,7 +152,12 @@ def _rounded_inwards(problem: Problem, answer: Answer, values: dict[str, float],
 
 
 def _nearest(problem: Problem, constraint: Constraint, number: int, ones: list[Judgement]) -> ConstraintValue:
-    """Return a constraint in the hand that comes nearest to violating it."""
+    """Return a constraint in the judgement with the constraint's smallest slack.
+
+    Args:
+        number: Index of the constraint in the problem.
+        ones: Judgements for different hands.
+    """
     one = min(ones, key=lambda each: problem.slacks(each)[number])
     measures = numbers_of(problem.keys, one)
     left, right = constraint.left.value(measures), constraint.right.value(measures)
@@ -153,7 +165,11 @@ def _nearest(problem: Problem, constraint: Constraint, number: int, ones: list[J
 
 
 def _binding(at: list[ConstraintValue], more: tuple[Check, ...]) -> ConstraintValue | None:
-    """Return the constraint that fails beyond the optimum, or else a constraint without slack, or None."""
+    """Return the constraint that limits the objective, or None.
+
+    It is the constraint that fails in each check beyond the optimum, or else the constraint with the smallest slack, if
+    this slack is at most `NEAR`.
+    """
     broken = [check.broken for check in more if check.broken is not None]
     if broken and len(broken) == len(more):
         first = min(broken, key=lambda value: next(each.slack for each in at if each.text == value.text))
@@ -165,7 +181,7 @@ def _binding(at: list[ConstraintValue], more: tuple[Check, ...]) -> ConstraintVa
 def _more(
     problem: Problem, values: Mapping[str, float], ones: Sequence[Judgement], hands: Sequence[Hand]
 ) -> Iterator[Check]:
-    """Judge each key 1 % further in the direction of a larger objective, and find the first violated constraint."""
+    """Change each key by 1 % in the direction that increases the objective, and yield the most violated constraint."""
     before = min(problem.objective_of(one) for one in ones)
     for each in problem.over:
         for factor in (MORE, 1.0 / MORE):
@@ -180,10 +196,15 @@ def _more(
 def _refutation(
     at: Sequence[ConstraintValue], ones: Sequence[Judgement], hands: Sequence[Hand], shaped: int, seed: int
 ) -> str:
-    """Describe the hand in which a result of the search fails, and a remedy."""
+    """Describe the constraint and the hand for which a result of the search fails in the verification, and a remedy.
+
+    Args:
+        shaped: Number of hands in the search, which are the first entries of `hands`.
+        seed: Seed of the random hands.
+    """
     first = min((each for each in at if not each.holds), key=lambda each: each.slack)
     k = next(k for k, one in enumerate(ones) if one is first.judgement)
-    origin = "a hand of the search, after rounding to six digits" if k < shaped else "the worst hand found"
+    origin = "a hand of the search, with values rounded to six digits" if k < shaped else "the worst hand found"
     if shaped <= k < shaped + FRESH and len(hands) > shaped:
         origin = f"one of {FRESH} random hands (seed {seed})"
     where = f" in the hand of {numbers(hands[k])}, {origin}" if hands[k] else " in the scene's own hand"
@@ -194,7 +215,11 @@ def _refutation(
 
 
 def _reach(problem: Problem, hands: list[Hand]) -> tuple[dict[str, float], int]:
-    """Return the best left side of each constraint that is infeasible on its own, and the number of judgements."""
+    """Find the constraints that are infeasible even without the other constraints.
+
+    Returns:
+        For the text of each such constraint, the best value of its left side; and the number of judgements.
+    """
     result: dict[str, float] = {}
     count = 0
     for each in problem.constraints:

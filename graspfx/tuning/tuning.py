@@ -1,4 +1,4 @@
-"""Result of a tuning: tuned gains, the constraints at the optimum, and what limits the objective."""
+"""Result of a tuning: tuned gains, the constraints at the optimum, and the constraint that limits the objective."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ ROUNDING = 1e-5  # tolerance relative to a bound
 
 @dataclass(frozen=True)
 class ConstraintValue:
-    """A constraint at the optimum, in the hand that comes nearest to violating it.
+    """Values of a constraint for the hand (the operator's parameters) for which the constraint has the smallest slack.
 
     Attributes:
         text: Text of the constraint.
-        left, right: Values of the constraint's two sides.
-        slack: Slack relative to the right side; negative if the constraint is violated.
-        judgement: Judgement for this hand.
+        left, right: Values of the two sides.
+        slack: Slack divided by the magnitude of the right side; negative if the constraint is violated.
+        judgement: Judgement for the hand.
     """
 
     text: str
@@ -37,18 +37,21 @@ class ConstraintValue:
 
     @property
     def holds(self) -> bool:
-        """Whether the constraint is satisfied up to the rounding of tuned values to six digits."""
+        """Whether the constraint is satisfied, except for the rounding of tuned values to six digits."""
         return self.slack >= -ROUNDING
 
     @property
     def reason(self) -> str:
-        """The constraint and the value of its left side; for a stability margin also the mode and its limit."""
+        """Text of the constraint and value of its left side; for a stability margin, also the mode and its limit."""
         row = self.row
         return f"{self.text} is {self.left:.5g}{f': {row.text}' if row is not None else ''}"
 
     @property
     def row(self) -> ObjectLimit | None:
-        """Limit of the mode whose margin the constraint names, the smallest for `margin`; None without a margin."""
+        """Stability limit to which the constraint refers; None if the constraint contains no margin.
+
+        A constraint on `margin` refers to the mode with the smallest margin.
+        """
         margins = re.findall(r"\bmargin(?:\.(\w+))?", self.text)
         if not margins:
             return None
@@ -62,12 +65,12 @@ class ConstraintValue:
 
 @dataclass(frozen=True)
 class Check:
-    """Verification beyond the optimum, with one key changed by 1 % towards a larger objective.
+    """Verification with one key changed by 1 % beyond the optimum, in the direction that increases the objective.
 
     Attributes:
-        values: Judged values by key.
-        broken: Constraint that fails beyond the optimum, in the hand that violates it most; None if all hold.
-        key: Key that is 1 % larger or smaller; empty if no key increases the objective.
+        values: Value of each key.
+        broken: Constraint that is violated most, for the hand that violates it most; None if all constraints hold.
+        key: Key that is changed; empty if no change of a key increases the objective.
     """
 
     values: Mapping[str, float]
@@ -76,11 +79,13 @@ class Check:
 
     @property
     def text(self) -> str:
-        """The verification in a sentence."""
+        """Result of the verification in a sentence."""
         if not self.key:
-            return "verified: changing any single key by 1 % does not increase it"
+            return "verified: changing any single key by 1 % does not increase the objective"
         beyond = f"verified: 1 % beyond, {self.key} = {self.values[self.key]:.6g}"
-        return f"{beyond}, all still hold" if self.broken is None else f"{beyond}, fails: {self.broken.reason}"
+        if self.broken is None:
+            return f"{beyond}, all constraints still hold"
+        return f"{beyond}, fails: {self.broken.reason}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,22 +95,23 @@ class Tuning(Carded):
     Attributes:
         scene: Scene before tuning.
         objective: Maximised formula.
-        value: Value of the objective at the optimum, in the worst hand.
-        before: Value of the objective in the scene before tuning, for its own operator.
-        values: Tuned values by key; the nearest values if the problem is infeasible.
+        value: Smallest value of the objective at the optimum over all judged hands.
+        before: Value of the objective in the scene before tuning, for the scene's own operator.
+        values: Tuned value of each key; if the problem is infeasible, the values that violate the constraints least.
         feasible: Whether all constraints hold in the verification.
-        constraints: All constraints at the optimum.
-        binding: Constraint that limits the objective; None if a range or nothing limits it.
-        more: Verification 1 % beyond the optimum, for each key that increases the objective.
-        certificates: Full certificates of each object at the optimum, in the hand that comes nearest to violating a
-            constraint; empty without a rest.
-        end: Range at whose end the optimum lies; None if the optimum lies inside all ranges.
+        constraints: Values of all constraints at the optimum.
+        binding: Constraint that limits the objective; None if no constraint limits it.
+        more: Verifications 1 % beyond the optimum, one for each key whose change increases the objective.
+        certificates: Full certificates of each object at the optimum, for the hand with the smallest slack of a
+            constraint; empty if the scene has no equilibrium.
+        end: Range of a key whose value is at an end of the range; None if all values are inside their ranges.
         operators: Set of operators; None for the scene's own operator.
-        hands: Operators used in the search.
-        reach: For an infeasible problem, the best left side of each constraint on its own, by the constraint's text.
-        judged: Number of judgements, including those of `reach`.
-        refutation: Reason why the result of the search failed the verification: the hand, the values and a remedy;
-            empty if it passed.
+        hands: Hands used in the search.
+        reach: For an infeasible problem, the best value of the left side of each constraint that is infeasible even
+            without the other constraints, by the text of the constraint.
+        judged: Number of judgements, including those for `reach`.
+        refutation: Description of the constraint that failed in the verification, the hand and a remedy; empty if the
+            verification did not fail.
     """
 
     scene: Scene
@@ -127,13 +133,13 @@ class Tuning(Carded):
 
     @property
     def pushing(self) -> Limit | None:
-        """Smallest limit in `certificates` of fingers that push without the others; None if none can push alone."""
+        """Smallest limit in `certificates` for fingers that push without the others; None if there is no such limit."""
         rows = [row for each in self.certificates for row in each.limits if row.mode.startswith(PUSHING)]
         return min(rows, key=lambda row: row.margin, default=None)
 
     @property
     def tuned(self) -> Scene:
-        """Scene with the tuned values."""
+        """The scene with the tuned values."""
         return self.scene.replace(self.values)
 
     @property
@@ -157,7 +163,7 @@ class Tuning(Carded):
 
     @property
     def obstacle(self) -> str:
-        """The constraint that cannot be satisfied and its best value, or the refutation; empty if all are satisfied."""
+        """Reason why the problem is infeasible, or `refutation` if the verification failed; empty if it is feasible."""
         unmet = [each for each in self.constraints if not each.holds]
         if self.feasible or not unmet:
             return ""
@@ -173,7 +179,7 @@ class Tuning(Carded):
 
     @property
     def reason(self) -> str:
-        """Reason why the objective is not larger: the binding constraint, its mode and frequency, and the hand."""
+        """Reason why the objective cannot be larger, such as the binding constraint with its mode and the hand."""
         if not self.feasible:
             return self.obstacle
         if self.binding is not None:
@@ -184,13 +190,14 @@ class Tuning(Carded):
             return f"{self.binding.text} binds{in_hand}{mode}"
         if self.end is not None:
             return (
-                f"{self.end.key} is at the end of its range, {self.end.low:g} to {self.end.high:g}; nothing else binds"
+                f"{self.end.key} is at the end of its range, {self.end.low:g} to {self.end.high:g}; "
+                "no constraint is binding"
             )
-        return "no change of the keys increases it"
+        return "no change of the keys increases the objective"
 
     @property
     def toml(self) -> str:
-        """The tuned values as a preset for the scene's file."""
+        """Preset with the tuned values, as TOML for the scene's file."""
         items = ", ".join(f'"{key}" = {six_digits(value)}' for key, value in self.values.items())
         who = "the scene's own operator"
         if self.operators is not None:
@@ -208,7 +215,11 @@ class Tuning(Carded):
         return "\n".join(lines) + "\n"
 
     def lines(self) -> Iterator[str]:
-        """Yield the lines of a report: result, constraints, limiting factor, verification, and arguments to paste."""
+        """Yield the lines of a report.
+
+        The lines are the result, the constraints, the binding constraint, the verification, the operators, and the
+        command-line arguments that set the tuned values.
+        """
         yield self.sentence
         for each in self.constraints:
             mark = "holds" if each.holds else "FAILS"
@@ -227,7 +238,7 @@ class Tuning(Carded):
         yield f"  {self.set_line}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data for JSON."""
+        """Return the result as data for JSON."""
         binding = self.binding
         return {
             "scene": self.scene.source.name,
@@ -264,14 +275,18 @@ class Tuning(Carded):
 
 
 def six_digits(value: float) -> str:
-    """Return a tuned value, rounded to six significant digits, as text."""
+    """Return a number, rounded to six significant digits, as text."""
     if value == 0.0 or not math.isfinite(value):
         return repr(float(value))
     return repr(float(f"{value:.6g}"))
 
 
 def _families(modes: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the prefixes of limits that a margin names as a group: support of the object, and pushing."""
+    """Return the prefixes of the names of limits to which `margin.standing` and `margin.pushing` refer.
+
+    Args:
+        modes: Names after "margin." in a constraint.
+    """
     return tuple(start for start, name in ((STANDING, "standing"), (PUSHING, "pushing")) if name in modes)
 
 

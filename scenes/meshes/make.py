@@ -1,4 +1,4 @@
-"""Write the meshes of this folder, in millimetres, as binary PLY: `python scenes/meshes/make.py`."""
+"""Write the meshes in this folder, in millimetres, as binary PLY files: `python scenes/meshes/make.py`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SUBDIVISIONS = 5  # 20 * 4^5 = 20480 triangles
 
 
 def mug() -> Any:
-    """Build a concave mug: a cylinder and half of a torus, minus the cavity."""
+    """Build a mug: a cylinder and a torus as the handle, minus the cavity of the mug."""
     wall = trimesh.creation.cylinder(radius=OUTER, segment=[(0.0, 0.0, 0.0), (0.0, 0.0, HEIGHT)], sections=AROUND)
     room = trimesh.creation.cylinder(
         radius=INNER, segment=[(0.0, 0.0, FLOOR), (0.0, 0.0, 1.5 * HEIGHT)], sections=AROUND
@@ -37,15 +37,18 @@ def mug() -> Any:
 
 
 def plate() -> Any:
-    """Build a plate so thin that the nearest point of its surface is often on the opposite side."""
+    """Build a thin plate; for a finger in the plate, the nearest point is often on the side opposite to its contact."""
     return trimesh.creation.box(extents=PLATE)
 
 
 def potato() -> Any:
-    """Build a ball with smooth bumps of several wavelengths, which has many small triangles.
+    """Build a ball with smooth bumps, which has many small triangles.
 
-    r = R (1 + h (sin(2 x + 1) sin(3 y) + sin(3 z + 1) cos(2 x) / 2 + sin(5 y + 2) sin(4 z + 1) / 4)), (x, y, z) on the
-    unit sphere.
+    The distance of a vertex from the centre, in the direction of the unit vector (x, y, z), is
+
+        R (1 + h (sin(2 x + 1) sin(3 y) + sin(3 z + 1) cos(2 x) / 2 + sin(5 y + 2) sin(4 z + 1) / 4))
+
+    with the radius R and the relative height h of the bumps.
     """
     ball = trimesh.creation.icosphere(subdivisions=SUBDIVISIONS)
     x, y, z = np.asarray(ball.vertices).T
@@ -59,7 +62,7 @@ MAKERS = {"mug": mug, "plate": plate, "potato": potato}
 
 
 def write(folder: Path = HERE) -> None:
-    """Write every mesh as folder/NAME.ply."""
+    """Write each mesh to the file NAME.ply in a folder."""
     for name, make in MAKERS.items():
         mesh = make()
         bare = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)

@@ -381,7 +381,7 @@ SOURCES = "expected a file (mesh = 'mug.stl'), or vertices and faces"
 KINDS = "box, sphere, half-space, plane, capsule, cylinder, ellipsoid, mesh"
 OPEN = (
     "given '24 open edges, 0 with more than two triangles', expected a watertight surface; "
-    "close it, or set shell = true for contact with its front only"
+    "close the surface, or set shell = true, so that fingers touch only its front"
 )
 MISSING = "given 'none.stl', expected the path of a file; paths are relative to the scene's file"
 NUMBERS = "given an array of shape (1, 3), expected integer vertex indices from 0 to 7"

@@ -75,9 +75,9 @@ def test_others_are_refused(text: str) -> None:
         ("a=0:1:3:log", "FROM:TO:COUNT:log with ends above zero"),
         ("a=nan:1:3", "finite ends and from 1 to"),
         ("a=1:2:0", "finite ends and from 1 to"),
-        ("a=1:2:2.5", "COUNT is a whole number"),
-        ("a=1:2:3:lin", "COUNT is a whole number"),
-        ("a=1:2:x:log", "COUNT is a whole number"),
+        ("a=1:2:2.5", "COUNT must be an integer"),
+        ("a=1:2:3:lin", "COUNT must be an integer"),
+        ("a=1:2:x:log", "COUNT must be an integer"),
     ],
 )
 def test_errors_name_the_form(text: str, said: str) -> None:

@@ -163,9 +163,9 @@ def test_what_is_no_problem_is_refused() -> None:
         gx.tune("reference-1dof", "internal.stiffness", "marginn >= 1")
     with pytest.raises(InputError, match="is a measure"):
         gx.tune("reference-1dof", "internal.stiffness", over=["margin=1:2"])
-    with pytest.raises(InputError, match="a key with a single number"):
+    with pytest.raises(InputError, match="a key whose value is a number"):
         gx.tune("reference-1dof", "object.0.shape")
-    with pytest.raises(InputError, match="no operator varies"):
+    with pytest.raises(InputError, match="does not vary with the operator"):
         gx.tune("reference-1dof", STIFFNESS, over=[f"{STIFFNESS}=10:20"], operators=[f"{STIFFNESS}=10:20"])
     with pytest.raises(InputError, match="operators"):
         gx.tune("reference-1dof", operators="mine")

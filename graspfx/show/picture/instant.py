@@ -30,15 +30,15 @@ FIXED, EDGE = "#d5d2cc", "#4a4f55"
 
 
 class Outline(NamedTuple):
-    """Shape of an object or an obstacle, with its pose.
+    """Shape and pose of an object or an obstacle.
 
     Attributes:
         name: Name in the scene.
-        shape: Table of the shape; empty for an object without a shape.
-        position: Position (d,) [m].
-        orientation: Angle [rad], quaternion x, y, z, w, or None.
-        is_object: Whether the thing is an object, not an obstacle.
-        fixed: Whether the thing cannot move.
+        shape: Table that describes the shape; empty for an object without a shape.
+        position: Position of the origin of the shape's frame (d,) [m].
+        orientation: Angle [rad] in the plane, quaternion x, y, z, w in space; None for no rotation.
+        is_object: Whether the outline belongs to an object; otherwise it belongs to an obstacle.
+        fixed: Whether the object or obstacle cannot move.
     """
 
     name: str
@@ -50,29 +50,29 @@ class Outline(NamedTuple):
 
     @property
     def endless(self) -> bool:
-        """Whether the shape is a plane or half-space."""
+        """Whether the shape is a plane or a half-space, which have infinite surfaces."""
         return self.shape.get("kind") in ENDLESS
 
 
 def lifted(values: FloatArray, dimensions: int) -> FloatArray:
-    """Extend vectors (..., d) by zeros to `dimensions` entries, from a line or the plane to the plane or to space."""
+    """Append zeros to vectors (..., d) so that they have `dimensions` entries."""
     missing = dimensions - values.shape[-1]
     return np.asarray(np.concatenate([values, np.zeros((*values.shape[:-1], missing))], axis=-1)) if missing else values
 
 
 def object_tables(table: Table) -> dict[str, Table]:
-    """List the tables of a scene's objects by their names."""
+    """Return the tables of a scene's objects by the objects' names."""
     return {each.get("name", "object"): each for each in _listed(table, "object") if isinstance(each, Mapping)}
 
 
 def is_fixed(own: Table) -> bool:
-    """Tell whether all degrees of freedom in an object's table are locked."""
+    """Return whether all degrees of freedom in an object's table are locked."""
     free = own.get("free")
     return free is not None and not any(free)
 
 
 def obstacles(table: Table, dimensions: int, notes: list[str]) -> Iterator[Outline]:
-    """List a scene's obstacles, in space or in the plane; a note names an obstacle without a shape."""
+    """Yield the outline of each obstacle of a scene; for an obstacle without a shape, add its name to `notes`."""
     for i, each in enumerate(_listed(table, "obstacle")):
         own = each if isinstance(each, Mapping) else {}
         name, shape = own.get("name", f"obstacle{i}"), own.get("shape")
@@ -86,18 +86,21 @@ def obstacles(table: Table, dimensions: int, notes: list[str]) -> Iterator[Outli
 def solids(
     outlines: Sequence[Outline], tips: FloatArray, dimensions: int, folder: Path | None, notes: list[str]
 ) -> tuple[list[tuple[Outline, Surface]], FloatArray, float]:
-    """Build the surface of each outline; infinite surfaces, and dots for missing shapes, fit the size of the others.
+    """Build the surface of each outline.
+
+    An object without a shape becomes a small sphere. This sphere and the drawn part of an infinite surface are scaled
+    to the size of the finite shapes and the fingertips.
 
     Args:
         outlines: Shapes with their poses.
         tips: Positions of fingertips (k, d) [m].
         dimensions: Number of dimensions d, 2 or 3.
-        folder: Folder of relative mesh paths.
-        notes: List to which the reason is added if a shape cannot be drawn.
+        folder: Folder to which relative paths of meshes refer.
+        notes: List of messages; for each shape that cannot be drawn, the reason is appended.
 
     Returns:
-        Outlines and their surfaces in the frames of the shapes; lower and upper corner (2, d) of all parts except
-        infinite surfaces [m]; and the distance of these corners [m].
+        Pairs of an outline and its surface in the shape's frame; lower and upper corner (2, d) of the box around all
+        finite shapes and fingertips [m]; and the distance between the two corners [m].
     """
     surfaces: dict[int, Surface] = {}
 
@@ -125,23 +128,23 @@ def solids(
 
 
 def fingertip_radii(table: Table, count: int) -> FloatArray:
-    """List the radii of a scene's fingertips, zero for points (n,) [m]."""
+    """Return the radii of a scene's fingertips (n,) [m]; the radius of a point fingertip is zero."""
     radii = [float(each.get("radius") or 0.0) for each in _listed(table, "finger") if isinstance(each, Mapping)]
     return np.array(radii if len(radii) == count else [0.0] * count)
 
 
 def apart_on_a_line(count: int) -> FloatArray:
-    """Return offsets that separate fingers across a line, (n,), in units of their distance."""
+    """Return offsets (n,) across a line at which to draw n fingers; neighbouring offsets differ by 1."""
     return np.asarray(0.5 * (count - 1) - np.arange(count))
 
 
 def colours_of(names: Sequence[str], movable: Sequence[str]) -> list[str]:
-    """Assign colours: cyclically repeated colours to movable objects, one colour to all other objects and obstacles."""
+    """Return a colour for each name: movable objects repeat the colours in `THINGS`, all others get `FIXED`."""
     return [THINGS[movable.index(name) % len(THINGS)] if name in movable else FIXED for name in names]
 
 
 def slid(surface: Surface, middle: FloatArray) -> Surface:
-    """Move the drawn part of an infinite surface to the surface's point closest to the centre of the drawing."""
+    """Translate the drawn part of an infinite surface along the surface to the point nearest to `middle`."""
     v = surface.vertices
     if len(middle) == 3:
         along = np.array([v[1] - v[0], v[3] - v[0]])
@@ -154,21 +157,22 @@ def slid(surface: Surface, middle: FloatArray) -> Surface:
 
 
 def _listed(table: Table, key: str) -> Sequence[Any]:
-    """List the tables of a key, which may be a single table."""
+    """Return the tables under a key as a sequence, also if the key contains a single table."""
     tables = table.get(key, ())
     return tables if isinstance(tables, list | tuple) else [tables]
 
 
 @dataclass(frozen=True)
 class Thing:
-    """An object or an obstacle with its placed surface.
+    """An object or an obstacle, with its surface in the world frame.
 
     Attributes:
         name: Name in the scene.
-        surface: Surface in the world, or a part of an infinite surface.
-        fixed: Whether the thing is an obstacle, or an object that cannot move.
-        endless: Whether the surface is a plane or half-space.
-        path: Path of the centre so far (k, d) [m].
+        surface: Surface in the world frame; of an infinite surface, the drawn part.
+        fixed: Whether it is an obstacle, or an object that cannot move.
+        endless: Whether the surface is that of a plane or a half-space.
+        path: Positions of the object from the start to the drawn instant (k, d) [m]; of an obstacle, its position
+            (1, d).
     """
 
     name: str
@@ -180,25 +184,26 @@ class Thing:
 
 @dataclass(frozen=True)
 class Instant:
-    """One instant, prepared for drawing.
+    """State of a scene at one instant, prepared for drawing.
 
     Attributes:
-        dimensions: Number of dimensions, 2 or 3; a line is drawn in the plane.
+        dimensions: Number of dimensions d of the drawing, 2 or 3; a scene on a line is drawn in the plane.
         on_a_line: Whether the scene is on a line.
         time: Time of the instant [s].
-        extent: Size of the drawing without arrows and infinite surfaces [m].
-        middle: Centre of the drawing (d,) [m].
+        extent: Diagonal of the box around all finite shapes and fingertips [m].
+        middle: Centre of this box (d,) [m].
         things: Objects and obstacles.
-        names: Names of the fingers.
+        names: Names of the n fingers that have finite positions.
         tips: Positions of the fingertips (n, d) [m].
-        radii: Radii of ball fingertips, zero for points (n,) [m].
-        contacts: Contact points, or the fingertips if they are attached (n, d) [m].
+        radii: Radii of the fingertips (n,) [m]; zero for a point fingertip.
+        contacts: Contact points (n, d) [m]; if the fingers are attached to the object, positions of the fingertips.
         forces: Forces of the fingers on their objects (n, d) [N].
-        parts: Internal and external parts of the forces (n, d) [N], zero for a free finger; None if not recorded.
+        parts: Internal and external parts of `forces`, each (n, d) [N], zero for a free finger; None if the recording
+            does not contain them.
         touching: Mask of touching fingers (n,).
-        paths: Paths of the fingertips so far (k, n, d) [m].
+        paths: Positions of the fingertips from the start to the drawn instant (k, n, d) [m].
         title: Title of the scene.
-        notes: Reasons for omitted parts.
+        notes: Messages about parts of the scene that are not drawn.
     """
 
     dimensions: int
@@ -220,13 +225,13 @@ class Instant:
 
 
 def instant(recording: Recording, time: float | None = None, folder: Path | None = None) -> Instant:
-    """Read one instant of a recording.
+    """Return the state of a scene at one instant of a recording.
 
     Args:
         recording: Recording with at least one tick.
-        time: Time [s]; by default the tick with the largest sum of forces among those with most touching fingers, or
-            the last tick if all forces are zero.
-        folder: Folder of relative mesh paths; by default the scene's folder.
+        time: Time of the instant [s]. If None, the instant is the tick with the largest sum of the magnitudes of the
+            forces among the ticks with the most touching fingers; if all forces are zero, it is the last tick.
+        folder: Folder to which relative paths of meshes refer; by default the scene's folder.
 
     Raises:
         InputError: If the recording has no ticks, the time is outside the recording, or nothing can be drawn.
@@ -303,7 +308,7 @@ def _tick(recording: Recording, time: float | None) -> int:
 
 
 def _objects(recording: Recording, table: Table, k: int, d: int) -> Iterator[Outline]:
-    """List the objects in the poses in which the scene describes their shapes."""
+    """Yield the outline of each object, in the frame in which the scene describes the object's shape, at tick k."""
     tables = object_tables(table)
     for name in recording.objects if not recording.header.has_host else ():
         own = tables.get(name, {})

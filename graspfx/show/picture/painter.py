@@ -1,4 +1,4 @@
-"""Rendering of surfaces in space as pixels and outlines: camera, best view, depth and shading."""
+"""Rendering of surfaces in space as pixels and lines: camera, choice of the view, depth and shading."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ LIGHT = (-0.45, 0.65, 0.75)  # to the right, up, towards the viewer
 
 
 class Layer:
-    """Pixels with the depth and the colour of the nearest surface.
+    """Image that stores, for each pixel, the depth, normal and colour of the surface nearest to the viewer.
 
     Args:
-        low, high: Corners of the view, to the right and up (2,) [m].
+        low, high: Lower left and upper right corner of the image in view coordinates, each (2,) [m].
         pixels: Number of pixels along the longer side.
     """
 
@@ -54,7 +54,10 @@ class Layer:
         self.colour = np.zeros((height, width, 3), dtype=np.float32)
 
     def add(self, corners: FloatArray, normals: FloatArray, colour: tuple[float, float, float]) -> None:
-        """Add triangles: corners in view coordinates (f, 3, 3) [m], and surface normals at the corners (f, 3, 3)."""
+        """Draw triangles of one colour, given by corners (f, 3, 3) [m] and normals at the corners in view coordinates.
+
+        View coordinates are the distances to the right, up, and towards the viewer.
+        """
         flat = (corners[..., :2] - self.low) / self.cell - 0.5  # pixel k has its middle at k
         height, width = self.depth.shape
         first = np.maximum(np.ceil(flat.min(axis=1)).astype(int), 0)
@@ -82,7 +85,7 @@ class Layer:
         self.colour[fresh] = colour
 
     def shaded(self) -> NDArray[np.float32]:
-        """Shade by the Blinn-Phong model, (h, w, 4); pixels without a surface are transparent."""
+        """Return the image (h, w, 4) shaded by the Blinn-Phong model; pixels without a surface are transparent."""
         light = np.array(LIGHT, dtype=np.float32) / np.float32(np.linalg.norm(LIGHT))
         half = light + np.array([0.0, 0.0, 1.0], dtype=np.float32)
         half /= np.linalg.norm(half)
@@ -98,13 +101,16 @@ class Layer:
 
     @cached_property
     def clear(self) -> FloatArray:
-        """Farthest depth within `REACH` pixels of each pixel; points behind this depth are hidden."""
+        """Depth of the farthest surface within `REACH` pixels of each pixel; points behind this depth are hidden."""
         from scipy.ndimage import minimum_filter
 
         return np.asarray(minimum_filter(self.depth, 2 * REACH + 1, mode="nearest"))
 
     def shows(self, points: FloatArray, nearer: float) -> BoolArray:
-        """Tell which points (k, 3) in view coordinates are not hidden, if they are moved `nearer` to the viewer [m]."""
+        """Return a mask (k,) of the visible points among `points` (k, 3), in view coordinates [m].
+
+        Before the comparison with the depth of the image, the points are moved towards the viewer by `nearer` [m].
+        """
         flat, (height, width) = points[:, :2], self.depth.shape
         inside = ((flat >= self.low) & (flat <= self.high)).all(axis=1)
         column, row = np.clip(np.floor((flat - self.low) / self.cell).astype(int), 0, [width - 1, height - 1]).T
@@ -112,7 +118,7 @@ class Layer:
 
 
 def halved(rgba: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Average blocks of two by two pixels for smooth rims."""
+    """Halve the resolution of an image by averaging blocks of two by two pixels, which smooths the edges."""
     height, width = (size // 2 for size in rgba.shape[:2])
     four = rgba[: 2 * height, : 2 * width].reshape(height, 2, width, 2, 4)
     alpha = four[..., 3:].sum(axis=(1, 3))
@@ -121,14 +127,18 @@ def halved(rgba: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def weld(vertices: FloatArray, faces: IntArray) -> IntArray:
-    """Number the corners of faces (f, 3) so that coincident corners have the same number."""
+    """Renumber the vertices in `faces` (f, 3) so that coincident vertices have the same number."""
     extent = float(np.ptp(vertices, axis=0).max()) or 1.0
     _, label = np.unique(np.round(vertices / (WELD * extent)), axis=0, return_inverse=True)
     return np.asarray(label.reshape(-1)[faces], dtype=np.int64)
 
 
 def corner_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Return normals at the corners of faces (f, 3, 3), averaged over triangles that no crease separates."""
+    """Return unit normals at the corners of faces (f, 3, 3), for smooth shading.
+
+    Each normal is the area-weighted mean of the normals of the faces at this corner that differ from the face's own
+    normal by less than `CREASE` degrees.
+    """
     corners = vertices[faces]
     doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])  # by area
     lengths = np.linalg.norm(doubled, axis=1, keepdims=True)
@@ -152,11 +162,11 @@ def corner_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Camera:
-    """A viewer infinitely far away.
+    """Orthographic camera, given by the direction to the viewer.
 
     Args:
-        azimuth: Angle from x towards y [degrees].
-        elevation: Angle above the plane of x and y [degrees].
+        azimuth: Angle of the direction from x towards y [degrees].
+        elevation: Angle of the direction above the plane of x and y [degrees].
     """
 
     azimuth: float
@@ -164,7 +174,7 @@ class Camera:
 
     @property
     def axes(self) -> FloatArray:
-        """Unit vectors to the right, up and towards the viewer, in rows (3, 3)."""
+        """Matrix (3, 3) whose rows are the unit vectors to the right, up, and towards the viewer."""
         a, e = radians(self.azimuth), radians(self.elevation)
         return np.array(
             [
@@ -175,18 +185,18 @@ class Camera:
         )
 
     def project(self, points: ArrayLike) -> FloatArray:
-        """Project points (..., 3) to right, up and nearness (..., 3) [m]."""
+        """Return view coordinates (..., 3) of points (..., 3) [m]: to the right, up, and towards the viewer."""
         return np.asarray(np.asarray(points, dtype=float) @ self.axes.T)
 
 
 class Solid(NamedTuple):
-    """A surface in space with a colour.
+    """A surface in space with its appearance.
 
     Attributes:
-        surface: Surface in the world.
+        surface: Surface in the world frame.
         colour: Colour of the surface.
-        both_sides: Whether the surface is open and visible from behind.
-        hides: Whether the surface hides lines; a fingertip does not, since it would hide its own arrow.
+        both_sides: Whether the surface is open and both of its sides are drawn.
+        hides: Whether lines behind the surface are hidden; False for a fingertip, which would hide its force's arrow.
     """
 
     surface: Surface
@@ -196,7 +206,7 @@ class Solid(NamedTuple):
 
 
 class Painter:
-    """Renders solids and determines hidden points.
+    """Renders surfaces and determines which points are hidden behind them.
 
     Args:
         camera: Camera of the view.
@@ -204,7 +214,7 @@ class Painter:
         solids: Surfaces to render.
 
     Attributes:
-        bounds: Lower and upper corner (2, 2) of all surfaces, to the right and up; lines may extend beyond them.
+        bounds: Lower left and upper right corner (2, 2) of all surfaces in view coordinates [m].
     """
 
     def __init__(self, camera: Camera, extent: float, solids: Sequence[Solid]) -> None:
@@ -218,7 +228,7 @@ class Painter:
         self._paint(self._all, hides=False)
 
     def draw(self, axes: Axes, outline: str) -> None:
-        """Render the solids, and draw their visible creases and silhouettes in the colour `outline`."""
+        """Render the surfaces, and draw their visible creases and silhouettes in the colour `outline`."""
         from matplotlib.collections import LineCollection
 
         layer = self._all
@@ -235,19 +245,23 @@ class Painter:
             )
 
     def pieces(self, points: FloatArray, *, before_all: bool = False) -> Iterator[tuple[FloatArray, bool]]:
-        """Cut a line through points (k, 3) into pieces in view coordinates (j, 3), each with its visibility.
+        """Yield the visible and hidden pieces of a polyline.
 
         Args:
-            before_all: Whether solids that usually hide no lines (fingertips) hide this line, too.
+            points: Vertices of the polyline in the world frame (k, 3) [m].
+            before_all: Whether surfaces with `hides=False`, such as fingertips, also hide the polyline.
+
+        Yields:
+            Points of a piece in view coordinates (j, 3) [m], and whether the piece is visible.
         """
         return self._cut(points, self._all if before_all else self._hiding, SHORTEST * self.extent)
 
     def hidden(self, points: FloatArray) -> BoolArray:
-        """Tell which of points (n, 3) are behind a surface."""
+        """Return a mask (n,) of the points (n, 3) that are behind a surface with `hides=True`."""
         return ~self._hiding.shows(self.camera.project(points), NEARER * self.extent)
 
     def _paint(self, layer: Layer, *, hides: bool) -> None:
-        """Add the solids that hide lines to a layer, or the solids that do not."""
+        """Draw the surfaces whose attribute `hides` equals the argument `hides` into a layer."""
         from matplotlib.colors import to_rgb
 
         for surface, colour, both_sides, _ in (each for each in self._solids if each.hides == hides):
@@ -273,7 +287,7 @@ class Painter:
 
 
 def _runs(visible: BoolArray, least: int) -> list[tuple[int, int]]:
-    """List runs of equal values; a run that is too short joins the previous one."""
+    """Return start and end of each run of equal values; runs of up to `least` values join the previous run."""
     ends = [0, *(np.flatnonzero(np.diff(visible)) + 1).tolist(), len(visible)]
     runs: list[tuple[int, int]] = []
     for begin, end in pairwise(ends):
@@ -285,7 +299,7 @@ def _runs(visible: BoolArray, least: int) -> list[tuple[int, int]]:
 
 
 def _edges(solid: Surface, camera: Camera) -> Sequence[FloatArray]:
-    """List edges (2, 3) at visible creases, at the silhouette and at the boundary of a surface."""
+    """Return the edges of a surface to draw, each (2, 3): creases on the front, the silhouette and the boundary."""
     f = weld(solid.vertices, solid.faces)
     corners = solid.vertices[solid.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -311,11 +325,13 @@ ALONG_AN_AXIS = (45, 60, 75)  # azimuths relative to FRONT at which a face of a 
 
 
 def best_view(contacts: FloatArray, out: FloatArray, extent: float) -> tuple[float, float]:
-    """Find the view with most contacts on the near side and well separated; ties favour the default view.
+    """Find the view in which the contacts face the viewer and are well separated.
+
+    Among equally good views, the view nearest to the default view is selected.
 
     Args:
-        contacts: Points to show (n, 3) [m].
-        out: Outward directions of the object at these points (n, 3).
+        contacts: Contact points (n, 3) [m].
+        out: Outward directions of the object at the contact points (n, 3).
         extent: Size of the drawing [m].
 
     Returns:

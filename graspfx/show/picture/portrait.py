@@ -38,13 +38,14 @@ APART = 1.6  # distance of either arrow from their common line, in half shaft wi
 
 @dataclass(frozen=True)
 class Arrow:
-    """One force of one finger.
+    """Arrow that represents a force of a finger.
 
     Attributes:
         finger: Index of the finger.
         tail, tip: Ends of the arrow (d,) [m].
-        colour: Colour of the part, or of the finger.
-        offset: Lateral offset from the line of the force, positive to the left of its direction, in half shaft widths.
+        colour: Colour of the internal or external part, or, for the total force, of the finger.
+        offset: Distance of the arrow from the line of action of the force, positive to the left of the force's
+            direction, in half shaft widths.
     """
 
     finger: int
@@ -59,19 +60,26 @@ def finger_colours(now: Instant) -> list[str]:
 
 
 def radius(now: Instant, i: int) -> float:
-    """Drawn radius of a fingertip [m]."""
+    """Return the radius at which fingertip i is drawn [m]."""
     return float(now.radii[i]) or TIP * now.extent
 
 
 def shown_forces(now: Instant, forces: Forces) -> list[tuple[FloatArray, list[str]]]:
-    """List the forces (n, d) to draw, each with the fingers' colours: two parts, or the total."""
+    """Return the forces to draw, each (n, d) [N] with n colours: internal and external parts, or total forces.
+
+    If the recording does not contain the parts, the total forces are returned for any value of `forces`.
+    """
     if forces == "total" or now.parts is None:
         return [(now.forces, finger_colours(now))]
     return [(part, [colour] * len(now.names)) for part, colour in zip(now.parts, (INTERNAL, EXTERNAL), strict=True)]
 
 
 def outward(now: Instant) -> FloatArray:
-    """Return a point outside the object near each contact, (n, d) [m]: against the force, or away from the centre."""
+    """Return a point outside the object near each contact, (n, d) [m].
+
+    The point is displaced from the contact against the force. If the finger exerts no force, the point is displaced
+    away from the centre of the drawing.
+    """
     away = -now.forces
     idle = ~now.touching | (np.linalg.norm(away, axis=1) == 0.0)
     away[idle] = (now.contacts - now.middle)[idle]
@@ -80,15 +88,16 @@ def outward(now: Instant) -> FloatArray:
 
 
 def arrows(now: Instant, scale: float, forces: Forces, flat: FloatArray) -> list[Arrow]:
-    """Place arrows outside the object: an arrow ends at the contact if the force pushes, or begins there if it pulls.
+    """Place the arrows of all forces outside the object.
 
-    Two arrows of one finger that would overlap in the view are placed side by side.
+    The arrow of a pushing force ends at the contact; the arrow of a pulling force begins at the contact. Two arrows of
+    one finger that would overlap in the view are placed side by side.
 
     Args:
         now: Instant to draw.
-        scale: Length per force [m/N].
-        forces: "two" for internal and external, or "total".
-        flat: Directions to the right and up in the view (2, d).
+        scale: Length of an arrow per force [m/N].
+        forces: "two" for internal and external parts, or "total".
+        flat: Matrix (2, d) whose rows are the unit vectors to the right and up in the view.
     """
     out = outward(now) - now.contacts
     placed: list[Arrow] = []
@@ -118,7 +127,7 @@ def _beside(own: list[Arrow], flat: FloatArray) -> list[Arrow]:
 
 
 def draw(axes: Axes, arrow: Arrow, extent: float, painter: Painter | None = None) -> None:
-    """Draw an arrow; in space its shaft is dashed where it is hidden, and the head is white if its tip is hidden."""
+    """Draw an arrow; hidden parts of its shaft are dashed, and its head is white if the arrow's tip is hidden."""
     from matplotlib.patches import Polygon
 
     half = SHAFT * extent
@@ -191,19 +200,20 @@ def portrait(
     forces: Forces = "two",
     width: str = "screen",
 ) -> Drawing:
-    """Draw one instant of a recording to scale, in space or in the plane; its `notes` are about omitted parts.
+    """Draw one instant of a recording to scale, in space or in the plane.
 
-    The arrows show the forces of the fingers on the object, as internal and external parts or in total. Arrows are
-    outside the object: an arrow ends at the contact if its force pushes, or begins there if it pulls. Shafts are dashed
-    where an object hides them.
+    Arrows represent the forces of the fingers on the object. They are outside the object: the arrow of a pushing force
+    ends at the contact, the arrow of a pulling force begins at the contact. Shafts are dashed where an object hides
+    them. The `notes` of the returned drawing list the parts of the scene that are not drawn.
 
     Args:
         recording: Recording of a run.
-        time: Time [s]; by default the tick with the largest sum of forces among those with most touching fingers, or
-            the last tick if all forces are zero.
-        view: Azimuth and elevation of the viewer in space [degrees]; by default the view that shows the fingers best.
-        folder: Folder of relative mesh paths; the folder of the scene if None.
-        forces: "two" for internal and external parts, or "total".
+        time: Time of the instant [s]. If None, the instant is the tick with the largest sum of the magnitudes of the
+            forces among the ticks with the most touching fingers; if all forces are zero, it is the last tick.
+        view: Azimuth and elevation of the viewer in space [degrees]; by default a view in which the contacts are
+            visible and well separated.
+        folder: Folder to which relative paths of meshes refer; by default the scene's folder.
+        forces: "two" for an arrow each for the internal and external part, or "total" for one arrow.
         width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
 
     Raises:
@@ -255,7 +265,7 @@ def portrait(
 
 
 def _solids(now: Instant) -> list[Solid]:
-    """List the surfaces of an instant in space: objects and obstacles, and balls as fingertips, which hide no arrow."""
+    """Return the surfaces of objects, obstacles and fingertips in space; fingertips are spheres that hide no arrow."""
     solids = [
         Solid(thing.surface, colour, both_sides=thing.endless)
         for thing, colour in zip(now.things, _thing_colours(now), strict=True)
@@ -267,7 +277,7 @@ def _solids(now: Instant) -> list[Solid]:
 
 
 def _draw_plane(axes: Axes, now: Instant) -> FloatArray:
-    """Draw objects, obstacles and fingertips in the plane; return their lower and upper corner (2, 2)."""
+    """Draw objects, obstacles and fingertips in the plane; return the lower and upper corner of their box (2, 2)."""
     from matplotlib.patches import Circle, Polygon
 
     corners = [now.middle]
@@ -284,7 +294,7 @@ def _draw_plane(axes: Axes, now: Instant) -> FloatArray:
 
 
 def _pieces(line: FloatArray, painter: Painter | None, *, before_all: bool = False) -> list[tuple[FloatArray, bool]]:
-    """Cut a line into visible and hidden pieces; in the plane all of it is visible."""
+    """Cut a polyline into visible and hidden pieces; without a painter (in the plane), all of it is visible."""
     return [(line, True)] if painter is None else list(painter.pieces(line, before_all=before_all))
 
 
@@ -323,7 +333,7 @@ def _thing_colours(now: Instant) -> list[str]:
 
 
 def _paths(now: Instant) -> list[tuple[FloatArray, str]]:
-    """List the paths of fingertips and objects that have moved; none on a line."""
+    """Return the paths of fingertips and objects that have moved, with their colours; none for a scene on a line."""
     if now.on_a_line:
         return []
     ways = [(now.paths[:, i], colour) for i, colour in enumerate(finger_colours(now))]
@@ -334,7 +344,7 @@ def _paths(now: Instant) -> list[tuple[FloatArray, str]]:
 
 
 def _fit(axes: Axes, now: Instant, points: FloatArray, text: float) -> None:
-    """Set the limits of the axes around the points (k, 2) of the drawing, with room for names."""
+    """Set the limits of the axes to the range of `points` (k, 2), with margins for the fingers' names."""
     low, high = points.min(axis=0), points.max(axis=0)
     size = float(np.max(high - low))
     room = 0.06 * size
@@ -345,7 +355,7 @@ def _fit(axes: Axes, now: Instant, points: FloatArray, text: float) -> None:
 
 
 def _dots(axes: Axes, now: Instant, flat: FloatArray, visible: NDArray[np.bool_]) -> None:
-    """Draw the visible contact points of touching fingers, except of spherical fingertips, which show theirs."""
+    """Draw the visible contact points of touching fingers that have point fingertips."""
     dots = visible & now.touching & (now.radii == 0.0)
     axes.scatter(flat[dots, 0], flat[dots, 1], s=9.0, color="white", edgecolors=INK, linewidths=0.7, zorder=5)
 
@@ -353,7 +363,7 @@ def _dots(axes: Axes, now: Instant, flat: FloatArray, visible: NDArray[np.bool_]
 def _label(
     axes: Axes, now: Instant, placed: Sequence[Arrow], tips: FloatArray, middle: FloatArray, text: float
 ) -> None:
-    """Write names beyond the outer ends of arrows, if possible without overlap with arrows or each other."""
+    """Write the fingers' names beyond the outer ends of the arrows, if possible without overlap."""
     from matplotlib.patheffects import withStroke
 
     size = max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()) / HIGH)  # width of the panel, which `_frame` limits
@@ -376,14 +386,22 @@ def _label(
 
 
 def _names(now: Instant) -> list[str]:
-    """Return labels of the fingers: their names, or numbers if there are many."""
+    """Return the fingers' labels: names, or indices if there are more than `MOST_NAMES` fingers."""
     return list(map(str, range(len(now.names)))) if len(now.names) > MOST_NAMES else list(now.names)
 
 
 def _free_place(
     mark: FloatArray, first: float, box: FloatArray, occupied: Sequence[FloatArray], busy: FloatArray
 ) -> FloatArray:
-    """Search around a mark, from a given direction on, for a free place for a box; return its centre."""
+    """Return the centre (2,) of a place near `mark` where a box of size `box` (2,) overlaps nothing.
+
+    The search begins in the direction `first` [rad]. If every place overlaps something, a place that overlaps arrows
+    but no other box is preferred.
+
+    Args:
+        occupied: Centre and size of each box placed before (4,).
+        busy: Points on arrows and fingertips (k, 2).
+    """
     places = []
     for ring in RINGS:
         for turn in TURNS:
@@ -395,7 +413,7 @@ def _free_place(
 
 
 def _frame(drawing: Sheet, axes: Axes, now: Instant, scale: float, longest: float) -> None:
-    """Add title and scales, and set the panel's height for the drawing."""
+    """Add the title and the scales, and set the height of the panel to the aspect ratio of the drawing."""
     width, height = (float(np.ptp(each)) for each in (axes.get_xlim(), axes.get_ylim()))
     axes.set_aspect("equal")
     drawing.heights[0] = drawing.width.inches * min(max(height / width, LOW), HIGH)
@@ -411,7 +429,7 @@ def _frame(drawing: Sheet, axes: Axes, now: Instant, scale: float, longest: floa
 
 
 def _bar(axes: Axes, right: float, length: float, words: str, arrow: str, text: float) -> None:
-    """Draw a scale under the picture; its right end and its length are fractions of the picture's width."""
+    """Draw a scale below the picture; `right` (its right end) and `length` are fractions of the picture's width."""
     axes.annotate(
         "", (right, BELOW), (right - length, BELOW), xycoords="axes fraction", textcoords="axes fraction",
         arrowprops={"arrowstyle": arrow, "color": INK, "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0},
@@ -424,7 +442,7 @@ def _bar(axes: Axes, right: float, length: float, words: str, arrow: str, text: 
 
 
 def _explain(drawing: Sheet, placed: Sequence[Arrow]) -> None:
-    """Add a legend of the two forces in the strip above the picture."""
+    """Add a legend of the internal and external forces that are drawn."""
     from matplotlib.lines import Line2D
 
     names = {INTERNAL: "internal force", EXTERNAL: "external force"}
@@ -436,7 +454,7 @@ def _explain(drawing: Sheet, placed: Sequence[Arrow]) -> None:
 
 
 def nice(value: float) -> float:
-    """Find the largest number of the form 1, 2 or 5 times a power of ten that does not exceed a value."""
+    """Return the largest number that is 1, 2 or 5 times a power of ten and does not exceed `value`."""
     power = 10.0 ** floor(log10(value))
     share = value / power
     return (5.0 if share >= 5.0 else 2.0 if share >= 2.0 else 1.0) * power

@@ -1,4 +1,4 @@
-"""The surface of a shape as triangles in space, or its outline in the plane, from the shape's table."""
+"""Surfaces of shapes for drawing: triangles in space, or outlines in the plane."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ BAND = 0.08  # drawn depth of the ground below a half-space, as a fraction of th
 
 @dataclass(frozen=True)
 class Surface:
-    """Triangles in the shape's frame, or one polygon in the plane.
+    """Surface to draw: triangles in space, or one polygon in the plane.
 
     Attributes:
         vertices: Vertices (v, 3) in space, or corners of the outline (v, 2) in the plane [m].
@@ -38,14 +38,17 @@ class Surface:
     faces: IntArray
 
     def placed(self, position: ArrayLike, orientation: ArrayLike | None) -> Surface:
-        """Transform the surface to the world: rotate it by a quaternion x, y, z, w or an angle, then translate it."""
+        """Return the surface rotated by `orientation`, as in `rotation`, and then translated by `position` [m]."""
         x = np.zeros(self.vertices.shape[1])
         x[: np.size(position)] = position  # a position on a line is along x
         return Surface(self.vertices @ rotation(orientation, len(x)).T + x, self.faces)
 
 
 def rotation(orientation: ArrayLike | None, dimensions: int) -> FloatArray:
-    """Return the rotation matrix (d, d) of a quaternion x, y, z, w, of an angle [rad], or the identity."""
+    """Return the matrix (d, d) of a rotation: of a quaternion x, y, z, w in space, or of an angle [rad] in the plane.
+
+    If the orientation is None, the matrix is the identity.
+    """
     if orientation is None:
         return np.eye(dimensions)
     if dimensions == 2:
@@ -57,13 +60,14 @@ def rotation(orientation: ArrayLike | None, dimensions: int) -> FloatArray:
 
 
 def surface(shape: Mapping[str, Any], dimensions: int, extent: float, folder: Path | None = None) -> Surface:
-    """Build the surface that a shape's table describes.
+    """Build the surface that a shape's table describes, in the shape's frame.
 
     Args:
-        shape: Table with `kind` and its lengths, `mesh` with a file, or `vertices` and `faces`.
-        dimensions: Number of dimensions d; a line is drawn in the plane.
+        shape: Table with `kind` and the lengths of this kind, with `mesh` (path of a file), or with `vertices` and
+            `faces`.
+        dimensions: Number of dimensions of the drawing, 2 or 3; a shape on a line is drawn in the plane.
         extent: Size of the drawn part of a plane or of the surface of a half-space [m].
-        folder: Folder of relative mesh paths.
+        folder: Folder to which a relative path of a mesh refers; the current folder if None.
 
     Raises:
         InputError: If the kind cannot be drawn, the table is incomplete, or the mesh is invalid.
@@ -81,7 +85,7 @@ def surface(shape: Mapping[str, Any], dimensions: int, extent: float, folder: Pa
 
 
 def ball(radius: float, turn: int = 24) -> Surface:
-    """Build a sphere about the origin."""
+    """Build a sphere about the origin, with `turn` facets around its equator."""
     return _revolved(*_arc(radius, 0.0, pi, turn // 2), turn)
 
 
@@ -89,14 +93,19 @@ def ball(radius: float, turn: int = 24) -> Surface:
 
 
 def _arc(radius: float, begin: float, end: float, steps: int) -> tuple[FloatArray, FloatArray]:
-    """List radii and heights along an arc; angles are measured from the pole."""
+    """Return distances from the z axis and heights of points on an arc; `begin` and `end` are angles from +z [rad]."""
     angle = np.linspace(begin, end, steps + 1)
     r = radius * np.sin(angle)
     return np.where(r > POLE * radius, r, 0.0), radius * np.cos(angle)
 
 
 def _revolved(r: FloatArray, z: FloatArray, turn: int = TURN) -> Surface:
-    """Revolve a profile about z, from the top to the bottom of the enclosed solid."""
+    """Revolve a profile about the z axis.
+
+    Args:
+        r, z: Distances from the axis and heights of the profile's points, from top to bottom [m].
+        turn: Number of facets of a full circle.
+    """
     angle = 2.0 * pi * np.arange(turn) / turn
     rings = np.stack(
         [np.outer(r, np.cos(angle)), np.outer(r, np.sin(angle)), np.repeat(z[:, None], turn, axis=1)], axis=2
@@ -157,12 +166,12 @@ def _cylinder(shape: Mapping[str, Any], _: float) -> Surface:
 
 
 def _steps(length: float, radius: float) -> int:
-    """Return the number of points along a wall, including its ends, with which its cells are almost square."""
+    """Return the number of points along a cylinder's wall, including its ends, for approximately square cells."""
     return 2 + min(GRID * 4, int(length / (2.0 * pi * radius / TURN)))
 
 
 def _patch(shape: Mapping[str, Any], extent: float) -> Surface:
-    """Build a square part of an infinite plane."""
+    """Build a square of edge `extent` in the plane through the origin with the shape's normal."""
     w = np.array(shape["normal"], dtype=float)
     w /= np.linalg.norm(w)
     u = np.cross(w, np.eye(3)[np.abs(w).argmin()])
@@ -208,7 +217,7 @@ def _stadium(shape: Mapping[str, Any], _: float) -> Surface:
 
 
 def _ground(shape: Mapping[str, Any], extent: float) -> Surface:
-    """Build a strip of ground for a half-space, or a line for a plane."""
+    """Build the drawn part of length `extent` in the plane: a strip for a half-space, a line for a plane."""
     w = np.zeros(2)
     w[: len(shape["normal"])] = shape["normal"]
     w /= np.linalg.norm(w)

@@ -1,4 +1,4 @@
-"""Contact of a finger with a closed-form shape: a contact point that stays on its face at any penetration depth."""
+"""Contact of a finger with a closed-form shape: the contact point stays on one face at any penetration depth."""
 
 from __future__ import annotations
 
@@ -25,24 +25,30 @@ KINDS = range(MESH + 1)
 
 @kernel
 def closest(kind: int, d: int, size: Vector, p: Vector, face: int, last: Vector) -> Nearest:
-    """Find the contact of a finger at p in the object's frame; only the first d coordinates are used.
+    """Find the contact of a point finger with a shape about the origin of the object's frame.
 
-    c is on the surface, n is the unit normal into the object, and gap is > 0 outside and < 0 inside, with p - c = -gap
-    n. Outside, c is the nearest point of the shape. For an unknown kind the contact is NaN.
+    The contact has a point c on the surface, the unit normal n into the object, and the gap, which is positive outside
+    and negative inside the shape, so that p - c = -gap n. If the finger is outside, c is the nearest point of the
+    shape. If the finger is inside, c is on the face that the finger entered, as long as this face holds the finger. For
+    an unknown kind the contact is NaN.
 
     Args:
-        kind: Kind of the shape, with the meaning of `size` [m] and the faces between which a contact does not jump:
-            BOX, half edges; 0 ... 5 = +x, -x, +y, -y, +z, -z.
-            SPHERE, radius; a disc in the plane; on the line the same interval as a box.
-            HALF_SPACE, outward unit normal; everything behind the plane through the centre.
-            PLANE, unit normal; a sheet through the centre, with side 0, to which the normal points, and side 1.
-            CAPSULE, radius and half the length of the straight part, along z; in the plane along x, with the long sides
-            0 = +y and 1 = -y.
-            CYLINDER, radius and half length, along z; 0 mantle, 1 cap at +z, 2 cap at -z.
-            ELLIPSOID, semi-axes; 0 and 1 are the halves of positive and negative coordinate along the shortest.
-        face: Finger's face at the last sample; -1 for none, which selects the face with the largest signed distance.
-        last: Contact point at the last sample. If several points are nearest, for example to the centre of a sphere,
-            the finger keeps its direction.
+        kind: Kind of the shape. It determines the meaning of `size` [m] and of the face indices:
+            BOX, half edge lengths; faces 0 to 5 are +x, -x, +y, -y, +z, -z.
+            SPHERE, radius; in one dimension an interval, with the faces of a box.
+            HALF_SPACE, outward unit normal; the shape is all space behind the plane through the origin.
+            PLANE, unit normal; the shape is a sheet through the origin, and the normal points to its side 0.
+            CAPSULE, radius and half the length of the straight part, along z in space. In the plane, the straight part
+            is along x, and its sides are 0 (+y) and 1 (-y).
+            CYLINDER, radius and half length, along z; faces are 0 (mantle), 1 (cap at +z) and 2 (cap at -z).
+            ELLIPSOID, semi-axes; faces 0 and 1 are the halves with positive and negative coordinate along the shortest.
+        d: Number of dimensions; only the first d coordinates of vectors are used.
+        size: Lengths or normal of the shape, see `kind`.
+        p: Position of the finger in the object's frame [m].
+        face: Face index of the finger's contact in the last sample; -1 for a new finger, which gets the face with the
+            largest signed distance.
+        last: Contact point in the last sample [m]. If several points of the shape are nearest to the finger, as for a
+            finger at the centre of a sphere, the direction from the centre to `last` selects the contact point.
     """
     p, last = in_dimensions(p, d), in_dimensions(last, d)
     if kind == BOX or (kind == SPHERE and d == 1):
@@ -67,11 +73,12 @@ def closest(kind: int, d: int, size: Vector, p: Vector, face: int, last: Vector)
 
 @kernel
 def closest_to_ball(kind: int, d: int, size: Vector, radius: float, p: Vector, face: int, last: Vector) -> Nearest:
-    """Find the contact of a ball fingertip centred at p: the ball's gap, and the contact point on the shape.
+    """Find the contact of a ball fingertip of a given radius [m] with its centre at p; see `closest`.
 
-    The ball's centre has a proxy q on the shape offset by the ball's radius: q = c - radius n, p - q = -gap n.
-    Displacements are measured from q, e = p + radius n - c, and vanish where the ball just touches. The offset shape
-    has the same faces, edges, normals and centres of curvature, so that the same face holds the finger.
+    The gap is that between the ball and the shape; the contact point c is on the shape. The proxy of the ball's centre,
+    q = c - radius n, is on the surface at the distance `radius` outside the shape, so that p - q = -gap n. The
+    finger's displacement is e = p - q = p + radius n - c. The faces of the offset surface correspond to those of the
+    shape, so that `face` has the same meaning as for a point finger.
     """
     centre = closest(kind, d, size, p, face, last)
     return Nearest(centre.face, centre.point, centre.normal, centre.gap - radius)
@@ -79,5 +86,5 @@ def closest_to_ball(kind: int, d: int, size: Vector, radius: float, p: Vector, f
 
 @inline
 def in_dimensions(v: Vector, d: int) -> Vector:
-    """Return a vector whose unused coordinates are zero."""
+    """Return a vector with all but its first d coordinates set to zero."""
     return Vector(v.x, v.y if d > 1 else 0.0, v.z if d > 2 else 0.0)

@@ -1,4 +1,4 @@
-"""Contact of a finger with an ellipsoid: the nearest point, or if it is flat the nearest one on the finger's side."""
+"""Contact of a finger with an ellipsoid: the nearest point of the surface, or of one side of a flat ellipsoid."""
 
 from __future__ import annotations
 
@@ -20,7 +20,14 @@ ROUNDS = 40
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """Semi-axis, with the coordinates of the finger and of the last contact along it, and the axis number."""
+    """Semi-axis of an ellipsoid.
+
+    Attributes:
+        length: Length of the semi-axis [m].
+        now: Coordinate of the finger along the semi-axis [m].
+        last: Coordinate of the last contact point along the semi-axis [m].
+        number: Coordinate axis of the semi-axis: 0, 1 or 2.
+    """
 
     length: float
     now: float
@@ -30,7 +37,13 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class Foot:
-    """Minimum of the distance, s = t + h3^2 and y_i = c_i/h_i, h1 >= h2 >= h3 the semi-axes; valid if `success`."""
+    """Local minimum of the distance between a finger and an ellipsoid with semi-axes h1 >= h2 >= h3.
+
+    Attributes:
+        success: Whether the minimum exists; otherwise the other attributes have no meaning.
+        s: Shifted parameter t + h3^2, with the parameter t of `on_ellipsoid`; all lengths relative to a unit of length.
+        y: Contact point c in units of the semi-axes, y_i = c_i/h_i.
+    """
 
     success: bool
     s: float
@@ -39,7 +52,7 @@ class Foot:
 
 @dataclass(frozen=True, slots=True)
 class Pairs:
-    """Three quotients y + w, each a pair of floats, and their divisors."""
+    """Three quotients in double-double arithmetic: leading parts y, remainders w, and divisors t."""
 
     y: Vector
     w: Vector
@@ -48,15 +61,16 @@ class Pairs:
 
 @kernel
 def on_ellipsoid(d: int, size: Vector, p: Vector, face: int, last: Vector) -> Nearest:
-    """Find the contact c of a finger at p with an ellipsoid of semi-axes e_i, and the inward normal n.
+    """Find the contact of a finger at p with an ellipsoid with semi-axes e_i = `size`; see `closest`.
 
-    c_i = e_i^2 p_i/(t + e_i^2), with t such that sum c_i^2/e_i^2 = 1; t = 0 if p is on the surface. n is parallel to
-    the vector of -c_i/e_i^2.
+    The contact point is c_i = e_i^2 p_i/(t + e_i^2), with the parameter t for which sum c_i^2/e_i^2 = 1; t is zero if p
+    is on the surface. The inward normal n has the direction of the vector with entries -c_i/e_i^2.
 
-    Besides the nearest point, the squared distance has at most one local minimum on the surface, beyond the plane of
-    the two longer semi-axes (Martinez 1994). A finger therefore has a side, 0 or 1, of the shortest semi-axis. It keeps
-    the side while the minimum on that side exists, until the contact rolls over the rim. A lens therefore resists like
-    a plate. If several points are nearest, the contact is the one next to the last contact point.
+    Besides the nearest point, the distance has at most one local minimum on the surface, on the other side of the plane
+    of the two longer semi-axes (Martinez 1994). The finger's face, 0 or 1, is the side of this plane on which the
+    contact point is. The finger keeps its face as long as the distance has a minimum on this side. A finger that pushes
+    into a flat ellipsoid is therefore held as by a plate. If several points are nearest, the contact is the point
+    nearest to the last contact point.
     """
     if d < 3:  # an ellipse is a section of this ellipsoid
         size = Vector(size.x, size.y, max(size.x, size.y))
@@ -102,18 +116,18 @@ def on_ellipsoid(d: int, size: Vector, p: Vector, face: int, last: Vector) -> Ne
 
 @inline
 def entry(v: Vector, one: Axis, two: Axis, axis: int) -> float:
-    """Return the entry of a vector over sorted axes that belongs to axis number `axis`."""
+    """Return the component along coordinate axis `axis` of a vector v given along the sorted semi-axes."""
     return v.x if one.number == axis else (v.y if two.number == axis else v.z)
 
 
 def power_above(length: float) -> float:
-    """Return the next power of two above a length."""
+    """Return the smallest power of two greater than `length`."""
     return math.ldexp(1.0, math.frexp(length)[1])
 
 
 @kernel
 def sorted_axes(a: Axis, b: Axis, c: Axis) -> tuple[Axis, Axis, Axis]:
-    """Sort three semi-axes, the longest first."""
+    """Sort three semi-axes from the longest to the shortest."""
     if a.length < b.length:
         a, b = b, a
     if b.length < c.length:
@@ -125,12 +139,16 @@ def sorted_axes(a: Axis, b: Axis, c: Axis) -> tuple[Axis, Axis, Axis]:
 
 @kernel
 def near_side(h: Vector, u: Vector) -> Foot:
-    """Find s >= 0 of the nearest point and its y, for h1 >= h2 >= h3 and a finger at u >= 0.
+    """Find the point of an ellipsoid nearest to a finger, which has s >= 0.
 
-    |y(s)| = 1 with y_i = h_i u_i/(s + h_i^2 - h3^2) is solved by Newton's method for 1/|y|, which is concave: iterates
-    from below the root rise to it and never pass it. The start is a lower bound that is close to the root for any
-    finger. The iteration ends in pairs of floats, since a nearby evolute magnifies rounding. s = 0 with y3 >= 0 means
-    that the finger is on the plane of the longer semi-axes, or for h2 = h3 on the line of the longest.
+    The equation |y(s)| = 1, where y_i = h_i u_i/(s + h_i^2 - h3^2), is solved by Newton's method for 1/|y|. Since 1/|y|
+    is concave, iterates below the root increase and do not pass it; the initial s is a close lower bound. The last
+    iterations use double-double arithmetic, because rounding errors grow near the evolute. If the result is s = 0, the
+    finger is in the plane of the two longer semi-axes or, for h2 = h3, on the longest semi-axis.
+
+    Args:
+        h: Semi-axes h1 >= h2 >= h3.
+        u: Absolute values of the finger's coordinates along the semi-axes.
     """
     d1, r1 = squares_apart(h.x, h.z)
     d2, r2 = squares_apart(h.y, h.z)
@@ -184,10 +202,11 @@ def near_side(h: Vector, u: Vector) -> Foot:
 
 @kernel
 def far_side(h: Vector, u: Vector) -> Foot:
-    """Find the minimum across the plane of the longer semi-axes, if it exists: s < 0, y as in `near_side`, y3 < 0.
+    """Find the local minimum of the distance on the other side of the plane of the longer semi-axes, if it exists.
 
-    s is the root of |y|^2 - 1 next to 0 in (h3^2 - h2^2, 0). There |y|^2 - 1 is convex, so that Newton's method
-    descends to the root, or leaves the interval.
+    The minimum has s < 0 and y3 < 0, with h, u and y as in `near_side`. The parameter s is the root of |y|^2 - 1 in the
+    interval (h3^2 - h2^2, 0) that is nearest to 0. In this interval, |y|^2 - 1 is convex, so that Newton's method
+    either decreases to the root or leaves the interval, in which case the minimum does not exist.
     """
     d1, r1 = squares_apart(h.x, h.z)
     d2, r2 = squares_apart(h.y, h.z)
@@ -230,7 +249,7 @@ def far_side(h: Vector, u: Vector) -> Foot:
 
 
 def lower_bound(k: float, left: float, slope: float) -> float:
-    """Return an s with (k/s)^2 >= left + slope s; the root of equality is larger by a small factor at most."""
+    """Return a lower bound of the root s of (k/s)^2 = left + slope s; the root is larger by at most a small factor."""
     bound = k / math.sqrt(2.0 * left) if left > 0.0 else math.inf
     if slope > 0.0:
         exponent = (2 * math.frexp(k)[1] - 3 - math.frexp(slope)[1]) // 3  # cube root of k^2/(2 slope), rounded down
@@ -239,7 +258,7 @@ def lower_bound(k: float, left: float, slope: float) -> float:
 
 
 def squares_apart(a: float, b: float) -> tuple[float, float]:
-    """Compute a^2 - b^2 as a pair."""
+    """Compute a^2 - b^2 in double-double arithmetic."""
     p, pr = exact_product(a, a)
     q, qr = exact_product(b, b)
     s, sr = exact_sum(p, -q)
@@ -248,7 +267,7 @@ def squares_apart(a: float, b: float) -> tuple[float, float]:
 
 @kernel
 def shares(h: Vector, u: Vector, s: float, r: float, d: Vector, dr: Vector) -> Pairs:
-    """Compute y_i = h_i u_i/((s + r) + (d_i + dr_i)) as pairs, and the divisors."""
+    """Compute h_i u_i/((s + r) + (d_i + dr_i)) in double-double arithmetic, where r and dr_i are remainders."""
     y1, w1, t1 = share(h.x, u.x, s, r, d.x, dr.x)
     y2, w2, t2 = share(h.y, u.y, s, r, d.y, dr.y)
     y3, w3, t3 = share(h.z, u.z, s, r, d.z, dr.z)
@@ -256,7 +275,7 @@ def shares(h: Vector, u: Vector, s: float, r: float, d: Vector, dr: Vector) -> P
 
 
 def share(h: float, u: float, s: float, r: float, d: float, dr: float) -> tuple[float, float, float]:
-    """Compute y = h u/((s + r) + (d + dr)) as a pair, and the divisor."""
+    """Compute h u/((s + r) + (d + dr)) in double-double arithmetic: leading part, remainder, and the divisor."""
     n, nr = exact_product(h, u)
     t, tr = exact_sum(s, d)
     t, tr = exact_sum(t, tr + (r + dr))
@@ -267,7 +286,7 @@ def share(h: float, u: float, s: float, r: float, d: float, dr: float) -> tuple[
 
 @kernel
 def norm_above_one(y: Vector, w: Vector) -> float:
-    """Compute |y + w|^2 - 1, summed in pairs."""
+    """Compute |y + w|^2 - 1 in double-double arithmetic, where w is the remainder of y; return the rounded result."""
     a, ar = exact_product(y.x, y.x)
     b, br = exact_product(y.y, y.y)
     c, cr = exact_product(y.z, y.z)

@@ -14,12 +14,18 @@ HALVES = 134217729.0  # 2^27 + 1 splits a 53-bit significand into two halves
 
 @kernel
 def on_box(d: int, half: Vector, p: Vector, face: int) -> Nearest:
-    """Find the contact with a box: a face holds a finger that is behind it and within its edges.
+    """Find the contact of a finger at p with a box; see `closest`.
 
-    The contact of any other finger is its projection on the box, or for a new finger inside on the nearest face. A
-    contact that slides over an edge to a nearer face would end at the same projection, because a finger beyond an edge
-    is in front of the neighbouring face. Outside, the finger's face is the one that the finger is farthest in front of,
-    so that the finger enters through that face.
+    If the finger is behind its face and its projection on the face is within the edges, the contact is this projection.
+    Otherwise, the contact is the nearest point of the box if the finger is outside, or a point of the nearest face if
+    it is inside. The new face is the one with the largest signed distance to the finger, so that a finger outside
+    enters through this face.
+
+    Args:
+        d: Number of dimensions.
+        half: Half edge lengths [m].
+        p: Position of the finger [m].
+        face: Face of the last sample; -1 for a new finger.
     """
     ex, ey, ez = abs(p.x) - half.x, abs(p.y) - half.y, abs(p.z) - half.z
     if d < 3:
@@ -67,7 +73,7 @@ def on_box(d: int, half: Vector, p: Vector, face: int) -> Nearest:
 
 @kernel
 def facing(face: int, sign: float, half: Vector, p: Vector, gap: float) -> Nearest:
-    """Return the contact on a face: the finger's orthogonal projection on it, and the face's normal."""
+    """Return the contact with a face of a box: the orthogonal projection of p on the face, and the face's normal."""
     if face < 2:
         return Nearest(face, Vector(sign * half.x, p.y, p.z), Vector(-sign, 0.0, 0.0), gap)
     if face < 4:
@@ -77,14 +83,14 @@ def facing(face: int, sign: float, half: Vector, p: Vector, gap: float) -> Neare
 
 @kernel
 def on_half_space(outward: Vector, p: Vector) -> Nearest:
-    """Return the finger's projection on the plane through the centre; everything behind the plane is inside."""
+    """Find the contact of a finger at p with a half-space: the projection of p on the plane through the origin."""
     height = dot(outward, p)
     return Nearest(0, p - height * outward, -outward, height)
 
 
 @kernel
 def on_plane(normal: Vector, p: Vector, face: int) -> Nearest:
-    """Find the contact with a sheet without thickness: a finger stays on the side, 0 or 1, where it started."""
+    """Find the contact of a finger at p with a sheet; the finger keeps its side (`face`, 0 or 1; -1 if new)."""
     side = face
     if face < 0:
         side = 1 if dot(normal, p) < 0.0 else 0
@@ -96,14 +102,17 @@ def on_plane(normal: Vector, p: Vector, face: int) -> Nearest:
 
 
 def exact_sum(a: float, b: float) -> tuple[float, float]:
-    """Compute a + b = (s, r) exactly: the rounded sum and its rounding error (Knuth 1969)."""
+    """Return the rounded sum s of a and b, and its rounding error r, so that a + b = s + r exactly (Knuth 1969)."""
     s = a + b
     t = s - a
     return s, (a - (s - t)) + (b - t)
 
 
 def exact_product(a: float, b: float) -> tuple[float, float]:
-    """Compute a b = (p, r) exactly, unless it over- or underflows (Dekker 1971)."""
+    """Return the rounded product p of a and b, and its rounding error r, so that a b = p + r exactly (Dekker 1971).
+
+    The result is not exact if a product overflows or underflows.
+    """
     p = a * b
     t = HALVES * a
     ah = t - (t - a)
@@ -115,7 +124,10 @@ def exact_product(a: float, b: float) -> tuple[float, float]:
 
 
 def radial_excess(x: float, y: float, radius: float) -> float:
-    """Compute |(x, y)| - radius to full relative accuracy: exact x^2 + y^2 - radius^2, over |(x, y)| + radius."""
+    """Compute sqrt(x^2 + y^2) - radius without cancellation.
+
+    It is x^2 + y^2 - radius^2, computed from exact products, divided by sqrt(x^2 + y^2) + radius.
+    """
     p, pr = exact_product(x, x)
     q, qr = exact_product(y, y)
     r, rr = exact_product(radius, radius)
@@ -131,14 +143,17 @@ def radial_excess(x: float, y: float, radius: float) -> float:
 
 @kernel
 def on_sphere(radius: float, p: Vector, last: Vector) -> Nearest:
-    """Find the contact on the ray from the centre through the finger; at the centre, keep the last direction."""
+    """Find the contact of a finger at p with a sphere, on the ray from the centre through the finger.
+
+    If the finger is at the centre, the ray has the direction of the last contact point.
+    """
     u, r = direction(p, last)
     return Nearest(0, radius * u, -u, r - radius)
 
 
 @kernel
 def direction(v: Vector, last: Vector) -> tuple[Vector, float]:
-    """Return the unit vector along v, and its length; for v = 0 along `last`, or along x if that is zero too."""
+    """Return the unit vector along v, and |v|; if v is zero, the unit vector is along `last`, or else along x."""
     square = dot(v, v)
     if square >= TINY:
         r = math.sqrt(square)
@@ -151,9 +166,10 @@ def direction(v: Vector, last: Vector) -> tuple[Vector, float]:
 
 @kernel
 def on_capsule(radius: float, half: float, p: Vector, last: Vector) -> Nearest:
-    """Find the contact with a capsule about the segment |z| <= half: on the ray from the segment through the finger.
+    """Find the contact of a finger at p with a capsule around the segment |z| <= half.
 
-    On the segment itself the finger keeps its direction, which is across the segment except at its ends.
+    The contact is on the ray from the nearest point of the segment through the finger. If the finger is on the segment,
+    the ray has the direction of the last contact point, perpendicular to the segment except at the segment's ends.
     """
     t = min(max(p.z, -half), half)
     along = 0.0 if -half < p.z < half else last.z - min(max(last.z, -half), half)
@@ -163,10 +179,10 @@ def on_capsule(radius: float, half: float, p: Vector, last: Vector) -> Nearest:
 
 @kernel
 def on_stadium(radius: float, half: float, p: Vector, face: int, last: Vector) -> Nearest:
-    """Find the contact with a capsule in the plane, along x: sides 0 = +y and 1 = -y, and a half disc at each end.
+    """Find the contact of a finger at p with a capsule in the plane, around the segment |x| <= half.
 
-    A side holds the finger between its ends at any depth, as a rectangle's side does; beyond an end the half disc holds
-    the finger.
+    For |x| <= half, the contact is on the side of the last sample, 0 (+y) or 1 (-y), at any depth, as on a rectangle.
+    Otherwise, the contact is on the half disc at the end of the capsule.
     """
     side = 1 if p.y < 0.0 or (p.y == 0.0 and face == 1) else 0
     if abs(p.x) <= half:
@@ -181,11 +197,11 @@ def on_stadium(radius: float, half: float, p: Vector, face: int, last: Vector) -
 
 @kernel
 def on_cylinder(radius: float, half: float, p: Vector, face: int, last: Vector) -> Nearest:
-    """Find the contact with a solid cylinder along z: its mantle is face 0, its caps are 1 = +z and 2 = -z.
+    """Find the contact of a finger at p with a solid cylinder along z.
 
-    As on a box, a face holds a finger that is behind it and within its edges, so that a finger never passes through a
-    flat disc. Any other finger is assigned the face that it is farthest in front of; outside, its contact is its
-    projection.
+    The faces are 0 (mantle), 1 (cap at +z) and 2 (cap at -z). As on a box, a finger keeps its face while it is behind
+    the face and its projection is on the face, so that it does not pass through a thin disc. Otherwise, the new face is
+    the one with the largest signed distance to the finger; if the finger is outside, the contact is the nearest point.
     """
     u, rho = direction(Vector(p.x, p.y, 0.0), Vector(last.x, last.y, 0.0))
     across, along = rho - radius, abs(p.z) - half

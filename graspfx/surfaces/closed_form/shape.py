@@ -1,4 +1,4 @@
-"""Closed-form shapes: their parameters for the contact kernel, and the moments of inertia of the solid."""
+"""Closed-form shapes: parameters for the contact kernel, contact points, volumes, and moments of inertia."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ class Contacts:
     """Contact points of n fingers in the object's frame.
 
     Attributes:
-        face: Index of the face of each finger, to be passed to the next sample, (n,); 0 on a sphere.
-        point: Contact points on the surface, (n, d) [m].
-        normal: Unit normals into the object, (n, d).
-        gap: Gap, > 0 outside and < 0 inside, (n,) [m]; finger - point = -gap normal for a point, and -(gap + radius)
-            normal for a ball.
+        face: Index of each finger's face, an input for the next sample (n,); see `Shape.faces`.
+        point: Contact points on the surface (n, d) [m].
+        normal: Unit normals into the object (n, d).
+        gap: Gaps between fingertips and surface, positive outside and negative inside (n,) [m]. A finger at p with a
+            contact point c and normal n satisfies p - c = -(gap + radius) n, where a point fingertip has radius zero.
     """
 
     face: NDArray[np.intp]
@@ -42,13 +42,16 @@ class Contacts:
 
 
 def contacts(each: Sequence[Nearest], d: int) -> Contacts:
-    """Collect the contacts of fingers in d dimensions."""
+    """Collect the contact of each finger, in d dimensions, in arrays."""
     rows = np.array([list(numbers(contact)) for contact in each]).reshape(-1, 8)
     return Contacts(rows[:, 0].astype(np.intp), rows[:, 1 : 1 + d], rows[:, 4 : 4 + d], rows[:, 7])
 
 
 class Shape(ABC):
-    """Shape about its centre, in its own frame; `proxy.closest` receives `kind`, and `parameters` as its `size`."""
+    """Base class of shapes; the centre of a shape is the origin of its frame.
+
+    The attributes `kind` and `parameters` are the arguments `kind` and `size` of `proxy.closest`.
+    """
 
     kind: ClassVar[int]
     endless: ClassVar[bool] = False  # an endless shape has no mass properties
@@ -57,15 +60,15 @@ class Shape(ABC):
     @property
     @abstractmethod
     def parameters(self) -> tuple[float, float, float]:
-        """Lengths [m] or a unit normal; unused entries are zero."""
+        """Lengths [m] or unit normal of the shape; unused entries are zero."""
 
     @abstractmethod
     def dimensions_ok(self, d: int) -> bool:
-        """True if the shape exists in d dimensions."""
+        """Return whether the shape exists in d dimensions."""
 
     @abstractmethod
     def faces(self, d: int) -> int:
-        """Return the number of faces that hold a finger."""
+        """Return the number of faces in d dimensions; a finger inside the shape keeps its face."""
 
     @abstractmethod
     def _moments(self, d: int) -> tuple[float, float, float]:
@@ -73,22 +76,28 @@ class Shape(ABC):
 
     @abstractmethod
     def _volume(self) -> float:
-        """Compute the volume in space [m^3]."""
+        """Compute the volume of the solid in three dimensions [m^3]."""
 
     def volume(self) -> float:
-        """Compute the volume of the solid in space [m^3].
+        """Compute the volume of the solid in three dimensions [m^3].
 
         Raises:
-            InputError: If the shape is unbounded or does not exist in space.
+            InputError: If the shape is unbounded or does not exist in three dimensions.
         """
         self._check(3)
         return self._volume()
 
     def inertia(self, mass: float, d: int) -> FloatArray:
-        """Compute the solid's principal moments about its centre, (3,) [kg m^2]; in 2-D only the third, in 1-D none.
+        """Compute the principal moments of inertia of the solid about its centre, (3,) [kg m^2].
+
+        In two dimensions, only the third moment is non-zero; in one dimension, all are zero.
+
+        Args:
+            mass: Mass [kg].
+            d: Number of dimensions.
 
         Raises:
-            InputError: If the shape is unbounded or does not exist in these dimensions, or the mass is not above zero.
+            InputError: If the shape is unbounded or does not exist in d dimensions, or the mass is not positive.
         """
         self._check(d)
         turns = (d == 3, d == 3, d > 1)
@@ -102,12 +111,17 @@ class Shape(ABC):
         *,
         radius: float = 0.0,
     ) -> Contacts:
-        """Find the contact points of fingers at `points` (n, d) in the object's frame.
+        """Find the contact points of n fingers.
 
         Args:
-            faces: Index of the face of each finger at the last sample, (n,); -1 for a new finger.
-            previous: Contact points at the last sample, (n, d).
-            radius: Radius of ball fingertips [m]; zero for points.
+            points: Positions of the fingers in the object's frame (n, d) [m].
+            faces: Index of each finger's face in the last sample (n,); -1 for a new finger. By default all are new.
+            previous: Contact points in the last sample (n, d) [m]; by default zeros.
+            radius: Radius of the fingertips [m]; zero for point fingertips.
+
+        Raises:
+            InputError: If an array has non-finite numbers or a wrong shape, a face does not exist, or the shape does
+                not exist in d dimensions.
         """
         p = finite("points", points, "finite positions of shape (n, d)", largest=math.inf)
         if p.ndim != 2:
@@ -137,10 +151,13 @@ class Shape(ABC):
 
 @dataclass(frozen=True)
 class Box(Shape):
-    """A box with full edge lengths `size` (d,) [m]: an interval, a rectangle, a cuboid.
+    """A box: an interval in one dimension, a rectangle in two, a cuboid in three.
+
+    Args:
+        size: Full edge lengths (d,) [m].
 
     Raises:
-        InputError: If `size` is not one to three finite lengths above zero.
+        InputError: If `size` is not a sequence of one to three finite positive lengths.
     """
 
     size: tuple[float, ...]
@@ -170,10 +187,13 @@ class Box(Shape):
 
 @dataclass(frozen=True)
 class Sphere(Shape):
-    """A sphere of `radius` [m]: an interval on the line, a disc in the plane.
+    """A sphere: an interval in one dimension, a disc in two, a ball in three.
+
+    Args:
+        radius: Radius [m].
 
     Raises:
-        InputError: If the radius is not finite and above zero.
+        InputError: If the radius is not a finite positive length.
     """
 
     radius: float
@@ -202,10 +222,13 @@ class Sphere(Shape):
 
 @dataclass(frozen=True)
 class HalfSpace(Shape):
-    """The region behind a plane through the centre; `normal` (d,), of any length, points out of the region.
+    """The region on one side of a plane through the origin.
+
+    Args:
+        normal: Vector that points out of the region, of any non-zero length (d,).
 
     Raises:
-        InputError: If the normal is not one to three finite numbers, or is zero.
+        InputError: If `normal` is not a sequence of one to three finite numbers, or is zero.
     """
 
     normal: tuple[float, ...]
@@ -235,12 +258,15 @@ class HalfSpace(Shape):
 
 @dataclass(frozen=True)
 class Plane(HalfSpace):
-    """An unbounded sheet without thickness through the centre, normal to `normal` (d,); a point on the line.
+    """An unbounded sheet without thickness through the origin; in one dimension a point.
 
-    It is touched from both sides, and a finger stays on the side where it started.
+    Fingers can touch both sides of the sheet. A finger stays on the side on which it started.
+
+    Args:
+        normal: Vector perpendicular to the sheet, of any non-zero length (d,).
 
     Raises:
-        InputError: If the normal is not one to three finite numbers, or is zero.
+        InputError: If `normal` is not a sequence of one to three finite numbers, or is zero.
     """
 
     kind = proxy.PLANE
@@ -251,7 +277,7 @@ class Plane(HalfSpace):
 
 @dataclass(frozen=True)
 class Round(Shape):
-    """A shape of revolution, with a radius and a length along its axis [m]."""
+    """Base class of shapes with a radius [m] and a length along an axis [m]."""
 
     radius: float
     length: float
@@ -267,12 +293,14 @@ class Round(Shape):
 
 @dataclass(frozen=True)
 class Capsule(Round):
-    """All points within `radius` [m] of a segment of `length` [m], along z in space, along x in the plane.
+    """A capsule: all points within a distance of a segment. Its total length is length + 2 radius.
 
-    Its total length is length + 2 radius.
+    Args:
+        radius: Largest distance from the segment [m].
+        length: Length of the segment, which is along z in space and along x in the plane [m].
 
     Raises:
-        InputError: If a length is not finite and above zero.
+        InputError: If the radius or the length is not a finite positive length.
     """
 
     kind = proxy.CAPSULE
@@ -299,10 +327,14 @@ class Capsule(Round):
 
 @dataclass(frozen=True)
 class Cylinder(Round):
-    """A solid cylinder of `radius` and `length` [m] along z; in space only (in the plane use a box).
+    """A solid cylinder along z, in three dimensions only (in two dimensions, use a box).
+
+    Args:
+        radius: Radius [m].
+        length: Length [m].
 
     Raises:
-        InputError: If a length is not finite and above zero.
+        InputError: If the radius or the length is not a finite positive length.
     """
 
     kind = proxy.CYLINDER
@@ -324,10 +356,14 @@ class Cylinder(Round):
 
 @dataclass(frozen=True)
 class Ellipsoid(Shape):
-    """An ellipsoid of `semi_axes` (d,) [m] along x, y and z; in the plane an ellipse.
+    """An ellipsoid; in two dimensions an ellipse.
+
+    Args:
+        semi_axes: Semi-axes along x, y and z (d,) [m].
 
     Raises:
-        InputError: If `semi_axes` are not two or three finite lengths above zero, or their ratio exceeds 1e6.
+        InputError: If `semi_axes` is not a sequence of two or three finite positive lengths, or the ratio of the
+            longest to the shortest exceeds 1e6.
     """
 
     semi_axes: tuple[float, ...]

@@ -1,12 +1,12 @@
-"""Contact of a ball with a triangle mesh: the proxy of its centre stays a radius away from every nearby triangle.
+"""Contact of a ball with a triangle mesh: the proxy of the ball's centre keeps the distance of a radius from triangles.
 
-The proxy q is the position that the centre would have if the ball could not penetrate: the point nearest to the centre
-g that q reaches without crossing the surface (a god-object, Zilles and Salisbury, 1995, with a size: Ruspini, Kolarov
-and Khatib, 1997). Every step is a convex problem (`project`). Its planes keep the whole segment of the step off all
-triangles, so that the ball does not pass through even a thin wall. At most three constraints hold the proxy where walls
-meet, and g - q is continuous, unlike the vector to the nearest wall.
+The proxy q is the position that the ball's centre g would have if the ball could not penetrate the surface. It is the
+point nearest to g that q can reach without crossing the surface: the god-object of Zilles and Salisbury (1995) for a
+finger with a radius (Ruspini, Kolarov and Khatib, 1997). Each step of q solves a convex problem (`project`) with a
+plane for each nearby triangle. The planes keep the whole segment of the step away from all triangles, so that the ball
+does not pass through thin walls. Where walls meet, up to three planes hold q, and g - q is a continuous function of g.
 
-A ball's state is a `MeshFinger`, like that of a point finger in `walk`, but with the proxy as `last`.
+The state of a ball is a `MeshFinger`, as for a point finger in `walk`, except that `last` is the proxy.
 """
 
 from __future__ import annotations
@@ -38,11 +38,12 @@ PARALLEL = 1e-18  # squared volume of the normals below which they are linearly 
 
 @kernel
 def ball_contact(mesh: MeshTree, ball: MeshFinger, radius: float, g: Vector) -> Nearest:
-    """Find the contact of a ball whose centre has moved to g in the object's frame, and update its state.
+    """Find the contact of a ball whose centre has moved to g in the object's frame, and update the ball's state.
 
-    n is the unit normal into the object, c - radius n the proxy, and gap the distance from g to the proxy, > 0 outside
-    and < 0 inside along n. If g is farther from the surface than the ball's `reach`, c and n may be those of an earlier
-    sample, and the gap is a lower bound.
+    The contact has a point c, the unit normal n into the object, and the gap, so that c - radius n is the proxy. A
+    positive gap is the distance of the ball from the surface; a negative gap is minus the distance from g to the proxy
+    along n. If g is farther from the surface than the ball's `reach`, c and n may be those of an earlier sample, and
+    the gap is a lower bound.
     """
     if ball.mode == NEW:
         return begin(mesh, ball, radius, g)
@@ -60,7 +61,7 @@ def ball_contact(mesh: MeshTree, ball: MeshFinger, radius: float, g: Vector) -> 
 
 @kernel
 def begin(mesh: MeshTree, ball: MeshFinger, radius: float, g: Vector) -> Nearest:
-    """Find the contact of a new ball, which is held on the side of the surface nearest to its centre."""
+    """Find the contact of a new ball; if the ball penetrates, the nearest surface point determines its side."""
     centre = mesh_contact(mesh, ball, g)
     if centre.gap >= radius:
         ball.last = g
@@ -73,7 +74,7 @@ def begin(mesh: MeshTree, ball: MeshFinger, radius: float, g: Vector) -> Nearest
 
 @kernel
 def free_contact(mesh: MeshTree, ball: MeshFinger, radius: float, g: Vector) -> Nearest:
-    """Find the surface point nearest to a ball that does not touch the surface."""
+    """Find the contact of a ball that does not touch the surface, and update its state."""
     spot = walk(mesh, ball.face, g)
     nearer = nearest(mesh, g, spot.square)
     if nearer >= 0:
@@ -91,7 +92,12 @@ def free_contact(mesh: MeshTree, ball: MeshFinger, radius: float, g: Vector) -> 
 
 @kernel
 def settle(mesh: MeshTree, ball: MeshFinger, radius: float, step: float, scale: float, g: Vector) -> Nearest:
-    """Move the proxy as close to g as the surface allows, and return the resulting contact."""
+    """Move the proxy as close to g as the surface allows, and return the contact.
+
+    Args:
+        step: Largest length of the first step of the proxy [m].
+        scale: Length to which rounding errors at g are relative [m].
+    """
     count = 0
     farthest = step
     for _ in range(STEPS):
@@ -133,10 +139,11 @@ def settle(mesh: MeshTree, ball: MeshFinger, radius: float, step: float, scale: 
 
 @kernel
 def roll(mesh: MeshTree, ball: MeshFinger, radius: float, scale: float, g: Vector) -> None:
-    """Roll a proxy around the one edge or vertex that holds it, towards g, by at most STEP [rad], if nothing is hit.
+    """Move the proxy towards g on the circle around the edge or vertex that holds it, by at most STEP [rad].
 
-    Tangent planes alone converge too, but more slowly the deeper g is. Both ends of this short path are a radius away
-    from every triangle, so that nothing lies between them.
+    Steps along tangent planes (`project`) would converge more slowly, the more so the deeper g is. The proxy moves only
+    if its new position has the distance of a radius from all triangles; since the path is short, no triangle is between
+    its ends.
     """
     plane = ball.planes[0]
     if plane.feature == 0:
@@ -167,7 +174,7 @@ def roll(mesh: MeshTree, ball: MeshFinger, radius: float, scale: float, g: Vecto
 
 @kernel
 def nearest_on_feature(mesh: MeshTree, face: int, feature: int, g: Vector) -> Vector:
-    """Find the point of an edge that is nearest to g, or return a vertex."""
+    """Return the point nearest to g of a feature of a triangle: an edge (1, 2, 3), or a vertex (4, 5, 6)."""
     c = corner(mesh, face, (feature - 1) % 3)
     if feature > 3:
         return c
@@ -179,7 +186,7 @@ def nearest_on_feature(mesh: MeshTree, face: int, feature: int, g: Vector) -> Ve
 
 @kernel
 def corner(mesh: MeshTree, face: int, k: int) -> Vector:
-    """Return vertex k of a triangle."""
+    """Return vertex k = 0, 1 or 2 of a triangle."""
     triangle = mesh.triangles[face]
     if k == 0:
         return triangle.a
@@ -193,18 +200,22 @@ def corner(mesh: MeshTree, face: int, k: int) -> Vector:
 def project(
     mesh: MeshTree, ball: MeshFinger, radius: float, reach: float, scale: float, g: Vector
 ) -> tuple[int, Vector]:
-    """Return the number of active planes, stored first, and the point nearest to g in front of all planes in reach.
+    """Find the point x nearest to g in front of the planes of all triangles within a distance `reach` of the proxy q.
 
-    Let c_j be the point of triangle j nearest to the proxy q, and n_j the direction from c_j to q. The triangle lies
-    behind c_j, so that
+    Let c_j be the point of triangle j nearest to q, and n_j the unit vector from c_j to q. Then x is the solution of
 
-        min |x - g|   where   n_j . (x - c_j) >= radius   for all triangles within reach
+        min |x - g|   subject to   n_j . (x - c_j) >= radius   for all triangles j within `reach`.
 
-    keeps x, and the segment from q to x, off all of them.
+    Since each triangle is behind the plane through c_j normal to n_j, x and the segment from q to x have at least the
+    distance `radius` from all these triangles.
 
-    The most violated plane is added to the active set. Of these planes (at most four), only those that hold the point
-    remain active. The distance from g grows with every change, so that the method terminates. The number is -1 if no
-    point is in front of all planes, or `CHANGES` changes do not suffice.
+    The method is a dual active-set method. Each iteration adds the most violated plane to the active planes and removes
+    those that no longer hold the solution. The distance from x to g increases in each iteration, so that the method
+    terminates.
+
+    Returns:
+        Number of active planes, which are the first entries of `ball.planes`, and x. The number is -1 if no point is in
+        front of all planes, or after `CHANGES` iterations.
     """
     x = g
     count = 0
@@ -224,7 +235,11 @@ def project(
 def most_violated(
     mesh: MeshTree, ball: MeshFinger, radius: float, reach: float, count: int, slack: float, x: Vector
 ) -> float:
-    """Write the plane that x violates most after the `count` active ones; return the violation, or zero."""
+    """Find the plane that x violates most, and write it to index `count` of the ball's planes, after the active ones.
+
+    Returns:
+        Violation of the plane [m]; zero if x violates no plane.
+    """
     q = ball.last
     nodes, triangles = mesh.nodes, mesh.triangles
     end = mesh.node_count
@@ -261,7 +276,11 @@ def most_violated(
 
 @kernel
 def way_off(triangle: Triangle, foot: Foot, height: float, q: Vector) -> Vector:
-    """Return the unit vector from a triangle's nearest point to q, which is `height` in front of its plane."""
+    """Return the unit vector from the triangle's point nearest to q (`foot`) to q.
+
+    If the foot is inside the triangle, the unit vector is the normal, with the sign of the signed distance `height` of
+    q from the triangle's plane.
+    """
     if foot.feature != 0 and foot.square > 0.0:
         return (q - foot.point) / math.sqrt(foot.square)
     if height < 0.0:
@@ -271,7 +290,7 @@ def way_off(triangle: Triangle, foot: Foot, height: float, q: Vector) -> Vector:
 
 @kernel
 def is_covered_by_any(ball: MeshFinger, count: int, triangle: Triangle, radius: float, slack: float) -> bool:
-    """True if one of the `count` active planes covers a triangle (see `is_covered`)."""
+    """Return whether one of the `count` active planes covers a triangle (see `is_covered`)."""
     covered = False
     for j in range(count):
         covered = covered or is_covered(triangle, ball.planes[j], radius, slack)
@@ -280,9 +299,10 @@ def is_covered_by_any(ball: MeshFinger, count: int, triangle: Triangle, radius: 
 
 @kernel
 def is_covered(triangle: Triangle, plane: Plane, radius: float, slack: float) -> bool:
-    """True if every point in front of a plane is a radius away from the whole triangle.
+    """Return whether all points in front of a plane have at least the distance `radius` from a triangle.
 
-    This holds across a flat or convex edge, where the triangle's own plane would keep the proxy from crossing the edge.
+    For example, the plane of a triangle covers the neighbour across a flat or convex edge. The neighbour's own plane
+    would prevent the proxy from crossing the edge.
     """
     behind = plane.distance - radius + slack
     n = plane.normal
@@ -291,7 +311,10 @@ def is_covered(triangle: Triangle, plane: Plane, radius: float, slack: float) ->
 
 @kernel
 def drop_covered(mesh: MeshTree, planes: Many[Plane], count: int, radius: float, slack: float) -> int:
-    """Drop active planes whose triangle the new plane, at index `count`, covers; return the number of others."""
+    """Remove the active planes whose triangles the new plane, at index `count`, covers; return the number that remain.
+
+    The new plane moves to the index after the remaining active planes.
+    """
     i = 0
     left = count
     while i < left:
@@ -306,10 +329,13 @@ def drop_covered(mesh: MeshTree, planes: Many[Plane], count: int, radius: float,
 
 @kernel
 def hold(planes: Many[Plane], count: int, g: Vector, slack: float) -> tuple[int, Vector]:
-    """Project g onto the region in front of `count` + 1 planes, the last one active; active planes move to the front.
+    """Find the point nearest to g in front of the first `count` + 1 planes, with the last of these planes active.
 
-    Try the last plane alone, then with one other plane, then with two others, until a point is in front of all planes;
-    return -1 if none is.
+    The function tries the last plane alone, then with one other plane, then with two other planes, until the projection
+    of g is in front of all planes. The active planes are moved to the front.
+
+    Returns:
+        Number of active planes, or -1 if no projection is in front of all planes; and the point.
     """
     for size in range(3):
         for i in range(count if size > 0 else 1):
@@ -333,7 +359,15 @@ def hold(planes: Many[Plane], count: int, g: Vector, slack: float) -> tuple[int,
 
 @kernel
 def onto(planes: Many[Plane], last: int, a: int, b: int, g: Vector) -> tuple[bool, Vector]:
-    """Compute g + sum l_j n_j on the planes `last`, a and b (-1: not used), and whether all l_j >= 0."""
+    """Project g onto the intersection of up to three planes.
+
+    Args:
+        last, a, b: Indices of the planes; -1 for no plane.
+
+    Returns:
+        Whether all coefficients l_j of the projection g + sum l_j n_j are non-negative, where n_j is the normal of
+        plane j; and the projection.
+    """
     plane = planes[last]
     n = plane.normal
     u = plane.distance - dot(n, g)
@@ -359,7 +393,11 @@ def onto(planes: Many[Plane], last: int, a: int, b: int, g: Vector) -> tuple[boo
 
 @kernel
 def onto_two(n: Vector, a: Vector, u: float, v: float, g: Vector) -> tuple[bool, Vector]:
-    """Compute g + s n + t a on two planes that are u and v in front of g, and whether s, t >= 0."""
+    """Project g onto the intersection of two planes with unit normals n and a at signed distances u and v from g.
+
+    Returns:
+        Whether both coefficients of the projection g + s n + t a are non-negative, and the projection.
+    """
     na = dot(n, a)
     det = 1.0 - na * na
     if det <= PARALLEL:
@@ -370,7 +408,7 @@ def onto_two(n: Vector, a: Vector, u: float, v: float, g: Vector) -> tuple[bool,
 
 @kernel
 def swap(planes: Many[Plane], i: int, j: int) -> None:
-    """Exchange two planes."""
+    """Exchange planes i and j."""
     p, q = planes[i], planes[j]
     p.normal, q.normal = q.normal, p.normal
     p.distance, q.distance = q.distance, p.distance

@@ -1,4 +1,4 @@
-"""Queries of a mesh: nearest points of its triangles, normals of their features, and searches of the tree of boxes."""
+"""Geometric queries on a mesh: nearest points on triangles, normals of features, and searches in the tree of boxes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SLACK = 3e-13  # relative depth behind a triangle at which a segment may start a
 
 @dataclass(frozen=True, slots=True)
 class Foot:
-    """Point of a triangle that is nearest to a finger."""
+    """Point of a triangle nearest to a finger."""
 
     feature: int  # feature of the triangle on which the point lies
     square: float  # squared distance [m^2]
@@ -23,13 +23,13 @@ class Foot:
 
 @inline
 def scale_at(mesh: MeshTree, g: Vector) -> float:
-    """Return the length to which rounding errors at g are relative [m]."""
+    """Return the length scale of rounding errors of the mesh and of a point g [m]."""
     return mesh.extent + abs(g.x) + abs(g.y) + abs(g.z)
 
 
 @kernel
 def nearest_on_triangle(triangle: Triangle, g: Vector) -> Foot:
-    """Find the point of a triangle nearest to g, by regions (Ericson, 2005)."""
+    """Find the point of a triangle nearest to g, by the Voronoi regions of the triangle's features (Ericson, 2005)."""
     a = triangle.a
     b, c = triangle.b - a, triangle.c - a
     p = g - a
@@ -58,7 +58,7 @@ def nearest_on_triangle(triangle: Triangle, g: Vector) -> Foot:
 
 @kernel
 def on_edge(feature: int, t: float, a: Vector, u: Vector, p: Vector) -> Foot:
-    """Return the point a + t u of an edge, for a finger at a + p."""
+    """Return the point a + t u on an edge as the nearest point to a finger at a + p."""
     along = t * u
     rest = p - along
     return Foot(feature, dot(rest, rest), a + along)
@@ -66,13 +66,16 @@ def on_edge(feature: int, t: float, a: Vector, u: Vector, p: Vector) -> Foot:
 
 @kernel
 def height_over(triangle: Triangle, g: Vector) -> float:
-    """Compute the signed distance of g in front of a triangle's plane [m]."""
+    """Compute the signed distance of g from a triangle's plane, positive in front [m]."""
     return dot(g - triangle.a, triangle.normal)
 
 
 @kernel
 def pseudonormal(mesh: MeshTree, face: int, feature: int) -> Vector:
-    """Return a feature's outward normal, of any length: of a face, the sum of two faces, or a vertex pseudonormal."""
+    """Return the outward normal of a feature of a face, not normalised.
+
+    It is the face's normal, for an edge the sum of the normals of both faces, and for a vertex its pseudonormal.
+    """
     triangle = mesh.triangles[face]
     if feature > 3:
         corner = mesh.vertices[int(triangle.vertices[feature - 4])]
@@ -87,7 +90,12 @@ def pseudonormal(mesh: MeshTree, face: int, feature: int) -> Vector:
 
 @kernel
 def is_outside(mesh: MeshTree, face: int, feature: int, v: Vector) -> bool:
-    """True if a finger at v from its contact point is in front of the surface, or beyond its boundary."""
+    """Return whether a finger is in front of the surface, or beyond the boundary of a shell.
+
+    Args:
+        face, feature: Face of the contact point, and the feature on which the contact point is.
+        v: Vector from the contact point to the finger [m].
+    """
     triangle = mesh.triangles[face]
     if feature > 3:
         corner = mesh.vertices[int(triangle.vertices[feature - 4])]
@@ -100,7 +108,7 @@ def is_outside(mesh: MeshTree, face: int, feature: int, v: Vector) -> bool:
 
 @kernel
 def is_around(mesh: MeshTree, other: int, face: int, feature: int) -> bool:
-    """True if a triangle shares the given feature of a face; `face` -1 is none."""
+    """Return whether triangle `other` contains the given feature of a face; False if `face` is -1."""
     if face < 0:
         return False
     if feature == 0:
@@ -115,7 +123,7 @@ def is_around(mesh: MeshTree, other: int, face: int, feature: int) -> bool:
 
 @kernel
 def leaf_near(mesh: MeshTree, g: Vector) -> int:
-    """Find a start face near g by descending the tree, at each node into the nearer box."""
+    """Return a face near g, found by a descent in the tree into the child whose box is nearer to g."""
     nodes = mesh.nodes
     i = 0
     while nodes[i].skip > i + 1:
@@ -128,7 +136,7 @@ def leaf_near(mesh: MeshTree, g: Vector) -> int:
 
 @kernel
 def box_distance(node: Node, g: Vector) -> float:
-    """Compute the squared distance from g to the box of a node [m^2]."""
+    """Compute the squared distance from g to a node's box, zero inside the box [m^2]."""
     low, high = node.low, node.high
     x, y, z = 0.0, 0.0, 0.0
     if g.x < low.x:
@@ -148,7 +156,7 @@ def box_distance(node: Node, g: Vector) -> float:
 
 @kernel
 def nearest(mesh: MeshTree, g: Vector, bound: float) -> int:
-    """Find the face nearest to g, or -1 if its squared distance is not below `bound` [m^2]."""
+    """Return the face nearest to g; -1 if no face has a squared distance to g below `bound` [m^2]."""
     nodes, triangles = mesh.nodes, mesh.triangles
     count = mesh.node_count
     best = bound
@@ -175,11 +183,15 @@ def nearest(mesh: MeshTree, g: Vector, bound: float) -> int:
 
 @kernel
 def cast(mesh: MeshTree, start: Vector, g: Vector, face: int, feature: int) -> int:
-    """Find the first face that the segment from `start` to g enters from its front, or -1.
+    """Return the first face that the segment from `start` to g crosses from front to back; -1 if there is none.
 
-    A segment that starts on a feature of a face (`face` -1: none) does not enter the triangles around that feature.
-    Edges are slightly widened, so that nothing passes between two triangles. If this stops a finger by mistake, the
-    walk releases it.
+    Triangles are slightly enlarged, so that no segment passes between two triangles. If a finger is stopped only
+    because of the enlargement, `walk.mesh_contact` releases the finger again.
+
+    Args:
+        start, g: Ends of the segment [m].
+        face, feature: Face and feature on which the segment starts; triangles around this feature are not crossed. -1
+            as `face` for a start elsewhere.
     """
     nodes, triangles = mesh.nodes, mesh.triangles
     count = mesh.node_count
@@ -217,7 +229,7 @@ def cast(mesh: MeshTree, start: Vector, g: Vector, face: int, feature: int) -> i
 
 @kernel
 def is_apart(node: Node, low: Vector, high: Vector) -> bool:
-    """True if a node's box and the box between two corners are disjoint."""
+    """Return whether a node's box and the box with corners `low` and `high` are disjoint."""
     return (
         node.low.x > high.x or node.high.x < low.x
         or node.low.y > high.y or node.high.y < low.y

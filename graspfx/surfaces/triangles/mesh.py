@@ -1,4 +1,4 @@
-"""Triangle meshes: reading, checks, safe repairs, mass properties, and layout for the contact kernels."""
+"""Triangle meshes: reading, validation, repair, mass properties, and layout for the contact kernels."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ class MassProperties:
 
     Attributes:
         mass: Mass [kg].
-        centre: Centre of mass, (3,) [m].
-        inertia: Inertia matrix about the centre, (3, 3) [kg m^2].
-        moments: Principal moments, (3,) [kg m^2].
-        axes: Principal axes as columns, right-handed, (3, 3); the mesh's axes if its products of inertia vanish.
+        centre: Centre of mass (3,) [m].
+        inertia: Inertia matrix about the centre of mass (3, 3) [kg m^2].
+        moments: Principal moments of inertia (3,) [kg m^2].
+        axes: Principal axes, right-handed, as columns (3, 3); the identity if the products of inertia vanish.
     """
 
     mass: float
@@ -54,13 +54,13 @@ class MassProperties:
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A triangle surface that is valid for contact; create it with `make_mesh` or `load_mesh`.
+    """A triangle mesh that has been validated for contact. Use `make_mesh` or `load_mesh` to create one.
 
     Attributes:
-        vertices: Vertices, (v, 3) [m].
-        faces: Vertex indices of the triangles, (f, 3), counter-clockwise seen from outside.
-        shell: True if the surface may be open; it is then touched from its front only.
-        notes: Repairs and warnings, one sentence each.
+        vertices: Vertices (v, 3) [m].
+        faces: Vertex indices of the triangles (f, 3), counter-clockwise seen from outside.
+        shell: Whether the mesh is a surface that may be open, without a volume; fingers touch only its front.
+        notes: Descriptions of repairs and warnings, one sentence each.
     """
 
     vertices: FloatArray
@@ -72,23 +72,29 @@ class Mesh:
 
     @property
     def parameters(self) -> tuple[float, float, float]:
-        """Unused: `data` describes a mesh completely."""
+        """Zeros; a mesh is described by `data` alone."""
         return 0.0, 0.0, 0.0
 
     def dimensions_ok(self, d: int) -> bool:
-        """True in space, where meshes exist."""
+        """Return whether meshes exist in d dimensions: only for d = 3."""
         return d == 3
 
     @cached_property
     def data(self) -> FloatArray:
-        """Block of a `MeshTree`, which the contact kernels read."""
+        """Memory of the `MeshTree` that the contact kernels read."""
         return flatten(self.vertices, self.faces, closed=not self.shell)
 
     def contact(self, points: ArrayLike, state: FloatArray | None = None, *, radius: float = 0.0) -> Contacts:
-        """Find contact points of fingers at `points` (n, 3) in the mesh's frame; `state` (n, STATE) is the last state.
+        """Find the contact points of n fingers.
 
-        `state` is updated in place. Without `state` every finger is new, and its contact point is the nearest point.
-        With a `radius` [m] the points are the centres of ball fingertips.
+        Args:
+            points: Positions of the fingertips, or of their centres, in the mesh's frame (n, 3) [m].
+            state: State of the fingers from `new_fingers`, which is updated in place (n, STATE). If None, all fingers
+                are new, and the contact points are the nearest points of the surface.
+            radius: Radius of the fingertips [m]; zero for point fingertips.
+
+        Raises:
+            InputError: If `points` or `state` has a wrong shape, or a value is not finite.
         """
         p = finite("points", points, "finite positions of shape (n, 3)", largest=np.inf)
         if p.ndim != 2 or p.shape[1] != 3:
@@ -106,11 +112,15 @@ class Mesh:
         return contacts(each, 3)
 
     def mass_properties(self, *, mass: float | None = None, density: float | None = None) -> MassProperties:
-        """Compute mass properties of the solid, or of a shell's surface, from the mass [kg] or density [kg/m^3].
+        """Compute the mass properties of a homogeneous solid or, for a shell, of its surface.
+
+        Args:
+            mass: Mass [kg].
+            density: Density [kg/m^3], which may be given instead of the mass, but not for a shell.
 
         Raises:
-            InputError: If neither or both are given, a density is given for a shell, the surface has no inside, or it
-                crosses itself so that its moments are not those of a body.
+            InputError: If neither or both of `mass` and `density` are given; a density is given for a shell; the
+                surface encloses no volume; or the surface intersects itself so that the moments of inertia are invalid.
         """
         amount = mass if mass is not None else density
         name = "mass" if mass is not None else "density"
@@ -124,24 +134,36 @@ class Mesh:
         unit = (self.vertices - middle) / size
         volume, centre, inertia = (_surface_properties if self.shell else _solid_properties)(unit[self.faces])
         if not volume > LEAST_VOLUME:
-            body = f"a surface around {volume * size**3:.3g} m^3"
-            raise InputError("mesh", body, "a surface with an inside", "it is flat, or crosses itself: repair the file")
+            body = f"a surface that encloses {volume * size**3:.3g} m^3"
+            do = "the surface is flat or intersects itself: repair the file"
+            raise InputError("mesh", body, "a surface that encloses a volume", do)
         weight = amount if mass is not None else amount * volume * size**3
         inertia = np.asarray(inertia, dtype=np.float64) * (weight / volume * size**2)
         moments, axes = _principal(0.5 * (inertia + inertia.T))
         if not 2.0 * moments.max() <= (1.0 + SHARP) * moments.sum() or not moments.min() > 0.0:
             solid = f"principal moments of {moments[0]:.3g}, {moments[1]:.3g} and {moments[2]:.3g} kg m^2"
-            do = "the surface crosses itself, so that parts of its volume are negative: repair the file"
-            raise InputError("mesh", solid, "moments of a body: positive, none larger than the sum of the others", do)
+            do = "the surface intersects itself, so that parts of its volume are negative: repair the file"
+            expected = "moments of inertia that are positive, and none larger than the sum of the other two"
+            raise InputError("mesh", solid, expected, do)
         return MassProperties(float(weight), middle + size * centre, inertia, moments, axes)
 
     def seen_from(self, centre: FloatArray, axes: FloatArray) -> Mesh:
-        """Transform the mesh into a frame at `centre` (3,) with `axes` (3, 3) as columns, for example its body's."""
+        """Return the mesh in another frame, such as the frame of its centre of mass and principal axes.
+
+        Args:
+            centre: Origin of the other frame (3,) [m].
+            axes: Axes of the other frame as columns (3, 3).
+        """
         return replace(self, vertices=np.einsum("vi,ij->vj", self.vertices - centre, axes))
 
 
 def new_fingers(count: int, reach: float = np.inf) -> FloatArray:
-    """Return states (count, STATE) of new fingers with a `reach` [m] (`MeshFinger`)."""
+    """Return the states (count, STATE) of new fingers for `Mesh.contact`.
+
+    Args:
+        count: Number of fingers.
+        reach: Largest distance of a finger from the surface at which its contact point must be exact [m].
+    """
     state = np.zeros((count, STATE))
     state[:, start_of(MeshFinger, "reach")] = reach
     return state
@@ -155,9 +177,16 @@ def load_mesh(
     most_bytes: int = MOST_BYTES,
     most_triangles: int = MOST_TRIANGLES,
 ) -> Mesh:
-    """Load a mesh from an STL, OBJ, PLY, OFF or GLB file, scaled by `scale` (0.001 for a file in millimetres).
+    """Load a mesh from an STL, OBJ, PLY, OFF or GLB file.
 
     Only positions and triangles are read; materials and referenced files are ignored.
+
+    Args:
+        path: Path of the file.
+        scale: Factor on all positions; 0.001 for a file in millimetres.
+        shell: Whether the mesh is a surface that may be open; see `Mesh`.
+        most_bytes: Largest accepted size of the file [bytes].
+        most_triangles: Largest accepted number of triangles.
 
     Raises:
         InputError: If the file cannot be read, exceeds `most_bytes` or `most_triangles`, or does not contain a valid
@@ -171,16 +200,23 @@ def load_mesh(
 def make_mesh(
     vertices: ArrayLike, faces: ArrayLike, *, scale: float = 1.0, shell: bool = False, name: str = "mesh"
 ) -> Mesh:
-    """Make a mesh from vertices (v, 3), scaled by `scale`, and triangles (f, 3), with checks and safe repairs.
+    """Make a mesh from vertices and triangles, with validation and repair.
 
-    Equal vertices are merged; if the surface then has open edges and is not a shell, vertices that are equal after
-    rounding to 1e-6 of its size are merged, too. Triangles without area are dropped, and their neighbours are split at
-    the vertex in the middle of the shared side. Triangles that face the wrong way are reversed. `notes` lists the
-    repairs, except the merging of equal vertices.
+    Equal vertices are merged. If the surface then has open edges and is not a shell, vertices that are equal after
+    rounding to 1e-6 of the mesh's size are merged. Triangles without area are removed, and a neighbour across the
+    longest side of such a triangle is split at the middle vertex. Triangles with the wrong orientation are reversed.
+    The mesh's `notes` list these repairs, except the merging of equal vertices.
+
+    Args:
+        vertices: Vertices (v, 3).
+        faces: Vertex indices of the triangles (f, 3).
+        scale: Factor that converts the vertices to metres.
+        shell: Whether the mesh is a surface that may be open; see `Mesh`.
+        name: Name of the mesh in error messages.
 
     Raises:
-        InputError: If values are not finite, there are no triangles, or there are too many pieces; or, unless `shell`
-            is true, if the surface is open or more than two triangles share an edge.
+        InputError: If a value is not finite, there are no triangles, or the mesh has too many disconnected pieces; or,
+            unless `shell` is True, if the surface is open, or more than two triangles share an edge.
     """
     scale = number("scale", scale, "finite and above zero", zero=False)
     v = real(name, vertices, "finite coordinates")
@@ -206,29 +242,33 @@ def make_mesh(
     if not len(f):
         raise InputError(name, "triangles without area only", "a surface of triangles")
     if dropped:
-        notes.append(f"{dropped} of {count} triangles had no area and were dropped")
+        notes.append(f"{dropped} of {count} triangles had no area and were removed")
     if cut:
         notes.append(f"{cut} triangles were split at a vertex in the middle of their side")
     crowded = half_edges(f)[2]
     if not shell and (crowded or _open_edges(f)):
         fault = f"{_open_edges(f)} open edges, {crowded} with more than two triangles"
-        do = "close it, or set shell = true for contact with its front only"
+        do = "close the surface, or set shell = true, so that fingers touch only its front"
         raise InputError(name, fault, "a watertight surface", f"unite solids that touch, {do}" if crowded else do)
     f, turned, crossing = wound(v, f, closed=not shell)
     if turned == len(f):
         notes.append("all triangles faced inwards and were reversed")
     elif turned:
-        notes.append(f"{turned} of {len(f)} triangles faced the wrong way and were reversed")
+        notes.append(f"{turned} of {len(f)} triangles had the wrong orientation and were reversed")
     if crossing:
         notes.append(
-            f"{crossing} closed surfaces may cross: their common volume is counted twice or not at all, and fingers "
-            "touch faces inside it; unite the solids, for example with trimesh.boolean.union"
+            f"{crossing} closed surfaces may intersect: their common volume is counted twice or not at all, and "
+            "fingers touch faces inside this volume; unite the solids, for example with trimesh.boolean.union"
         )
     return Mesh(v, f, shell, tuple(notes))
 
 
 def _joined(v: FloatArray, f: IntArray, distance: float, size: float) -> tuple[FloatArray, IntArray, int, int]:
-    """Merge vertices (equal after rounding to `distance`), drop triangles without area; count dropped and split."""
+    """Merge vertices that are equal after rounding to `distance` [m], and remove triangles without area.
+
+    Returns:
+        Vertices, triangles, number of removed triangles, and number of triangles that were split.
+    """
     used, index = np.unique(f, return_inverse=True)
     points = v[used] + 0.0  # turns minus zero into zero
     keys = np.round(points / distance) if distance else points
@@ -241,7 +281,16 @@ def _joined(v: FloatArray, f: IntArray, distance: float, size: float) -> tuple[F
 
 
 def _without_area(v: FloatArray, f: IntArray, height: float) -> tuple[IntArray, int, int]:
-    """Drop triangles whose vertices are collinear, and split the neighbour on the long side at the middle vertex."""
+    """Remove triangles with collinear vertices, and split the neighbours across their longest sides.
+
+    A neighbour is split at the middle vertex of the collinear vertices.
+
+    Args:
+        height: Height up to which the vertices of a triangle are collinear [m].
+
+    Returns:
+        Triangles, number of removed triangles, and number of triangles that were split.
+    """
     f = f.copy()
     dropped = cut = 0
     for _ in range(ROUNDS):
@@ -275,7 +324,7 @@ def _without_area(v: FloatArray, f: IntArray, height: float) -> tuple[IntArray, 
 
 
 def _open_edges(f: IntArray) -> int:
-    """Count the triangle sides that coincide with no other side, or with more than one."""
+    """Count the sides of triangles that coincide with no side, or with more than one side, of other triangles."""
     return int((half_edges(f)[0] < 0).sum()) if len(f) else 0
 
 
@@ -291,9 +340,9 @@ def _principal(inertia: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _eigen(A: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Find the eigenvalues of a symmetric matrix (3, 3), ascending, and eigenvectors as columns, by Jacobi rotations.
+    """Compute eigenvalues, in ascending order, and eigenvectors, as columns, of a symmetric matrix (3, 3).
 
-    LAPACK's last digits depend on the processor, and a scene's body must not depend on it.
+    Jacobi rotations are used instead of LAPACK, whose rounding errors depend on the processor.
     """
     A, Q = A.copy(), np.eye(3)
     for _ in range(ROTATIONS):
@@ -310,7 +359,10 @@ def _eigen(A: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _surface_properties(corners: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-    """Compute area, centre, and inertia about it (unit mass per area) of triangles (f, 3, 3)."""
+    """Compute the area, the centroid, and the inertia matrix about the centroid of triangles (f, 3, 3).
+
+    The inertia is that of unit mass per area.
+    """
     areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     area = float(areas.sum())
     centre = (areas[:, None] * corners.sum(axis=1)).sum(axis=0) / (3.0 * area)
@@ -318,9 +370,10 @@ def _surface_properties(corners: FloatArray) -> tuple[float, FloatArray, FloatAr
 
 
 def _solid_properties(corners: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-    """Compute volume, centre, and inertia about it (unit density) of the solid within triangles (f, 3, 3).
+    """Compute the volume, the centroid, and the inertia matrix about the centroid of a solid with unit density.
 
-    Each triangle forms a tetrahedron with a common apex, with negative volume if the triangle faces the apex.
+    The triangles (f, 3, 3) enclose the solid. The solid is the sum of the tetrahedra between the triangles and a common
+    apex; the volume of a tetrahedron is negative if its triangle faces the apex.
     """
     volumes = tetrahedra(corners)
     volume = float(volumes.sum())
@@ -332,7 +385,14 @@ def _solid_properties(corners: FloatArray) -> tuple[float, FloatArray, FloatArra
 
 
 def _inertia(x: FloatArray, weights: FloatArray) -> FloatArray:
-    """Compute the inertia of simplices: the integral of x x' is w (aa' + bb' + cc' + ss') with s = a + b + c."""
+    """Compute the inertia matrix about the origin of triangles, or of tetrahedra with the origin as a vertex.
+
+    The integral of x x' over a simplex with vertices a, b, c is w (a a' + b b' + c c' + s s'), where s = a + b + c.
+
+    Args:
+        x: Vertices a, b, c of each simplex (f, 3, 3).
+        weights: Weights w (f,): area/12 of a triangle, volume/20 of a tetrahedron.
+    """
     x = np.concatenate([x, x.sum(axis=1, keepdims=True)], axis=1)
     second = np.einsum("f,fki,fkj->ij", weights, x, x)
     inertia: FloatArray = np.trace(second) * np.eye(3) - second

@@ -1,4 +1,4 @@
-"""Reader of STL, OBJ, PLY, OFF and GLB mesh files of limited size; it does not open files that they refer to."""
+"""Reader of mesh files (STL, OBJ, PLY, OFF and GLB) with a limit on their size; referenced files are not opened."""
 
 from __future__ import annotations
 
@@ -25,10 +25,11 @@ LONGEST = 200  # largest number of letters of a foreign error message
 
 
 def read_mesh_file(path: str | PathLike[str], most_bytes: int, most_triangles: int) -> tuple[FloatArray, IntArray]:
-    """Read vertices (v, 3) and triangles (f, 3) from a file; other elements are ignored.
+    """Read vertices (v, 3) and triangles (f, 3) from a mesh file; other elements are ignored.
 
     Raises:
-        InputError: If the file is missing, too large or damaged, or its suffix is not supported.
+        InputError: If the file is missing or damaged, exceeds `most_bytes` or `most_triangles`, or has an unsupported
+            suffix.
         MissingPackageError: If trimesh is not installed.
     """
     file = to_path("mesh", path)
@@ -42,7 +43,9 @@ def read_mesh_file(path: str | PathLike[str], most_bytes: int, most_triangles: i
     except OSError as error:
         raise InputError("mesh", str(path), "a file that can be read", error.strerror or "") from error
     if len(data) > most_bytes:
-        raise InputError("mesh", str(path), f"a file of at most {most_bytes} bytes", "raise most_bytes to read it")
+        raise InputError(
+            "mesh", str(path), f"a file of at most {most_bytes} bytes", "increase most_bytes to read the file"
+        )
     if kind == ".stl" and (missing := _missing_of_stl(data)):
         raise InputError("mesh", str(path), "a valid stl file", f"it is truncated: {missing}; copy or export it again")
     trimesh = load_trimesh()
@@ -54,9 +57,12 @@ def read_mesh_file(path: str | PathLike[str], most_bytes: int, most_triangles: i
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:LONGEST]
         raise InputError("mesh", str(path), f"a valid {kind[1:]} file", f"trimesh cannot read it: {reason}") from error
     if count > most_triangles:
-        fault = f"it has {count} triangles, and most_triangles is {most_triangles}"
+        fault = f"the file has {count} triangles, but most_triangles is {most_triangles}"
         raise InputError(
-            "mesh", str(path), f"at most {most_triangles} triangles", f"{fault}; raise the limit to read the file"
+            "mesh",
+            str(path),
+            f"at most {most_triangles} triangles",
+            f"{fault}; increase most_triangles to read the file",
         )
     fault = "it has no triangles" if not len(faces) else ""
     if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
@@ -79,14 +85,14 @@ def load_trimesh() -> Any:
 
 
 def _missing_of_stl(data: bytes) -> str:
-    """Describe what is missing at the end of an STL file; empty for a complete file."""
+    """Return a description of how an STL file is truncated; empty if the file is complete."""
     if _is_text_stl(data):
         return "" if b"endsolid" in data[-LAST_LINE:] else "it ends without endsolid"
     if len(data) < STL_HEAD:
-        return f"it has {len(data)} bytes, and its header alone takes {STL_HEAD}"
+        return f"it has {len(data)} bytes, but the header requires {STL_HEAD}"
     count = int.from_bytes(data[STL_HEAD - 4 : STL_HEAD], "little")
     whole = STL_HEAD + STL_TRIANGLE * count
-    return f"it has {len(data)} bytes, and its {count} triangles take {whole}" if len(data) < whole else ""
+    return f"it has {len(data)} bytes, but {count} triangles require {whole}" if len(data) < whole else ""
 
 
 def _is_text_stl(data: bytes) -> bool:
@@ -94,7 +100,10 @@ def _is_text_stl(data: bytes) -> bool:
 
 
 def _surface(trimesh: Any, kind: str, data: bytes, most: int) -> tuple[FloatArray, IntArray, int]:
-    """Read the surface from a file's bytes, and count its triangles; return an empty surface if there are too many."""
+    """Read vertices, triangles, and the number of triangles from a file's bytes.
+
+    If there are more than `most` triangles, the returned arrays are empty.
+    """
     if kind == "obj":
         data = b"\n".join(GEOMETRY.findall(data))
     is_text = kind in ("obj", "off") or (kind == "stl" and _is_text_stl(data))

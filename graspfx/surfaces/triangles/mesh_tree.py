@@ -1,4 +1,4 @@
-"""Block of a triangle mesh: triangles, neighbours, pseudonormals, tree of bounding boxes; state of a finger on it."""
+"""Memory layout of a triangle mesh (triangles, pseudonormals, tree of bounding boxes) and of a finger's state on it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ NEW, FREE, TOUCHING = 0, 1, 2  # modes of a finger
 
 
 class Node(Record):
-    """Node of the tree. Nodes are in preorder, so that a traversal needs no stack."""
+    """Node of the tree of bounding boxes. Nodes are stored in preorder, so that a traversal needs no stack."""
 
     low: Vector  # lower corner of the box
     high: Vector
@@ -18,7 +18,7 @@ class Node(Record):
 
 
 class Triangle(Record):
-    """Triangle. Its features are 0 inside, 1 2 3 on ab bc ca, 4 5 6 at a b c."""
+    """Triangle with vertices a, b, c. Its features are 0 (interior), 1, 2, 3 (edges ab, bc, ca), 4, 5, 6 (a, b, c)."""
 
     a: Vector  # vertices, counter-clockwise seen from outside
     b: Vector
@@ -29,7 +29,7 @@ class Triangle(Record):
 
 
 class Vertex(Record):
-    """Data of a vertex except its coordinates, which the triangles store."""
+    """Data of a vertex; its coordinates are stored in the triangles."""
 
     pseudonormal: Vector  # outward unit vector: the triangles' normals weighted by their angles
     ring: int  # index of its first triangle in `rings`
@@ -38,7 +38,10 @@ class Vertex(Record):
 
 
 class MeshTree(Record):
-    """Mesh with a complete tree: each level halves the triangles along the longest side of their centres' box."""
+    """Mesh with a complete binary tree of bounding boxes.
+
+    The triangles of a node are halved along the longest side of the box around their centres.
+    """
 
     extent: float  # size of the bounding box plus the largest coordinate, to which rounding is relative [m]
     size: float  # longest side of the bounding box [m]
@@ -53,13 +56,17 @@ class MeshTree(Record):
 
 
 def choices(offset: int) -> list[int]:
-    """List the entries of the mesh at `offset` that select code paths in kernels: whether it is closed, and sizes."""
+    """Return the positions of the entries of a mesh that select code paths in kernels: `closed`, and the counts.
+
+    Args:
+        offset: Position of the mesh in the memory of the kernels.
+    """
     names = ("closed", "node_count", "triangle_count", "vertex_count")
     return [offset + start_of(MeshTree, name) for name in names]
 
 
 class Plane(Record):
-    """Plane in front of which a ball's proxy stays: n . x >= distance."""
+    """Constraint of a ball's proxy x: n . x >= distance, with the unit normal n of the plane."""
 
     normal: Vector  # n_j
     distance: float  # n_j . c_j + radius
@@ -68,7 +75,7 @@ class Plane(Record):
 
 
 class MeshFinger(Record):
-    """Finger on a mesh. A new finger is all zeros, except `reach`."""
+    """State of a finger on a mesh. All entries of a new finger are zero, except `reach`."""
 
     mode: int  # NEW, FREE or TOUCHING
     face: int  # face of the contact point

@@ -1,4 +1,4 @@
-"""Sides, orientation and layout of triangles, for the contact kernels as declared by `mesh_tree.MeshTree`."""
+"""Neighbours and orientation of triangles, and construction of a `mesh_tree.MeshTree` for the contact kernels."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ ANGLES = np.frompyfunc(elementary.atan2, 2, 1)  # arctan2 of NumPy depends on th
 
 
 def flatten(vertices: FloatArray, faces: IntArray, *, closed: bool) -> FloatArray:
-    """Lay out a mesh as the block of a `MeshTree`, which the contact kernels read.
+    """Construct the `MeshTree` of a mesh and return its memory.
 
     Args:
-        vertices: Vertices in the object's frame, (v, 3) [m].
-        faces: Vertex indices, (f, 3), counter-clockwise seen from outside, none of zero area.
-        closed: True if the surface is watertight.
+        vertices: Vertices in the object's frame (v, 3) [m].
+        faces: Vertex indices of triangles with non-zero areas (f, 3), counter-clockwise seen from outside.
+        closed: Whether the surface is watertight.
     """
     order, boxes, skip, first = box_tree(vertices[faces])
     faces = faces[order]
@@ -61,9 +61,11 @@ def flatten(vertices: FloatArray, faces: IntArray, *, closed: bool) -> FloatArra
 
 
 def box_tree(corners: FloatArray) -> tuple[IntArray, FloatArray, IntArray, IntArray]:
-    """Build the tree over triangles (f, 3, 3): their order, and each node's box (6,), `skip` and `first`.
+    """Build the tree of bounding boxes of triangles (f, 3, 3).
 
-    The last row ends the tree: it has no box, and its `first` is f.
+    Returns:
+        Order of the triangles in the tree (f,); and, for each node and for the final entry of `MeshTree.nodes`, lower
+        and upper corner of the box (nodes + 1, 6), `skip` and `first` (see `Node`).
     """
     count = len(corners)
     depth = max(0, int(np.ceil(np.log2(count / LEAF))))
@@ -96,11 +98,14 @@ def box_tree(corners: FloatArray) -> tuple[IntArray, FloatArray, IntArray, IntAr
 
 
 def half_edges(faces: IntArray) -> tuple[IntArray, NDArray[np.bool_], int]:
-    """Find the opposite of each half edge (side of a triangle: 3 f + 0, 1, 2 for ab, bc, ca) of faces (f, 3).
+    """Find the opposite of each half edge of faces (f, 3).
 
-    Return the opposite half edge, (f, 3), -1 at a boundary or if more than two triangles share the edge; whether both
-    have the same direction, which means that one of the triangles is reversed; and the number of edges with more than
-    two triangles.
+    The half edges of triangle k with vertices a, b, c are its sides: 3 k (ab), 3 k + 1 (bc) and 3 k + 2 (ca).
+
+    Returns:
+        Number of the opposite half edge (f, 3), or -1 at a boundary and if more than two triangles share the edge;
+        whether a half edge and its opposite have the same direction, so that one of the two triangles is reversed
+        (f, 3); and the number of edges that more than two triangles share.
     """
     sides = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     low, high = sides.min(axis=1), sides.max(axis=1)
@@ -117,14 +122,14 @@ def half_edges(faces: IntArray) -> tuple[IntArray, NDArray[np.bool_], int]:
 
 
 def rings(faces: IntArray, vertices: int) -> tuple[IntArray, IntArray]:
-    """List the faces around each vertex, vertex by vertex, and the start of each list (v + 1,)."""
+    """Return the faces around each vertex, one vertex after the other (3 f,), and where each vertex starts (v + 1,)."""
     corner = faces.ravel()
     order = np.argsort(corner, kind="stable")
     return order // 3, np.append(0, np.cumsum(np.bincount(corner, minlength=vertices)))
 
 
 def face_normals(corners: FloatArray) -> FloatArray:
-    """Compute outward unit normals of triangles (f, 3, 3), (f, 3), in extended precision if the platform has it."""
+    """Compute the outward unit normals (f, 3) of triangles (f, 3, 3), in extended precision if it is available."""
     a, b, c = np.moveaxis(corners.astype(np.longdouble), 1, 0)
     normals = np.cross(b - a, c - a)
     units: FloatArray = (normals / np.sqrt((normals * normals).sum(axis=1, keepdims=True))).astype(np.float64)
@@ -132,9 +137,10 @@ def face_normals(corners: FloatArray) -> FloatArray:
 
 
 def vertex_normals(corners: FloatArray, faces: IntArray, normals: FloatArray, vertices: int) -> FloatArray:
-    """Compute angle-weighted unit pseudonormals (v, 3).
+    """Compute the angle-weighted unit pseudonormals of the vertices (v, 3).
 
-    With them, the sign of the distance is correct at every vertex (Baerentzen and Aanaes, 2005).
+    If a vertex is the point of the surface nearest to a finger, the sign of the dot product of the pseudonormal and the
+    vector from the vertex to the finger shows whether the finger is outside (Baerentzen and Aanaes, 2005).
     """
     total = np.zeros((vertices, 3))
     for k in range(3):
@@ -149,10 +155,13 @@ def vertex_normals(corners: FloatArray, faces: IntArray, normals: FloatArray, ve
 
 
 def wound(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tuple[IntArray, int, int]:
-    """Orient faces (f, 3) consistently, and outwards if the surface is closed; count the reversed faces.
+    """Orient faces (f, 3) consistently within each connected piece.
 
-    A piece inside another is a cavity and faces inwards. An open piece keeps the orientation of most of its triangles.
-    The third result is the number of closed pieces that may cross another.
+    A piece of a closed surface faces outwards; a piece inside another piece is a cavity, and faces inwards. A piece of
+    an open surface gets the orientation of the majority of its triangles.
+
+    Returns:
+        Faces, number of faces that were reversed, and number of closed pieces that may intersect another piece.
 
     Raises:
         InputError: If there are too many pieces, or too many nested pieces.
@@ -173,7 +182,10 @@ def wound(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tuple[IntAr
 
 
 def _agree(across: IntArray, same: NDArray[np.bool_]) -> tuple[IntArray, NDArray[np.bool_]]:
-    """Number the pieces connected over edges (f,), and mark triangles to reverse so that each piece is consistent."""
+    """Return the number of each triangle's connected piece (f,), and a mask (f,) of triangles to reverse.
+
+    Reversing the marked triangles makes the orientation of each piece consistent.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import breadth_first_order, connected_components
 
@@ -194,14 +206,14 @@ def _agree(across: IntArray, same: NDArray[np.bool_]) -> tuple[IntArray, NDArray
 
 
 def tetrahedra(corners: FloatArray) -> FloatArray:
-    """Compute the signed volumes of the tetrahedra between triangles (f, 3, 3) and the origin, (f,)."""
+    """Compute the signed volumes (f,) of the tetrahedra between triangles (f, 3, 3) and the origin."""
     a, b, c = np.moveaxis(corners, 1, 0)
     volumes: FloatArray = (a * np.cross(b, c)).sum(axis=1) / 6.0
     return volumes
 
 
 def _boxes(corners: FloatArray, pieces: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
-    """Find the lower and upper corners of the boxes around the pieces, (count, 3) each."""
+    """Return the lower and upper corners, each (count, 3), of the bounding boxes of the pieces."""
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
     np.minimum.at(low, pieces, corners.min(axis=1))
     np.maximum.at(high, pieces, corners.max(axis=1))
@@ -209,7 +221,10 @@ def _boxes(corners: FloatArray, pieces: IntArray, count: int) -> tuple[FloatArra
 
 
 def _crossing(low: FloatArray, high: FloatArray, cavity: NDArray[np.bool_]) -> int:
-    """Count the pieces whose boxes overlap with another's, except cavities in a piece and pieces in a cavity."""
+    """Count the pieces whose box overlaps with the box of another piece.
+
+    Cavities inside a piece, and pieces inside a cavity, are not counted.
+    """
     within = [((low <= low[k]) & (high[k] <= high)).all(axis=1) for k in range(len(low))]
     hollow = np.array([(each & cavity).sum() > cavity[k] for k, each in enumerate(within)])
     found = 0
@@ -222,7 +237,10 @@ def _crossing(low: FloatArray, high: FloatArray, cavity: NDArray[np.bool_]) -> i
 
 
 def _cavities(corners: FloatArray, pieces: IntArray, low: FloatArray, high: FloatArray) -> NDArray[np.bool_]:
-    """Find the pieces inside an odd number of others, by the others' solid angles as seen from a point of a piece."""
+    """Return a mask of the pieces that are inside an odd number of other pieces.
+
+    A piece is inside another piece if the solid angle of the other piece, seen from a vertex of the first, is not zero.
+    """
     count = len(low)
     first = np.unique(pieces, return_index=True)[1]
     cavity = np.zeros(count, dtype=bool)
@@ -244,7 +262,7 @@ def _cavities(corners: FloatArray, pieces: IntArray, low: FloatArray, high: Floa
 
 
 def _turns(corners: FloatArray) -> FloatArray:
-    """Compute solid angles of triangles (f, 3, 3) at the origin, divided by 4 pi (van Oosterom and Strackee, 1983)."""
+    """Compute the solid angles of triangles (f, 3, 3) at the origin, divided by 4 pi (van Oosterom, Strackee 1983)."""
     a, b, c = np.moveaxis(corners, 1, 0)
     la, lb, lc = np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1), np.linalg.norm(c, axis=1)
     below = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb

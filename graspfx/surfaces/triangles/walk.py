@@ -1,14 +1,15 @@
-"""Contact of a finger with a triangle mesh: a contact point that walks over the surface and never passes through it.
+"""Contact of a point finger with a triangle mesh: the contact point moves over the surface and never through it.
 
-A finger is free or in contact:
+A finger is either free or in contact:
 
-- free: a finger that moves by less than its distance from the surface cannot touch the surface. Otherwise the segment
-  from its last position to its present position is cast against the triangles that face the finger. Within reach of
-  the surface, the nearest point is found in every sample.
-- in contact: the contact point descends over edges and vertices to the nearest point in its neighbourhood (Zilles and
-  Salisbury, 1995; Ho, Basdogan and Srinivasan, 1999), so that the side on which it entered holds a finger deep in a
-  thin plate. Once the finger is outside, by the pseudonormal at that point (Baerentzen and Aanaes, 2005), it is
-  released. The segment from the contact point to the finger is then cast in the same sample.
+- Free: a finger that has moved by less than its distance from the surface cannot touch the surface. For a longer
+  motion, the first triangle that the segment from the last to the present position crosses from its front is found. If
+  the finger is within its `reach` of the surface, the nearest point is computed in every sample.
+- In contact: the contact point moves over edges and vertices to the nearest point in its neighbourhood (Zilles and
+  Salisbury, 1995; Ho, Basdogan and Srinivasan, 1999). A finger deep in a thin plate therefore stays in contact with
+  the side through which it entered. A finger is released once it is outside according to the pseudonormal at the
+  contact point (Baerentzen and Aanaes, 2005). In the same sample, the segment from the contact point to the finger is
+  tested for the next contact.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ REPEATS = 4  # largest number of steps of a walk between points that are equal w
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """Point of the surface that is locally nearest to a finger."""
+    """Point of the surface at which the distance to a finger has a local minimum."""
 
     face: int
     feature: int  # feature of the face
@@ -48,11 +49,11 @@ class Spot:
 
 @kernel
 def mesh_contact(mesh: MeshTree, finger: MeshFinger, g: Vector) -> Nearest:
-    """Find the contact of a finger that has moved to g in the object's frame, and update its state.
+    """Find the contact of a finger that has moved to g in the object's frame, and update the finger's state.
 
-    c is on the surface, n is the unit normal into the object, and gap is > 0 outside and < 0 inside along n:
-    g - c = -gap n. If the gap exceeds the finger's reach, c and n may be those of an earlier sample, and the gap is a
-    lower bound.
+    The contact has a point c on the surface, the unit normal n into the object, and the gap, which is positive outside
+    and negative inside, so that g - c = -gap n. If the gap exceeds the finger's `reach`, c and n may be those of an
+    earlier sample, and the gap is a lower bound.
     """
     scale = scale_at(mesh, g)
     last = finger.last
@@ -107,7 +108,12 @@ def mesh_contact(mesh: MeshTree, finger: MeshFinger, g: Vector) -> Nearest:
 
 @kernel
 def across(mesh: MeshTree, spot: Spot, touching: bool, scale: float, g: Vector) -> tuple[Vector, float]:
-    """Return the unit normal into the object and the gap of a finger at g, for its contact."""
+    """Return the unit normal into the object, and the gap, of a finger at g whose contact point is `spot`.
+
+    Args:
+        touching: Whether the finger is in contact; the gap is then not positive.
+        scale: Length to which rounding errors at g are relative [m].
+    """
     v = g - spot.point
     if spot.feature == 0:
         triangle = mesh.triangles[spot.face]
@@ -133,10 +139,10 @@ def across(mesh: MeshTree, spot: Spot, touching: bool, scale: float, g: Vector) 
 
 @kernel
 def walk(mesh: MeshTree, face: int, g: Vector) -> Spot:
-    """Descend from a face to the nearest point in its neighbourhood.
+    """Move from a face over its neighbours to a point at which the distance to g has a local minimum.
 
-    Every step leads to a strictly nearer point, so that the walk terminates. Across a flat edge, however, two points
-    can be equally far in floats while they are 1e-8 of the distance apart, so that a few equal steps are allowed.
+    Every step leads to a nearer point, so that the walk terminates. `REPEATS` steps may lead to points with an equal
+    distance: near a flat edge, rounded distances can be equal although the points differ by 1e-8 of the distance.
     """
     triangles = mesh.triangles
     foot = nearest_on_triangle(triangles[face], g)
@@ -178,5 +184,5 @@ def walk(mesh: MeshTree, face: int, g: Vector) -> Spot:
 
 @kernel
 def distance_by_axes(a: Vector, b: Vector) -> float:
-    """Compute |a_x - b_x| + |a_y - b_y| + |a_z - b_z|."""
+    """Compute the distance |a_x - b_x| + |a_y - b_y| + |a_z - b_z|."""
     return abs(a.x - b.x) + abs(a.y - b.y) + abs(a.z - b.z)

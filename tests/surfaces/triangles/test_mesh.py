@@ -102,7 +102,7 @@ def test_mixed_winding_is_fixed_and_counted() -> None:
     mesh = make_mesh(v, np.where(wrong[:, None], f[:, ::-1], f))
     assert not half_edges(mesh.faces)[1].any()
     assert volume(mesh) == pytest.approx(volume(make_mesh(v, f)), rel=1e-14)
-    assert mesh.notes == (f"{wrong.sum()} of 1280 triangles faced the wrong way and were reversed",)
+    assert mesh.notes == (f"{wrong.sum()} of 1280 triangles had the wrong orientation and were reversed",)
 
 
 @pytest.mark.parametrize("turned", [(), (0,), (1,), (2,), (0, 1, 2)])
@@ -117,7 +117,7 @@ def test_cavities_face_inwards_whatever_the_file_says(turned: tuple[int, ...]) -
     points = [scale * v + np.array([x, 0, 0]) for scale, x in zip(scales, places, strict=True)]
     mesh = make_mesh(np.vstack(points), np.vstack(parts))
     assert volume(mesh) == pytest.approx(one * (0.04**3 - 0.03**3 + 0.02**3 + 0.01**3), rel=1e-12)
-    assert not any("may cross" in note for note in mesh.notes)
+    assert not any("may intersect" in note for note in mesh.notes)
 
 
 def test_solids_that_cross_are_noted() -> None:
@@ -127,7 +127,7 @@ def test_solids_that_cross_are_noted() -> None:
     ball, g = bumpy_sphere(2, 0.02, 0.0)
     for x, crosses in ((0.05, True), (0.08, False)):
         mesh = make_mesh(np.vstack([v, ball + np.array([x, 0.0, 0.0])]), np.vstack([f, g + len(v)]))
-        assert any(note.startswith("2 closed surfaces may cross") for note in mesh.notes) == crosses
+        assert any(note.startswith("2 closed surfaces may intersect") for note in mesh.notes) == crosses
     diagonal = v + np.array([0.1, 0.1, 0.0])
     with pytest.raises(InputError, match=r"1 with more than two triangles.*unite solids that touch"):
         make_mesh(np.vstack([v, diagonal]), np.vstack([f, f + len(v)]))
@@ -158,7 +158,7 @@ def test_a_shell_keeps_the_side_of_most_of_its_triangles() -> None:
     assert {tuple(np.sort(row)) for row in mesh.faces} == {tuple(np.sort(row)) for row in f}
     a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
     assert (np.cross(b - a, c - a)[:, 2] > 0).all()
-    assert mesh.notes == ("2 of 72 triangles faced the wrong way and were reversed",)
+    assert mesh.notes == ("2 of 72 triangles had the wrong orientation and were reversed",)
 
 
 def test_triangles_without_area_are_dropped_and_counted() -> None:
@@ -168,7 +168,7 @@ def test_triangles_without_area_are_dropped_and_counted() -> None:
     extra = [[0, 0, 1], [2, 2, 2], [0, len(v) - 1, 1]]
     mesh = make_mesh(v, np.vstack([f, extra]))
     assert (len(mesh.vertices), len(mesh.faces)) == (8, 12)
-    assert mesh.notes == ("3 of 15 triangles had no area and were dropped",)
+    assert mesh.notes == ("3 of 15 triangles had no area and were removed",)
     assert np.isfinite(mesh.data).all()
 
 
@@ -187,7 +187,7 @@ def test_a_flat_triangle_in_a_seam_leaves_the_surface_closed() -> None:
     assert (half_edges(mesh.faces)[0] >= 0).all()
     assert volume(mesh) == pytest.approx(0.1 * 0.08 * 0.001, rel=1e-12)
     assert mesh.notes == (
-        "1 of 14 triangles had no area and were dropped",
+        "1 of 14 triangles had no area and were removed",
         "1 triangles were split at a vertex in the middle of their side",
     )
 
