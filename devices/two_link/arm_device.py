@@ -410,7 +410,7 @@ class TwoLinkArm(Closing):  # type: ignore[misc] # mypy does not see devices fro
                 "mechanics",
                 None,
                 "a device with known masses and damping",
-                "give the five settings from link_masses on",
+                "give all five settings from link_masses on",
             )
         return self.mechanics
 
