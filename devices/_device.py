@@ -33,7 +33,7 @@ class Closing(ABC):
 
 
 class Handle(Closing):
-    """A device with one finger in space and a limit of the force.
+    """A device with one finger in space and a force limit.
 
     Args:
         most: Largest accepted value of `force_limit` [N].

@@ -265,8 +265,8 @@ class FollowingFingers(Closing):  # type: ignore[misc] # mypy does not see devic
 class Pointer(FollowingFingers):
     """One finger moved by the events of a mouse or gamepad.
 
-    Events move a goal, and the finger's target approaches the goal at `speed`. Without events the goal stays in place,
-    unless `_move` of a subclass moves it.
+    Events move a goal, and the finger's target approaches the goal at no more than `speed`. Without events the goal
+    stays in place, unless `_move` of a subclass moves it.
 
     Args:
         buttons: Key codes of the device's switches, in the order of the bits of `switches`.

@@ -1,4 +1,4 @@
-"""Common parts of simulated devices: plants held by a hand, sensors that read a plant, and lines of output delay."""
+"""Common parts of simulated devices: plants held by a hand, sensors that read a plant, and output delays."""
 
 from __future__ import annotations
 
@@ -67,7 +67,8 @@ ARRAYS = "position", "velocity", "effort", "start", "start_rate", "end", "end_ra
 class HeldPlant(ABC):
     """Fingers held by a hand and moved by a kernel, which works on the block `state`.
 
-    The block has a copy of the hand's gains, which is renewed if the hand's attributes are new arrays.
+    The block contains a copy of the hand's gains, which is renewed if `stiffness` or `damping` of the hand is another
+    array.
 
     Args:
         kind: Record that declares the plant's block.
@@ -311,7 +312,7 @@ class PlantDevice(Closing):  # type: ignore[misc] # mypy does not see devices fr
 
 
 def all_of(kind: type[D], devices: Sequence[object], name: str) -> list[D]:
-    """Return the devices; raise InputError, with `name` for the kind, if there are none or one is not of the kind."""
+    """Return the devices; raise InputError if there are none or one is not of `kind`, called `name` in the message."""
     found = [device for device in devices if isinstance(device, kind)]
     if not found or len(found) < len(devices):
         kinds = [type(device).__name__ for device in devices]

@@ -106,8 +106,8 @@ class Delta(Handle):  # type: ignore[misc] # mypy does not see devices from insi
     returns the last sample and the time of this sample again. Velocities are estimated from positions.
 
     `open` sets the largest force of the vendor's library to `force_limit`, and changes no other limit or threshold of
-    the vendor. If the device supports a watchdog, `open` sets it to its longest time, and `close` restores the previous
-    setting.
+    the vendor. If the device supports a watchdog, `open` sets the watchdog to the longest time, and `close` restores
+    the previous setting.
     """
 
     def __init__(
@@ -176,7 +176,10 @@ class Delta(Handle):  # type: ignore[misc] # mypy does not see devices from insi
             raise
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Return position (1, 3) [m], velocity (1, 3) [m/s] and time [s]; without new data, the last sample again."""
+        """Return position (1, 3) [m], velocity (1, 3) [m/s] and time [s].
+
+        If the library has no new data, the last sample is returned again.
+        """
         self._opened().call("dhdGetStatus", self._status, self._id)
         if not self._status[FORCE]:
             raise DeviceError(_off_text(self._status[OFF_CAUSE]))

@@ -5,7 +5,8 @@ The driver was written from the board's protocol, and tested only against an emu
 The board's firmware has **no watchdog: the last torques persist when the program crashes**. A truncated frame blocks
 the board for up to a second with its motors on; each frame is therefore sent by a single call. `stop`, `close` and the
 end of `with` send zero torques, and `quench` removes the torques after a program has crashed. The protocol has no
-checksum: a bit error in an angle is detected only if a link would exceed its speed or acceleration limit.
+checksum: a bit error in an angle remains undetected if the links could have moved to the erroneous angle within their
+speed and acceleration limits.
 
 `open` sets the encoders to the angles of the home position, so the handle must be at home when `open` is called.
 """
@@ -207,7 +208,10 @@ class Haply2Diy(Closing):  # type: ignore[misc] # mypy does not see devices from
         self._waiting, self._asked_at = True, self.port.now()
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Return position (1, 2) [m], velocity (1, 2) [m/s] and time [s]; without new angles, the last sample again."""
+        """Return position (1, 2) [m], velocity (1, 2) [m/s] and time [s].
+
+        If no valid answer has arrived, the last sample is returned again.
+        """
         self._opened()
         if not self._waiting:
             self.ask()
@@ -259,7 +263,7 @@ class Haply2Diy(Closing):  # type: ignore[misc] # mypy does not see devices from
         self._answering = True
 
     def _abandon(self) -> None:
-        """Send two frames of zero torques; a board that waits for the rest of a frame takes the first one for it."""
+        """Send two frames of zero torques; a board that waits for the rest of a frame takes the first as that rest."""
         self._torque = (0.0, 0.0)
         with suppress(DeviceError):  # the hardware may be disconnected
             for _ in range(2):

@@ -100,7 +100,10 @@ class Inverse(Handle):  # type: ignore[misc] # mypy does not see devices from in
         self.service.ask(self._name)
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Return position (1, 3) [m], velocity (1, 3) [m/s] and time [s]; without a new sample, the last one again."""
+        """Return position (1, 3) [m], velocity (1, 3) [m/s] and time [s].
+
+        If there is no new sample, the last sample is returned again.
+        """
         self._opened()
         if not self._waiting:
             self.ask()

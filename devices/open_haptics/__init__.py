@@ -91,7 +91,10 @@ class Stylus(Handle):  # type: ignore[misc] # mypy does not see devices from ins
         self._position, self._velocity = np.zeros((1, 3)), np.zeros((1, 3))
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Return position (1, 3) [m], velocity (1, 3) [m/s] and time [s]; without a new sample, the last one again."""
+        """Return position (1, 3) [m], velocity (1, 3) [m/s] and time [s].
+
+        If there is no new sample, the last sample is returned again.
+        """
         mailbox, i, end = self._opened(), self._place, self.now() + self._period
         while True:
             if fault := mailbox.fault(i):

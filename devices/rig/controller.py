@@ -271,7 +271,7 @@ def short_frame(kind: Kind, number: int = 0) -> bytes:
 
 
 def long_frame(kind: Kind, word: int) -> bytes:
-    """Return a HELLO frame, for which `word` is the nonce, or an ARM frame, for which it is the session number."""
+    """Return a HELLO frame, where `word` is the nonce, or an ARM frame, where `word` is the session number."""
     return framed(LONG.pack(kind, 0, word))
 
 

@@ -134,7 +134,7 @@ def grasp_force(plant: OperatedPlantState) -> None:
 
 @kernel
 def substeps(plant: OperatedPlantState) -> int:
-    """Return the number of substeps for which the series converge to rounding error; 0 if it would exceed MOST."""
+    """Return the number of substeps for which the series converge to rounding error; 0 if this number exceeds MOST."""
     n, d, T = plant.fingers, plant.dimensions, plant.period
     largest = 0.0
     for a in range(d):

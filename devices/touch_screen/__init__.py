@@ -43,7 +43,8 @@ class TouchFingers(FollowingFingers):  # type: ignore[misc] # mypy does not see 
         """Message counts of the page, and the touches of the k fingers (5 + 3 k,).
 
         The first five entries are the numbers of accepted, dropped and lost messages, the sequence number of the last
-        message, and the number of screens. Three entries of each finger follow: whether it is touched, and x, y [m].
+        message, and the number of screens. Then each finger has three entries: whether the finger is touched, and x, y
+        [m].
         """
         return self._raw
 

@@ -19,9 +19,9 @@ choice:
 Two arms that hold the 50 mm cube between them, with fingers at (-0.025, 0) and (0.025, 0) m, are based at
 (-0.04, -0.18) m with the elbow to the left and at (0.04, -0.18) m with the elbow to the right. At these positions an
 arm's effective mass is 0.150 kg along x and 0.149 along y, with an off-diagonal entry of 0.0003, and its effective
-damping 0.201 and 0.199 N s/m. While the first finger moves along x from -0.09 to 0.04 m, the effective mass and damping
-in every direction stay between 0.130 and 0.178 kg and between 0.169 and 0.246 N s/m, and the condition number of the
-Jacobian below 1.21.
+damping 0.201 and 0.199 N s/m. While the first finger moves along x from -0.09 to 0.04 m, the effective mass in every
+direction stays between 0.130 and 0.178 kg, the effective damping between 0.169 and 0.246 N s/m, and the condition
+number of the Jacobian below 1.21.
 """
 
 from __future__ import annotations

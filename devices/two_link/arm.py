@@ -165,7 +165,7 @@ class Mechanics:
 
         M(a) = [[I1, c m + r], [c m + r, I2]],   D = [[d1, d], [d, d2]],   c = cos(a2 - a1)
 
-    The kinetic energy is w'M w/2 with w = da/dt. `constants` are I1, I2, m, r, d1, d and d2, which follow from the
+    The kinetic energy is w'M w/2 with w = da/dt. The property `constants` computes I1, I2, m, r, d1, d and d2 from the
     arguments. The kinetic energy of a rotor is only that of its spin, at the joint's rate times the gear ratio.
 
     Args:

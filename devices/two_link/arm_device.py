@@ -410,7 +410,7 @@ class TwoLinkArm(Closing):  # type: ignore[misc] # mypy does not see devices fro
                 "mechanics",
                 None,
                 "a device with known masses and damping",
-                "give all five settings from link_masses on",
+                "give link_masses to joint_damping, all five",
             )
         return self.mechanics
 
@@ -446,7 +446,10 @@ class TwoLink(TwoLinkArm):
         return self._raw
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Return position (1, 2) [m], velocity (1, 2) [m/s] and time [s]; without new counts, the last sample again."""
+        """Return position (1, 2) [m], velocity (1, 2) [m/s] and time [s].
+
+        If the time of the counts has not changed, the last sample is returned again.
+        """
         estimator = self._opened()
         try:
             counts = self.board.counts()

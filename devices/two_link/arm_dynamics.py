@@ -342,7 +342,7 @@ class ArmPlant(HeldPlant):  # type: ignore[misc] # mypy does not see devices fro
         return start
 
     def angles(self, i: int) -> memoryview:
-        """Return a view of a1, a2 [rad] and a1', a2' [rad/s] of arm i; its memory stays the same for the plant."""
+        """Return a view of a1, a2 [rad] and a1', a2' [rad/s] of arm i; every call returns the same view."""
         view: memoryview = self._angles[i]
         return view
 
