@@ -27,10 +27,10 @@ IDLE = 0.001  # time between two checks of a connection for pending answers [s]
 
 
 class InverseWire(Wire):
-    """A service whose devices are moved only by tests.
+    """A service whose devices are moved only by tests; a force persists until another force is set.
 
-    A force persists until another force is set, even after the program has ended. This is the worst case, because it is
-    unknown whether the real service removes the force. Answers omit coordinates that are exactly zero.
+    This is the worst case: the real service's behaviour after the death of a program is unknown. Answers omit
+    coordinates that are exactly zero.
 
     Args:
         devices: Ids of the devices.

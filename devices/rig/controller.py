@@ -214,7 +214,7 @@ class Controller:
         )
 
     def _messages(self, deadline: float) -> Iterator[bytes]:
-        """Yield the undamaged messages that arrive until a deadline on the port's clock [s]."""
+        """Yield messages until a deadline of the port's clock [s], skipping damaged messages."""
         while True:
             frame, end, rest = self._buffer.partition(b"\0")
             if end:
