@@ -1,1 +1,1 @@
-"""Built-in device drivers: one package each, with `connect(**settings) -> Device`."""
+"""Built-in device drivers: each is a package whose function `connect(**settings)` returns a `Device`."""

@@ -1,4 +1,4 @@
-"""Common parts of drivers: the end of a `with` block, vendors' libraries, and a handle in space with a force limit."""
+"""Common parts of drivers: closing after a `with` block, a handle with a force limit, and loading of libraries."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ FloatArray = NDArray[np.float64]
 
 
 class Closing(ABC):
-    """A device that the end of a `with` block closes."""
+    """A device that is closed at the end of a `with` block."""
 
     @abstractmethod
     def close(self) -> None:
-        """Set zero force and release the hardware, without an error if the hardware is lost or already closed."""
+        """Set zero force and release the hardware; raise no error if the hardware is lost or already released."""
 
     def __enter__(self) -> Self:
         return self
@@ -33,13 +33,13 @@ class Closing(ABC):
 
 
 class Handle(Closing):
-    """One finger in space, whose force is limited.
+    """A device with one finger in space and a force limit.
 
     Args:
-        most: Largest value of `force_limit` [N].
+        most: Largest accepted value of `force_limit` [N].
         force_limit: Largest force at the handle [N].
-        resolution: Resolution of a position [m].
-        velocity_window: Longest window of the velocity estimate [samples].
+        resolution: Resolution of the measured positions [m].
+        velocity_window: Largest number of samples in the window of the velocity estimate.
     """
 
     def __init__(
@@ -52,9 +52,9 @@ class Handle(Closing):
         self._velocity: FloatArray = np.zeros((1, 3))
 
     def write(self, forces: FloatArray) -> None:
-        """Display a force (1, 3) [N], scaled down to the limit.
+        """Display a force (1, 3) [N]; if it exceeds `force_limit`, scale it down to this limit.
 
-        A non-finite force is displayed as zero and raises DeviceError.
+        If the force is not finite, display zero force and raise DeviceError.
         """
         self._opened()
         if np.shape(forces) != (1, 3):
@@ -80,7 +80,7 @@ class Handle(Closing):
 
     @abstractmethod
     def _display(self, force: FloatArray) -> None:
-        """Display a finite force (3,) within the limit [N]."""
+        """Display a force (3,) [N], which is finite and at most `force_limit`."""
 
     def _display_zero(self) -> None:
         self.stop()
@@ -94,7 +94,7 @@ class Handle(Closing):
 
 
 def library_path(library: object, title: str) -> Any:
-    """Return the path of a library, None to try its usual file names, or a library that is already loaded.
+    """Check the setting `library`; return a path, a loaded library, or None for the library's usual file names.
 
     Args:
         library: Value of the setting.
@@ -102,7 +102,7 @@ def library_path(library: object, title: str) -> Any:
     """
     path = str(library) if isinstance(library, PathLike) else library
     if not (path is None or isinstance(path, ctypes.CDLL) or (isinstance(path, str) and path)):
-        raise InputError("library", library, f"the path of {title}, a ctypes.CDLL, or None for its usual names")
+        raise InputError("library", library, f"the path of {title}, a ctypes.CDLL, or None for its usual file names")
     return path
 
 
@@ -114,8 +114,8 @@ def load_library(
     Args:
         library: Result of `library_path`.
         title: Name of the library in messages.
-        names: Usual file names, by `sys.platform`.
-        others: Usual file names on other systems.
+        names: Usual file names of the library for values of `sys.platform`.
+        others: Usual file names on systems that are not in `names`.
 
     Raises:
         DeviceError: If the library cannot be loaded.
@@ -135,21 +135,23 @@ def load_library(
 def library_functions(
     loaded: ctypes.CDLL, title: str, file: str, signatures: Mapping[str, Sequence[Any]]
 ) -> dict[str, Any]:  # fmt: skip
-    """Return functions of a loaded library by name, with their types.
+    """Set the argument and result types of functions of a loaded library, and return the functions by name.
 
     Args:
-        loaded: Library.
-        title, file: Name and file of the library in messages.
-        signatures: Type of the result and of each argument, by the function's name.
+        loaded: Loaded library.
+        title, file: Name and file name of the library in messages.
+        signatures: For each function's name, the type of the result and then of each argument.
 
     Raises:
-        DeviceError: If the library has no such function.
+        DeviceError: If the library lacks one of the functions.
     """
     functions = {}
     for name, (result, *arguments) in signatures.items():
         function = getattr(loaded, name, None)
         if function is None:
-            raise DeviceError(f"{title} has no function {name}: install a newer SDK, or set `library` to {file}")
+            raise DeviceError(
+                f"{title} has no function {name}: install a newer SDK, or set `library` to the path of {file}"
+            )
         function.restype, function.argtypes = result, arguments
         functions[name] = function
     return functions

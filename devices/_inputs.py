@@ -1,4 +1,4 @@
-"""Input devices without force feedback: Linux input events, and fingers that smoothly follow the devices' targets."""
+"""Input devices without force feedback: Linux input events, and fingers that follow targets set by a device."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from graspfx.protocols import SMALLEST, DeviceError, Features, Follower, InputEr
 
 FloatArray = NDArray[np.float64]
 
-LONGEST = 0.1  # longest time by which one reading moves targets and fingers [s]
+LONGEST = 0.1  # largest time step by which one reading advances targets and fingers [s]
 HALF_WIDTH = 0.1  # half-width of the workspace, unless stated otherwise [m]
 
 # Linux input events from /dev/input/event*, with codes as in the kernel's input-event-codes.h
 EVENT = struct.Struct("@llHHi")  # seconds, microseconds, kind, code, value
-MOST, ROUNDS = 256 * EVENT.size, 16  # bytes per read and reads per call; further events wait
+MOST, ROUNDS = 256 * EVENT.size, 16  # largest number of bytes per read, and of reads per call
 
 SYNC, KEY, RELATIVE, ABSOLUTE = 0, 1, 2, 3  # kinds of events
 REPORT, DROPPED = 0, 3  # codes of SYNC: end of a report, and loss of events
 
-# ioctl requests: direction and size of the data, the letter E, a number.
+# An ioctl request combines the direction and the size of its data, the letter E, and a number.
 READ, WRITE = 2, 1
 GRAB = 0x90
 KEYS = 0x18
@@ -40,7 +40,7 @@ AXIS_STATE = struct.Struct("@6i")  # value, minimum, maximum, and three unused e
 
 
 class Event(NamedTuple):
-    """An event: its kind, its key or axis, and its value."""
+    """An input event: kind, code of the key or axis, and value."""
 
     kind: int
     code: int
@@ -48,7 +48,7 @@ class Event(NamedTuple):
 
 
 class Range(NamedTuple):
-    """State of an absolute axis: its value and its limits."""
+    """State of an absolute axis: present, smallest and largest value."""
 
     value: int
     least: int
@@ -56,17 +56,20 @@ class Range(NamedTuple):
 
 
 def request(direction: int, number: int, size: int) -> int:
-    """Return the number of an ioctl request."""
+    """Return the code of the ioctl request with a direction, a number and a data size [bytes]."""
     return direction << 30 | size << 16 | ord("E") << 8 | number
 
 
 class EventPort:
-    """The port of an input device, for one GraspFX program at a time; other programs, such as the desktop, may read it.
+    """Event file of an input device.
+
+    One GraspFX program at a time can open the file. Other programs, such as the desktop, can read it unless `grab` is
+    set.
 
     Args:
-        path: Path such as /dev/input/by-id/usb-Maker_Mouse-event-mouse.
+        path: Path of the event file, such as /dev/input/by-id/usb-Maker_Mouse-event-mouse.
         grab: Whether to withhold the events from other programs.
-        now: Function that returns the time of a reading [s].
+        now: Function that returns the present time [s].
     """
 
     def __init__(self, path: str, *, grab: bool, now: Callable[[], float] = time.perf_counter) -> None:
@@ -75,7 +78,7 @@ class EventPort:
         self._bytes = b""
 
     def open(self) -> None:
-        """Open the port and discard pending events."""
+        """Open the event file and discard pending events."""
         self.close()
         try:
             import fcntl
@@ -115,9 +118,9 @@ class EventPort:
             except BlockingIOError:
                 return
             except OSError as error:
-                raise DeviceError(f"the input device at {self.path} is gone: {error.strerror}") from error
+                raise DeviceError(f"the input device at {self.path} is disconnected: {error.strerror}") from error
             if not data:
-                raise DeviceError(f"the input device at {self.path} is gone: the file was closed")
+                raise DeviceError(f"the input device at {self.path} is disconnected: its event file has ended")
             self._bytes += data
             whole = len(self._bytes) - len(self._bytes) % EVENT.size
             data, self._bytes = self._bytes[:whole], self._bytes[whole:]
@@ -125,12 +128,12 @@ class EventPort:
                 yield Event(kind, code, value)
 
     def axis(self, code: int) -> Range | None:
-        """Return the state of an absolute axis; None if it is unknown."""
+        """Query the state of an absolute axis; return None if the query fails."""
         answer = self._ask(AXIS + code, AXIS_STATE.size)
         return None if answer is None else Range(*AXIS_STATE.unpack(answer)[:3])
 
     def keys(self) -> bytes | None:
-        """Return the pressed keys, one bit per code; None if they are unknown."""
+        """Query which keys are pressed, one bit per code; return None if the query fails."""
         return self._ask(KEYS, KEY_BYTES)
 
     def _ask(self, number: int, size: int) -> bytes | None:
@@ -141,7 +144,7 @@ class EventPort:
         return None
 
     def close(self) -> None:
-        """Close the port, without an error if the device is disconnected or already closed."""
+        """Close the event file; raise no error if the device is disconnected or already closed."""
         descriptor, self._descriptor, self._bytes = self._descriptor, -1, b""
         if descriptor >= 0:
             with suppress(OSError):
@@ -149,7 +152,7 @@ class EventPort:
 
 
 def is_down(keys: bytes, code: int) -> bool:
-    """Tell whether a key is pressed."""
+    """Tell whether the key with a code is pressed, given the result of `EventPort.keys`."""
     return bool(keys[code // 8] >> code % 8 & 1)
 
 
@@ -159,14 +162,14 @@ def is_down(keys: bytes, code: int) -> bool:
 class FollowingFingers(Closing):  # type: ignore[misc] # mypy does not see devices from inside the package
     """Fingers without force feedback: forces are checked but not displayed.
 
-    The input device sets targets, which move at most at `speed`. Each finger follows its target with critical damping,
-    so that events at 60 to 1000 Hz give a smooth motion for a loop of any rate.
+    The input device sets a target for each finger; the speed of a target is at most `speed`. Each finger follows its
+    target with critical damping. Events at 60 to 1000 Hz therefore give a smooth motion in a loop of any rate.
 
     Args:
-        source: Port of the input device, with `open` and `close`.
-        workspace: Corners of the workspace (2, d) [m].
-        start: Positions of the fingers when the device is opened (k, d) [m].
-        lag: Time constant of a finger, which lags a target of constant velocity by twice this time [s].
+        source: Port of the input device, with methods `open` and `close`.
+        workspace: Lower and upper corner of the workspace in d dimensions (2, d) [m].
+        start: Positions of the k fingers when the device is opened (k, d) [m].
+        lag: Time constant of a finger [s]; a finger lags a target of constant velocity by twice this time.
         speed: Largest speed of a target [m/s].
         switch_count: Number of switches.
     """
@@ -195,11 +198,11 @@ class FollowingFingers(Closing):  # type: ignore[misc] # mypy does not see devic
 
     @property
     def switches(self) -> int:
-        """Switches closed at the last reading, as bits."""
+        """Switches that were closed at the last reading, as bits; the first switch is bit 0."""
         return self._switches
 
     def now(self) -> float:
-        """Return the time of a reading [s]."""
+        """Return the present time on the clock of the readings [s]."""
         return time.perf_counter()
 
     def open(self, period: float) -> None:
@@ -212,7 +215,7 @@ class FollowingFingers(Closing):  # type: ignore[misc] # mypy does not see devic
         self._is_open = True
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Return positions (k, d) [m], velocities (k, d) [m/s] and time [s]."""
+        """Return positions (k, d) [m], velocities (k, d) [m/s] and the time since `open` [s]."""
         self._opened()
         self._take()
         now = self.now()
@@ -222,13 +225,13 @@ class FollowingFingers(Closing):  # type: ignore[misc] # mypy does not see devic
         return self._position, self._velocity, now - self._began
 
     def write(self, forces: FloatArray) -> None:
-        """Check the forces without displaying them."""
+        """Check forces (k, d) [N], which are not displayed."""
         self._opened()
         if np.shape(forces) != self._position.shape:
             raise InputError("forces", forces, f"an array of shape {self._position.shape}, one row per finger")
         if not np.isfinite(forces).all():
             self.stop()
-            raise DeviceError(f"a force of {np.asarray(forces).tolist()} N is not finite")
+            raise DeviceError(f"forces of {np.asarray(forces).tolist()} N are not finite")
         self._show(forces)
 
     def stop(self) -> None:
@@ -241,15 +244,15 @@ class FollowingFingers(Closing):  # type: ignore[misc] # mypy does not see devic
 
     @abstractmethod
     def _begin(self) -> None:
-        """Begin to read the input device, which was opened."""
+        """Prepare the readings after the input device has been opened."""
 
     @abstractmethod
     def _take(self) -> None:
-        """Take the latest input."""
+        """Process the input since the last reading."""
 
     @abstractmethod
     def _aim(self, duration: float) -> None:
-        """Move the targets by the input, for a duration [s]."""
+        """Advance the targets by a duration [s], as determined by the input."""
 
     def _show(self, forces: FloatArray) -> None:
         """Draw the forces (k, d) [N], if the device has a screen; the operator does not feel them."""
@@ -262,11 +265,11 @@ class FollowingFingers(Closing):  # type: ignore[misc] # mypy does not see devic
 class Pointer(FollowingFingers):
     """One finger moved by the events of a mouse or gamepad.
 
-    Events move a goal, which the target approaches. Without events the target comes to rest, unless a subclass moves
-    the goal.
+    Events move a goal, and the finger's target approaches the goal at no more than `speed`. Without events the goal
+    stays in place, unless `_move` of a subclass moves it.
 
     Args:
-        buttons: Codes of the device's switches; the first switch is bit 0.
+        buttons: Key codes of the device's switches, in the order of the bits of `switches`.
         port, dimensions, workspace, start, lag, speed, grab: Settings of the driver.
     """
 
@@ -293,7 +296,7 @@ class Pointer(FollowingFingers):
         self._accept(self.source.events())
 
     def _accept(self, events: Iterable[Event]) -> None:
-        """Process complete reports; after lost events, use only the state that can be queried."""
+        """Process the events of complete reports; if events of a report were lost, query the device's state instead."""
         for event in events:
             if event.kind != SYNC:
                 self._events.append(event)
@@ -317,13 +320,13 @@ class Pointer(FollowingFingers):
 
     @abstractmethod
     def _act(self, event: Event) -> None:
-        """Process an event of a complete report that is not a key event."""
+        """Process one event of a complete report; the event is not a key event."""
 
     def _move(self, goal: FloatArray, duration: float) -> None:
-        """Move the goal without events, for example while a stick is deflected."""
+        """Move the goal for a duration [s] independently of events, for example while a stick is deflected."""
 
     def _look(self) -> None:
-        """Query the keys, when the device is opened and after lost events."""
+        """Query the pressed keys; called when the device is opened and after events were lost."""
         keys = self.source.keys()
         if keys is not None:
             self._switches = sum(1 << i for i, code in enumerate(self._buttons) if is_down(keys, code))
@@ -335,7 +338,7 @@ class Pointer(FollowingFingers):
 
 
 def area(workspace: object, dimensions: int) -> FloatArray:
-    """Return the corners of a workspace (2, d) [m]; by default -0.1 and 0.1 m along every axis."""
+    """Check and return the corners of a workspace (2, d) [m]; if None, return -0.1 and 0.1 m along every axis."""
     if workspace is None:
         workspace = np.outer([-HALF_WIDTH, HALF_WIDTH], np.ones(dimensions))
     both: FloatArray = corners(workspace, dimensions)
@@ -343,7 +346,7 @@ def area(workspace: object, dimensions: int) -> FloatArray:
 
 
 def inside(workspace: FloatArray, start: object, shape: tuple[int, ...]) -> FloatArray:
-    """Return initial positions in the given shape [m]; raise InputError if one is outside the workspace."""
+    """Return initial positions [m]; raise InputError if they have another shape or one is outside the workspace."""
     expected = f"coordinates of shape {shape} within the workspace [m]"
     points: FloatArray = finite("start", start, expected)
     if points.shape != shape or not ((workspace[0] <= points) & (points <= workspace[1])).all():

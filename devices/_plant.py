@@ -1,4 +1,4 @@
-"""Common parts of simulations: plants held by a hand, devices whose sensors read a plant, and their output delay."""
+"""Common parts of simulated devices: plants held by a hand, sensors that read a plant, and output delays."""
 
 from __future__ import annotations
 
@@ -36,28 +36,28 @@ Index = NDArray[np.intp]
 Pair = tuple[FloatArray, FloatArray]
 D = TypeVar("D")
 
-NOT_FINITE = 1  # code of a kernel for non-finite inputs
+NOT_FINITE = 1  # code of a kernel whose inputs are not finite
 
 
 class PlantState(Record):
-    """First fields of the block of every plant: n fingers in d dimensions; arrays are (n, d), one row per finger.
+    """First fields of the block of every plant of n fingers in d dimensions; arrays are (n, d), one row per finger.
 
-    Next come `middle` and `middle_rate` of a plant that needs the target in the middle of a sample.
+    In a plant that needs the target in the middle of a sample, the fields `middle` and `middle_rate` follow.
     """
 
     fingers: int  # n
     dimensions: int  # d
     period: float  # sampling period T [s]
-    since: float  # time at which counting of ticks began [s]
+    since: float  # time at which `ticks` was zero [s]
     ticks: float
     still: bool  # the targets are constant
     position: Floats = floats("fingers * dimensions")  # [m]
     velocity: Floats = floats("fingers * dimensions")  # [m/s]
     effort: Floats = floats("fingers * dimensions")  # effort u, held over the sample [N, or N m at joints]
     start: Floats = floats("fingers * dimensions")  # target r of the hand at the beginning of the sample [m]
-    start_rate: Floats = floats("fingers * dimensions")  # its rate r' [m/s]
+    start_rate: Floats = floats("fingers * dimensions")  # rate of the target at the beginning of the sample [m/s]
     end: Floats = floats("fingers * dimensions")  # target at the end of the sample [m]
-    end_rate: Floats = floats("fingers * dimensions")
+    end_rate: Floats = floats("fingers * dimensions")  # rate of the target at the end of the sample [m/s]
 
 
 PERIOD, SINCE, TICKS, STILL = (start_of(PlantState, name) for name in ("period", "since", "ticks", "still"))
@@ -65,18 +65,19 @@ ARRAYS = "position", "velocity", "effort", "start", "start_rate", "end", "end_ra
 
 
 class HeldPlant(ABC):
-    """Fingers held by a hand and moved by a kernel that works on one block.
+    """Fingers held by a hand and moved by a kernel, which works on the block `state`.
 
-    The hand's gains are copied again when the hand has new arrays of gains.
+    The block contains a copy of the hand's gains, which is renewed if `stiffness` or `damping` of the hand is another
+    array.
 
     Args:
-        kind: Record of the plant's block.
+        kind: Record that declares the plant's block.
         fingers: Number of fingers n.
         dimensions: Number of dimensions d.
-        whole: Other integers on which the size of the block depends.
+        whole: Further integers on which the size of the block depends, by name.
     """
 
-    kernel: Kernel  # moves the block by one sample; returns 0, or a code for `fault_text`
+    kernel: Kernel  # advances the block by one sample; returns 0, or a code for `fault_text`
 
     def __init__(self, kind: type[PlantState], fingers: int, dimensions: int, **whole: int) -> None:
         shape, step = (fingers, dimensions), fingers * dimensions
@@ -100,19 +101,23 @@ class HeldPlant(ABC):
         self._start, self._end = (arrays["start"], arrays["start_rate"]), (arrays["end"], arrays["end_rate"])
         self._middle = (arrays["middle"], arrays["middle_rate"]) if "middle" in arrays else None
         self._entries: Any = self.state.data  # plain floats, because access to items of an array takes twice as long
-        self._coupled_hand: tuple[Hand, FloatArray, FloatArray] | None = None  # the hand and its gains
+        self._coupled_hand: tuple[Hand, FloatArray, FloatArray] | None = None  # hand of the last `hold`, and its gains
         self._targets: tuple[FusedHand, Any, FloatArray, FloatArray] | None = None  # block and targets of the hand
-        self.placed = 0  # number of calls of `place`, by which a device detects that its finger was placed anew
+        self.placed = 0  # number of calls of `place`; when it changes, a device resets its velocity estimate
 
     @property
     def time(self) -> float:
-        """Time since `place` [s]: the time at the last change of the period T, plus T times the samples since then."""
+        """Time since `place` [s]: time of the last change of the period T, plus T times the samples since then."""
         S = self._entries
         now: float = S[SINCE] + S[TICKS] * S[PERIOD]
         return now
 
     def place(self, position: FloatArray) -> None:
-        """Place the fingertips at positions (n, d) [m], at rest, at time zero; raise DeviceError if out of reach."""
+        """Place the fingertips at positions (n, d) [m] with zero velocity, and set the time to zero.
+
+        Raises:
+            DeviceError: If a position is out of reach.
+        """
         p = np.asarray(position, dtype=np.float64)
         if p.shape != self.position.shape or not np.isfinite(p).all():
             raise InputError("position", position, f"finite positions of shape {self.position.shape} [m]")
@@ -124,7 +129,7 @@ class HeldPlant(ABC):
         self.placed += 1
 
     def hold(self, hand: Hand, T: float) -> None:
-        """Write the hand's gains, its targets at the plant's time and the period T [s] into the block."""
+        """Write the gains of the hand, the hand's targets at the plant's time, and the period T [s] into the block."""
         K, B, S = hand.stiffness, hand.damping, self._entries
         n, d = self.position.shape
         if not (math.isfinite(T) and T > 0.0):
@@ -145,7 +150,11 @@ class HeldPlant(ABC):
         self._coupled_hand = hand, K, B
 
     def advance(self, force: FloatArray, hand: Hand, T: float) -> None:
-        """Advance by T seconds under held efforts (n, d) and the hand; raise DeviceError for a code of the kernel."""
+        """Advance by a sample of T seconds, with the hand's forces, and with efforts (n, d) held over the sample.
+
+        Raises:
+            DeviceError: If the kernel returns a code other than 0.
+        """
         if force.shape != self._effort.shape:
             raise InputError("force", force, f"an array of shape {self._effort.shape}")
         S, coupled = self._entries, self._coupled_hand
@@ -167,7 +176,7 @@ class HeldPlant(ABC):
             raise DeviceError(self.fault_text(code))
 
     def _aim(self, hand: Hand, time: float, at: Pair) -> None:
-        """Write the hand's targets at a time into the block."""
+        """Write the positions and velocities that the hand intends at a time [s] into the arrays `at`."""
         if self._targets is None:
             at[0][...], at[1][...] = hand.target(time)
             return
@@ -177,28 +186,28 @@ class HeldPlant(ABC):
         at[1][...] = v
 
     def fault_text(self, code: int) -> str:
-        """Explain a code of the kernel."""
+        """Return the error message for a code of the kernel."""
         return "efforts or the hand's targets are not finite, so a simulated plant cannot move"
 
     @property
     @abstractmethod
     def structure(self) -> Index:
-        """Indices of the integer and boolean entries that select the computation and are constant after `hold`."""
+        """Indices in the block of the integers and booleans that select the computation; constant after `hold`."""
 
     @abstractmethod
     def _put(self, position: FloatArray) -> None:
-        """Set the internal states for positions (n, d) [m]; if impossible, raise DeviceError and change nothing."""
+        """Set internal states for positions (n, d) [m]; if out of reach, raise DeviceError and change nothing."""
 
     @abstractmethod
     def _grip(self, K: FloatArray, B: FloatArray, T: float) -> None:
-        """Write gains (d, n, n), and everything that depends on them and on T, into the block."""
+        """Write the hand's gains K and B (d, n, n) into the block, and the quantities that depend on K, B and T."""
 
 
 @kernel
 def unfit(inputs: Floats, rows: int, columns: int) -> int:
-    """Return NOT_FINITE if any of the rows of inputs is not finite, else 0.
+    """Return NOT_FINITE if any of the first rows * columns inputs is not finite, else 0.
 
-    The sums of the rows are independent, so that the processor can overlap them.
+    Each row has a separate sum, so that the processor can compute several sums at the same time.
     """
     nothing = 0.0
     for row in range(rows):
@@ -213,10 +222,10 @@ def unfit(inputs: Floats, rows: int, columns: int) -> int:
 
 
 class PlantDevice(Closing):  # type: ignore[misc] # mypy does not see devices from inside the package
-    """A device whose sensors read a plant; its kernels run once per sample on the block `state`.
+    """A simulated device whose sensors read a plant; the device's kernels run once per sample on the block `state`.
 
     Attributes:
-        sensed: Entries of the plant's block that the sensors measure; empty before a plant is made.
+        sensed: Indices of the entries of the plant's block that the sensors measure; empty without a plant.
     """
 
     reading: Kernel
@@ -232,21 +241,24 @@ class PlantDevice(Closing):  # type: ignore[misc] # mypy does not see devices fr
     _effort: FloatArray
     _true: FloatArray  # values in the plant's block that the sensors measure
     _plant: HeldPlant | None = None
-    _seen = (-1, 0.0)  # placement and time of the plant at the last reading
+    _seen = (-1, 0.0)  # `placed` and `time` of the plant at the last reading
     _fault = 0  # fault code of the last reading
     sensed: Index = np.zeros(0, dtype=np.intp)
 
     @property
     def effort(self) -> FloatArray:
-        """Effort of the actuators until the next sample (k, d) [N, or N m at joints]; read-only."""
+        """Efforts of the actuators (k, d), held until the next sample [N, or N m at joints]; read-only."""
         return self._effort
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Return positions (k, d) [m], velocities (k, d) [m/s] and time [s]; constant within a tick of the plant."""
+        """Return positions (k, d) [m], velocities (k, d) [m/s] and the plant's time [s].
+
+        Calls within the same sample of the plant return the same values.
+        """
         estimator, plant = self._opened(), self._plant
         if plant is None:
             kind = type(self).__name__
-            raise DeviceError(f"nothing moves this simulated device; make its plant with {kind}.plant([device])")
+            raise DeviceError(f"this simulated device has no plant to read: create one with {kind}.plant([device])")
         now = plant.placed, plant.time
         if now != self._seen:
             if now[0] != self._seen[0]:
@@ -259,9 +271,9 @@ class PlantDevice(Closing):  # type: ignore[misc] # mypy does not see devices fr
         return self._position, self._velocity, plant.time
 
     def write(self, forces: FloatArray) -> None:
-        """Display forces (k, d) [N] after the delay, reduced to the device's limit.
+        """Display forces (k, d) [N] after the device's output delay; scale down a force above the device's limit.
 
-        A non-finite force stops the device, clears the delay line and raises DeviceError.
+        If a force is not finite, stop the device, clear the delay line and raise DeviceError.
         """
         self._take(forces)
         code = self.writing(self._entries, 0)
@@ -277,30 +289,30 @@ class PlantDevice(Closing):  # type: ignore[misc] # mypy does not see devices fr
 
     @abstractmethod
     def fault_text(self, code: int) -> str:
-        """Explain a code of a kernel with the values in the block."""
+        """Return the error message for a code of a kernel, with values from the block."""
 
     @abstractmethod
     def _opened(self) -> VelocityEstimator:
-        """Return the estimator of an open device."""
+        """Return the velocity estimator; raise DeviceError if the device is not open."""
 
     @abstractmethod
     def _take(self, forces: FloatArray) -> None:
-        """Check forces and write them into the block as the command."""
+        """Check forces (k, d) [N], and write them into the block as the command."""
 
     def _begin(self) -> None:
-        """Begin to read the plant, at zero effort."""
+        """Set zero effort, and let the next reading reset the velocity estimate."""
         self._seen = (-1, 0.0)
         self.stop()
 
     def _connect(self, plant: HeldPlant, first: int) -> None:
-        """Let the sensors measure the entries of a plant's block from `first` on."""
+        """Connect the sensors to the entries of the plant's block that begin at index `first`."""
         last = first + self._sensed.size
         self._plant, self.sensed, self._seen = plant, np.arange(first, last), (-1, 0.0)
         self._true = plant.state[first:last].reshape(self._sensed.shape)
 
 
 def all_of(kind: type[D], devices: Sequence[object], name: str) -> list[D]:
-    """Return devices that are all of one kind; raise InputError, which names the kind, if there are others or none."""
+    """Return the devices; raise InputError if there are none or one is not of `kind`, called `name` in the message."""
     found = [device for device in devices if isinstance(device, kind)]
     if not found or len(found) < len(devices):
         kinds = [type(device).__name__ for device in devices]
@@ -310,9 +322,9 @@ def all_of(kind: type[D], devices: Sequence[object], name: str) -> list[D]:
 
 @kernel
 def delay_values(line: Table, slot: int, delay: int, values: Floats) -> int:
-    """Store values in the delay line, and replace them by the values of `delay` calls ago; return the next row to fill.
+    """Store values in row `slot` of a delay line, and replace the values by those stored `delay` calls before.
 
-    The line has delay + 1 rows; `slot` is the row that this call fills.
+    The line has delay + 1 rows. Returns the row for the next call.
     """
     for j in range(line.columns):
         line[slot, j] = values[j]

@@ -1,8 +1,8 @@
 """Force Dimension devices (delta, omega, sigma, lambda): one finger in space, through the vendor's library.
 
 The driver was written from the function names and constants of the vendor's interface. It was tested only against an
-emulator (`graspfx.testing.wire.ForceDimensionWire`). The library, libdrd, is part of the vendor's SDK; it is not
-included, and is loaded at `open`.
+emulator (`graspfx.testing.wire.ForceDimensionWire`). The vendor's library, libdrd, is part of the vendor's SDK and not
+of GraspFX; `open` loads it.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ __all__ = ["Delta", "connect", "quench"]
 FloatArray = NDArray[np.float64]
 
 MOST_FORCE = 40.0  # [N]
-PERIOD = 0.001  # arbitrary, because `quench` reads only once [s]
-WATCHDOG, UNIT = 255, 125e-6  # largest watchdog setting of a device, and its unit [s]
+PERIOD = 0.001  # period of `quench`, without effect because `quench` reads only once [s]
+WATCHDOG, UNIT = 255, 125e-6  # largest setting of a device's watchdog, and the unit of the setting [s]
 
 TITLE = "Force Dimension's library"
 NAMES = {"win32": ("drd64.dll", "dhd64.dll"), "darwin": ("libdrd.dylib", "libdhd.dylib")}
 ELSEWHERE = "libdrd.so", "libdrd.so.3", "libdhd.so"
 
 # Return values of the library's functions: a negative value is an error.
-NO_NEW_DATA = 1  # from a reading within the library's time guard, which returns the last sample again
+NO_NEW_DATA = 1  # result of a reading within the library's time guard: the last sample is repeated
 
 STATUS = 17  # number of entries of dhdGetStatus
 FORCE, OFF_CAUSE = 5, 14
 OFF = {
-    0: "no cause reported: its force may not have been switched on, or its encoders not initialised",
+    0: "no cause reported: the force may not have been switched on, or the encoders not initialised",
     1: "the button on the device was pressed",
     2: "the velocity was above the device's safety threshold",
     3: "the device's watchdog: no force arrived in time",
-    4: "a program disabled it",
-    5: "the USB cable; check its connection",
+    4: "a program disabled the force",
+    5: "the USB connection failed: check the cable",
     6: "the deadman switch was released",
 }
 
@@ -73,7 +73,7 @@ class Dhd:
     """Functions of the library (DHD) by name; a failed call raises a DeviceError.
 
     Args:
-        path: Path of the library; None to try its usual file names; or the loaded library.
+        path: Path of the library, the loaded library, or None to try the library's usual file names.
 
     Attributes:
         library: Loaded library.
@@ -102,10 +102,12 @@ class Dhd:
 class Delta(Handle):  # type: ignore[misc] # mypy does not see devices from inside the package
     """A delta, omega, sigma or lambda: one finger in space, x towards the operator, y to the right, z up.
 
-    Each call of the library is checked: a negative result is a fault. If a reading has the result 1 (no new
-    data), the last sample and its time are kept. Velocities are estimated from positions. Of the vendor's limits and
-    thresholds, `open` sets only the largest force, to `force_limit`. If the device supports a watchdog, `open` sets it
-    and `close` restores it.
+    Each call of the library is checked, and a negative result is a fault. If the library has no new data, `read`
+    returns the last sample and the time of this sample again. Velocities are estimated from positions.
+
+    `open` sets the largest force of the vendor's library to `force_limit`, and changes no other limit or threshold of
+    the vendor. If the device supports a watchdog, `open` sets the watchdog to the longest time, and `close` restores
+    the previous setting.
     """
 
     def __init__(
@@ -114,16 +116,16 @@ class Delta(Handle):  # type: ignore[misc] # mypy does not see devices from insi
         super().__init__(MOST_FORCE, **handle)
         self.serial = None if serial is None else whole("serial", serial, 0, 2**31 - 1)
         self.library, self.now = library_path(library, TITLE), now
-        self._dhd: Dhd | None = None  # while the device is open
+        self._dhd: Dhd | None = None  # None unless the device is open
         self._id = -1
         self._calls: Calls | None = None
-        self._factory_watchdog: int | None = None  # set if it was changed
+        self._factory_watchdog: int | None = None  # setting before `open`; None if `open` has not changed it
         self._xyz, self._status = (ctypes.c_double * 3)(), (ctypes.c_int * STATUS)()
         self._places = [ctypes.cast(ctypes.byref(self._xyz, 8 * i), ctypes.POINTER(ctypes.c_double)) for i in range(3)]
 
     @property
     def features(self) -> Features:
-        """Features; the watchdog is unknown until the device has accepted it at `open`."""
+        """Features of the device; `watchdog` is None until the device has accepted the watchdog setting at `open`."""
         return Features(
             fingers=1,
             dimensions=3,
@@ -135,7 +137,7 @@ class Delta(Handle):  # type: ignore[misc] # mypy does not see devices from insi
 
     @property
     def calls(self) -> Calls | None:
-        """C functions of the library while the device is open, for a loop without Python; otherwise None."""
+        """C functions of the library, for a loop without Python; None if the device is not open, or without LLVM."""
         return self._calls
 
     def open(self, period: float) -> None:
@@ -153,7 +155,7 @@ class Delta(Handle):  # type: ignore[misc] # mypy does not see devices from insi
             )
 
     def begin(self, period: float) -> None:
-        """Open the device without its C functions, which take time to compile."""
+        """Open the device without preparing `calls`, whose compilation takes time."""
         self.close()
         self._estimator = self._estimator_at(period)
         dhd = Dhd(self.library)
@@ -174,7 +176,10 @@ class Delta(Handle):  # type: ignore[misc] # mypy does not see devices from insi
             raise
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Return position (1, 3) [m], velocity (1, 3) [m/s] and time [s]; the last sample if there are no new data."""
+        """Return position (1, 3) [m], velocity (1, 3) [m/s] and time [s].
+
+        If the library has no new data, the last sample is returned again.
+        """
         self._opened().call("dhdGetStatus", self._status, self._id)
         if not self._status[FORCE]:
             raise DeviceError(_off_text(self._status[OFF_CAUSE]))
@@ -190,7 +195,10 @@ class Delta(Handle):  # type: ignore[misc] # mypy does not see devices from insi
             self._dhd.call("dhdSetForce", 0.0, 0.0, 0.0, self._id)
 
     def close(self) -> None:
-        """Set zero force, apply the brakes, restore the watchdog and close; attempt each step even if others fail."""
+        """Set zero force, apply the brakes, restore the watchdog and close the device.
+
+        Each step is attempted even if another step fails.
+        """
         dhd, self._dhd, self._calls = self._dhd, None, None
         if dhd is None:
             return
@@ -198,12 +206,12 @@ class Delta(Handle):  # type: ignore[misc] # mypy does not see devices from insi
         if self._factory_watchdog is not None:
             calls += [("dhdSetWatchdog", self._factory_watchdog, self._id), ("dhdDisableExpertMode",)]
         for call in [*calls, ("dhdClose", self._id)]:
-            with suppress(DeviceError):  # the hardware may be gone
+            with suppress(DeviceError):  # the hardware may be disconnected
                 dhd.call(*call)
         self._factory_watchdog = None
 
     def fault_text(self, code: int) -> str:
-        """Explain a negative code of the C functions."""
+        """Return the error message for a negative code of the C functions."""
         assert self._calls is not None
         adapter = self._calls.keep
         text: str = adapter.fault_text(code)
@@ -213,7 +221,7 @@ class Delta(Handle):  # type: ignore[misc] # mypy does not see devices from insi
         self._opened().call("dhdSetForce", *force.tolist(), self._id)
 
     def _watch(self) -> None:
-        """Set the device's watchdog if its library and the device support it."""
+        """Set the watchdog to its longest time, if the library and the device support a watchdog."""
         dhd, before = self._opened(), ctypes.c_ubyte(0)
         if not dhd.expert:
             return
@@ -224,14 +232,14 @@ class Delta(Handle):  # type: ignore[misc] # mypy does not see devices from insi
             self._factory_watchdog = before.value
 
     def _refresh(self) -> bool:
-        """Read the position and tell whether it is new."""
+        """Read a position into `_xyz`; return whether the position is a new sample."""
         fresh: bool = self._opened().call("dhdGetPosition", *self._places, self._id) != NO_NEW_DATA
         if fresh and not np.isfinite(self._xyz).all():
             raise DeviceError(f"the device returned the position {list(self._xyz)}, which is not finite")
         return fresh
 
     def _follow(self) -> None:
-        """Update position and velocity; missed samples are interpolated linearly between the last and this sample."""
+        """Update position and velocity from `_xyz`; the estimator interpolates missed samples linearly."""
         self._position[0] = self._xyz
         self._velocity[0] = self._estimator.update(self._position[0])
 
@@ -253,15 +261,15 @@ def connect(
     resolution: float = 1e-5,
     velocity_window: int = WINDOW,
 ) -> Delta:
-    """Connect a device.
+    """Connect a Force Dimension device.
 
     Args:
-        serial: Serial number, printed on the device and shown by the vendor's tools (device ids change between starts);
-            None for the first free device.
+        serial: Serial number, which is printed on the device and shown by the vendor's tools; None for the first free
+            device.
         library: Path of libdrd; None to try its usual file names.
-        force_limit: Largest force at the handle, also set in the vendor's library [N].
-        resolution: Resolution of a position [m].
-        velocity_window: Longest window of the velocity estimate [samples].
+        force_limit: Largest force at the handle [N]; `open` also sets it in the vendor's library.
+        resolution: Resolution of the measured positions [m].
+        velocity_window: Largest number of samples in the window of the velocity estimate.
     """
     return Delta(
         serial=serial, library=library, force_limit=force_limit, resolution=resolution, velocity_window=velocity_window
@@ -269,13 +277,15 @@ def connect(
 
 
 def quench(*, serial: int | None = None, library: object = None, **_: object) -> None:
-    """Remove the force from a device whose program has died: reopen it, set zero force, apply the brakes, close.
+    """Remove the force from a device whose program has crashed.
+
+    The device is opened again, set to zero force, braked and closed.
 
     Args:
         serial, library: Same as for `connect`; other settings are ignored.
 
     Raises:
-        DeviceError: If the device cannot be opened, or rejects zero force.
+        DeviceError: If the device cannot be opened, or the call that sets zero force fails.
     """
     with Delta(serial=serial, library=library) as device:
         device.begin(PERIOD)

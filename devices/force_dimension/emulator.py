@@ -1,4 +1,4 @@
-"""An emulator of Force Dimension devices: four devices behind a replacement of their library, for tests."""
+"""An emulator of Force Dimension devices for tests: a replacement of the vendor's library, with four devices."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ DEVICES = 4
 STATUS = 17  # number of entries of dhdGetStatus
 HOME = 0.01, -0.02, 0.03  # [m]
 STEP = 0.003  # displacement of `move` along every axis [m]
-SERIAL = 101  # serial number of the first device; the others follow
+SERIAL = 101  # serial number of the first device; the other devices have 102 to 104
 NO_NEW_DATA, ERROR = 1, -1  # return values of the functions
 MOTORS_ON = {0: 1, 1: 1, 2: 1, 4: 1, 5: 1}  # power, connected, started, idle, force
 FORCE, CAUSE = 5, 14  # entries of the status
@@ -44,7 +44,7 @@ class FakeDevice(ctypes.Structure):
         ("codes", ctypes.c_int32 * len(FUNCTIONS)),  # return values of the functions
         ("status", ctypes.c_int32 * STATUS),
         ("serial", ctypes.c_int32),
-        ("owner", ctypes.c_int32),  # process that has opened the device, 0 for none
+        ("owner", ctypes.c_int32),  # id of the process that has opened the device; 0 for none
         ("enabled", ctypes.c_int32),
         ("braking", ctypes.c_int32),
         ("watchdog", ctypes.c_int32),
@@ -60,13 +60,13 @@ class FakeDevices(ctypes.Structure):
 
 
 class ForceDimensionWire(Wire):
-    """Devices 101 to 104 behind a fake library, which counts every call and returns the codes that a test sets.
+    """Devices with serial numbers 101 to 104 behind a fake library.
 
-    Other programs that load the library use the same devices. `settings`, `position`, `force` and `torque` refer to the
-    first device.
+    The library counts every call, and returns the codes that a test sets. Other programs that load the library use the
+    same devices. `settings`, `position`, `force` and `torque` refer to the first device.
 
     Args:
-        slowness: Factor by which the devices' watchdogs run slower, for tests on a busy machine.
+        slowness: Factor by which the devices' watchdog times are extended, for tests on a busy machine.
         clock: Clock by which the watchdogs measure the age of a force; by default the system's clock.
 
     Attributes:
@@ -83,7 +83,7 @@ class ForceDimensionWire(Wire):
     def __init__(self, *, slowness: float = 1.0, clock: Clock | None = None) -> None:
         super().__init__(clock)
         self.slowness = slowness
-        self._seen = 0.0, 0.0  # time at which the last force was set, by the library and by the clock [s]
+        self._seen = 0.0, 0.0  # time when the last force was set, on the library's clock and on `clock` [s]
         self._folder = Path(mkdtemp(prefix="graspfx-wire-"))
         state, library = self._folder / "state", self._folder / "libdrd.so"
         self.devices = shared_page(FakeDevices, state).devices
@@ -103,9 +103,9 @@ class ForceDimensionWire(Wire):
 
     @property
     def torque(self) -> FloatArray:
-        """Force last set (3,) [N]; zero after the watchdog, if enabled, has expired.
+        """Force of the first device (3,) [N]: the force last set, or zero if an enabled watchdog has expired.
 
-        The brakes of dhdStop do not set the force to zero; only dhdSetForce does.
+        dhdStop applies the brakes, but does not change this force; dhdSetForce does.
         """
         device = self.devices[0]
         age = self._age(device.written[0] + 1e-9 * device.written[1])
@@ -114,7 +114,7 @@ class ForceDimensionWire(Wire):
         return np.array([device.force0, device.force1, device.force2])
 
     def _age(self, written: float) -> float:
-        """Return the age of a force [s]; the library stores the system's time."""
+        """Return the time since a force was set [s], given the system's monotonic time when it was set [s]."""
         if isinstance(self.clock, WallClock):
             return time.clock_gettime(time.CLOCK_MONOTONIC) - written
         if written != self._seen[0]:
@@ -135,11 +135,11 @@ class ForceDimensionWire(Wire):
         return int(self.devices[device].calls[NUMBERS[function]])
 
     def answer(self, function: str, code: int, device: int = 0) -> None:
-        """Let a function return this code for one device; if it is negative, the function does nothing else."""
+        """Let a function return `code` for one device; if `code` is negative, the function has no other effect."""
         self.devices[device].codes[NUMBERS[function]] = code
 
     def switch_off(self, cause: int, device: int = 0) -> None:
-        """Switch the motors off, with a cause of dhdGetStatus: 1 button, 2 velocity, 3 watchdog, 6 deadman."""
+        """Switch the motors off for a cause of dhdGetStatus: 1 button, 2 velocity, 3 watchdog, 6 deadman switch."""
         self.devices[device].status[FORCE], self.devices[device].status[CAUSE] = 0, cause
 
     def move(self) -> None:
@@ -154,7 +154,7 @@ class ForceDimensionWire(Wire):
             setattr(self.devices[device], f"position{i}", x)
 
     def _change(self) -> None:
-        """Apply the current failure to the first device: its functions' return codes, owner, force and position."""
+        """Apply the current failure to the first device: set its return codes, owner, force and position."""
         if self.failure == "unplugged":  # the device is closed and without force
             device = self.devices[0]
             device.owner = device.enabled = 0

@@ -1,7 +1,7 @@
 """A gamepad as one finger without force feedback: its sticks set the position or the velocity of the finger.
 
 The driver is intended for users without haptic hardware. It was tested only against an emulator
-(`graspfx.testing.wire.EventWire`). It works on Linux, from /dev/input/event*, and needs no further packages.
+(`graspfx.testing.wire.EventWire`). It reads /dev/input/event*, which only Linux has, and needs no further packages.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ __all__ = ["Gamepad", "connect"]
 
 STICKS = {"x": 0, "y": 1, "z": 2, "rx": 3, "ry": 4, "rz": 5}  # codes of absolute axes; y axes point down
 BUTTONS = tuple(range(0x130, 0x13F))
-RANGE = Range(0, -32768, 32767)  # range of an axis that reports none
+RANGE = Range(0, -32768, 32767)  # range assumed for an axis that reports no range
 MODES = "position", "rate"
 
 
 class Gamepad(Pointer):  # type: ignore[misc] # mypy does not see devices from inside the package
-    """A gamepad: for each axis of the finger, one axis of a stick moves the finger along it.
+    """A gamepad as one finger, whose coordinates are controlled by one axis of a stick each.
 
     Args:
-        sticks: Code of the stick axis, and its sign, for each axis of the finger.
-        rate: Whether a stick sets the velocity instead of the position.
-        dead: Fraction of a stick's range that is treated as its middle.
+        sticks: For each coordinate of the finger, the code of the stick axis and the sign of the motion.
+        rate: Whether a stick sets the velocity of the finger instead of the position.
+        dead: Deflection up to which a stick counts as centred, as a fraction of the largest deflection.
     """
 
     def __init__(self, sticks: Sequence[tuple[int, float]], rate: bool, dead: float, **settings: Any) -> None:
@@ -55,7 +55,7 @@ class Gamepad(Pointer):  # type: ignore[misc] # mypy does not see devices from i
                     self._deflect(i, event.value)
 
     def _deflect(self, i: int, value: int) -> None:
-        """Store the deflection of a stick, from -1 to 1; zero within the dead zone."""
+        """Store the deflection of stick axis i, from -1 to 1 and zero in the dead zone, for a reported value."""
         _, least, most = self._ranges[i]
         part = max(-1.0, min((2.0 * value - least - most) / (most - least), 1.0))
         size = max(0.0, (abs(part) - self._dead) / (1.0 - self._dead))
@@ -88,15 +88,16 @@ def connect(
     """Connect a gamepad.
 
     Args:
-        port: Event file, such as /dev/input/by-id/usb-Maker_Pad-event-joystick; `graspfx devices` lists them.
-        dimensions: Number of dimensions of the scene.
+        port: Event file, such as /dev/input/by-id/usb-Maker_Pad-event-joystick; `graspfx devices` lists these files.
+        dimensions: Number of dimensions d of the scene.
         mode: "position": a stick sets the position between `start` and the limits of the workspace. "rate": a stick
-            sets the velocity, and the finger stays in place when the stick returns.
-        sticks: Stick (x, y, z, rx, ry or rz) for each axis, with a minus sign to reverse it; further names are unused.
-        workspace: Corners of the workspace (2, d) [m]; -0.1 to 0.1 m along every axis if None.
+            sets the velocity, and the finger stops when the stick is released.
+        sticks: Stick axis (x, y, z, rx, ry or rz) for each coordinate, with a minus sign to reverse the direction;
+            names beyond the first d are ignored.
+        workspace: Lower and upper corner of the workspace (2, d) [m]; if None, -0.1 and 0.1 m along every axis.
         start: Position of the finger when the device is opened (d,) [m]; the middle of the workspace if None.
-        dead: Fraction of a stick's range that is treated as its middle.
-        lag: Time constant of the finger, which lags a steady motion by twice this time [s].
+        dead: Deflection up to which a stick counts as centred, as a fraction of the largest deflection.
+        lag: Time constant of the finger [s]; the finger lags a steady motion by twice this time.
         speed: Largest speed of the finger [m/s].
         grab: Whether to withhold the events from other programs.
     """

@@ -2,12 +2,13 @@
 
 The driver was written from the board's protocol, and tested only against an emulator (`graspfx.testing.wire.DiyWire`).
 
-The board's firmware has **no watchdog: the last torques persist when the program dies**, and a truncated frame blocks
-the board for up to a second with its motors on. A frame is therefore sent by one call. `stop`, `close` and the end of
-`with` send zero torques, and `quench` removes the torques after a program has died. The protocol has no checksum: a
-bit error that changes an angle within the links' limits of speed and acceleration remains undetected.
+The board's firmware has **no watchdog: the last torques persist when the program crashes**. A truncated frame blocks
+the board for up to a second with its motors on; each frame is therefore sent by a single call. `stop`, `close` and the
+end of `with` send zero torques, and `quench` removes the torques after a program has crashed. The protocol has no
+checksum: a bit error in an angle remains undetected if the links could have moved to the erroneous angle within their
+speed and acceleration limits.
 
-`open` writes the offsets into the encoders, so the handle must then be at its home position.
+`open` sets the encoders to the angles of the home position, so the handle must be at home when `open` is called.
 """
 
 from __future__ import annotations
@@ -42,10 +43,10 @@ Pair = tuple[float, float]
 
 FIRMWARE_LIMIT = 0.123  # torque limit of a motor in the board's firmware [N m]
 TRIES = 10  # attempts to send zero torques and receive an answer
-FASTEST = 30.0  # speed limit of a link, 2 m/s at its tip; a faster angle is a bit error [rad/s]
-HARDEST = 5000.0  # acceleration limit of a link, 350 m/s^2 at its tip; no hand and no motor exceeds it [rad/s^2]
-LONGEST = 5.0  # largest number of samples over which the limits are extrapolated
-SILENCE = 20  # number of successive readings without an answer after which the board is lost
+FASTEST = 30.0  # speed limit of a link, 2 m/s at its tip; a larger speed is due to a bit error [rad/s]
+HARDEST = 5000.0  # acceleration limit of a link, 350 m/s^2 at its tip; no hand or motor exceeds this limit [rad/s^2]
+LONGEST = 5.0  # largest number of samples over which the two limits are extrapolated
+SILENCE = 20  # largest number of successive readings without an answer before the board counts as lost
 BLOCKED = 1.0  # time for which a board waits for the rest of a frame [s]
 
 # Frames of the serial line are little-endian, without start byte, length or checksum. Ports are in ascending order:
@@ -60,18 +61,19 @@ ANGLES = struct.Struct("<B2f")  # answer: device, then angles of encoders 2 and 
 
 @dataclass(frozen=True)
 class FiveBar:
-    """Five-bar kinematics: A and B are the tips of the links at the motors, p is the handle, |p - A| = |p - B| = L.
+    """Five-bar linkage: the handle's position p, and J = dp/dq, for the angles q1, q2 of the links at the motors.
 
-        A = (-d/2, 0) + l (cos q1, sin q1),   B = (d/2, 0) + l (cos q2, sin q2),
+        A = (-d/2, 0) + l (cos q1, sin q1),   B = (d/2, 0) + l (cos q2, sin q2),   |p - A| = |p - B| = L,
         J = [(p - A)'; (p - B)']^-1 diag((p - A)'dA/dq1, (p - B)'dB/dq2)
 
-    The origin is midway between the motors; x points from motor 1 to motor 2, y from the motors to the handle.
+    A and B are the tips of the links at the motors. The origin is midway between the motors; x points from motor 1 to
+    motor 2, y from the motors to the handle.
 
     Args:
         links: Lengths l at the motors and L to the handle [m].
         distance: Distance d between the motors [m]; 0 if the motors share an axis.
-        margin: Smallest distance from the stretched posture, as the height of the triangle A, p, B, and from the folded
-            posture, as the distance from A to B [m].
+        margin: Smallest allowed height of the triangle A, p, B, which is zero in the stretched posture, and smallest
+            allowed distance from A to B, which is zero in the folded posture [m].
     """
 
     links: Pair
@@ -84,7 +86,7 @@ class FiveBar:
 
     @property
     def reach(self) -> tuple[FloatArray, FloatArray]:
-        """Corners of a box around all positions that both sides reach [m]."""
+        """Lower and upper corner (2,) of a box around the positions that both sides of the linkage reach [m]."""
         far = sum(self.links)
         across = far - self.distance / 2.0
         return np.array([-across, 0.0]), np.array([across, math.sqrt(far**2 - self.distance**2 / 4.0)])
@@ -121,11 +123,14 @@ class Haply2Diy(Closing):  # type: ignore[misc] # mypy does not see devices from
 
         p = p(q),   v = J(q) q',   tau = J'(q) f
 
-    The board answers a frame of torques with its angles. Therefore `ask` repeats the last torques, so that a reading is
+    p and v are the position and velocity of the handle, q the angles of the links at the motors, f the force and tau
+    the torques of the motors; q' is a rate, and J' a transpose.
+
+    The board sends its angles in answer to a frame of torques. `ask` sends the last torques again, so that a reading is
     only as old as one exchange; the answer to `write` is discarded. Torques beyond the limit are scaled by a common
-    factor, so that the force keeps its direction. An answer is rejected if it has the wrong length, comes from another
-    device, or exceeds the speed or acceleration limit of a link since the last answer. In that case the line is
-    flushed, the last sample is kept, and the next reading asks again.
+    factor, which keeps the direction of the force. An answer is rejected if it has the wrong length, comes from another
+    device, or implies that a link has exceeded its speed or acceleration limit since the last accepted answer. `read`
+    then returns the last sample again, and the next reading flushes the line and asks again.
     """
 
     def __init__(
@@ -156,7 +161,7 @@ class Haply2Diy(Closing):  # type: ignore[misc] # mypy does not see devices from
 
     @property
     def features(self) -> Features:
-        """Features; peak force and resolution refer to home, while `largest_force` depends on the handle's position."""
+        """Features of the device; peak force and resolution are those at the home position."""
         levers = self._levers(self.linkage.handle(*self._angles_at_home)[1])
         return Features(
             fingers=1,
@@ -168,12 +173,12 @@ class Haply2Diy(Closing):  # type: ignore[misc] # mypy does not see devices from
 
     @property
     def largest_force(self) -> FloatArray:
-        """Largest force that the motors reach in every direction at the last reading (1,) [N]."""
+        """Largest force that the motors can display in every direction at the last position (1,) [N]."""
         return self._largest
 
     @property
     def raw(self) -> FloatArray:
-        """Last angles of encoders 1 and 2 (2,) [rad]."""
+        """Angles of encoders 1 and 2 in the last sample (2,) [rad]."""
         return self._raw
 
     def open(self, period: float) -> None:
@@ -203,7 +208,10 @@ class Haply2Diy(Closing):  # type: ignore[misc] # mypy does not see devices from
         self._waiting, self._asked_at = True, self.port.now()
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Return position (1, 2) [m], velocity (1, 2) [m/s] and time [s]; the last sample if there is no new answer."""
+        """Return position (1, 2) [m], velocity (1, 2) [m/s] and time [s].
+
+        If no valid answer has arrived, the last sample is returned again.
+        """
         self._opened()
         if not self._waiting:
             self.ask()
@@ -255,20 +263,20 @@ class Haply2Diy(Closing):  # type: ignore[misc] # mypy does not see devices from
         self._answering = True
 
     def _abandon(self) -> None:
-        """Write zero torque twice; a board that waits for the rest of a frame interprets the first one as the rest."""
+        """Send two frames of zero torques; a board that waits for the rest of a frame takes the first as that rest."""
         self._torque = (0.0, 0.0)
-        with suppress(DeviceError):  # the hardware may be gone
+        with suppress(DeviceError):  # the hardware may be disconnected
             for _ in range(2):
                 self._send()
 
     def _drain(self) -> None:
-        """Read until nothing arrives; an answer to the last `close` contains angles from before the set-up."""
+        """Discard pending data: a late answer to a previous `close` has angles from before the set-up."""
         deadline = self.port.now() + BLOCKED
         while self.port.receive(self.port.now() + self.timeout) and self.port.now() < deadline:
             pass
 
     def _first_angles(self) -> tuple[float, float]:
-        """Ask until the board answers, for as long as a board may be blocked."""
+        """Ask until the board answers, for the longest time that the board can be blocked; return the angles [rad]."""
         deadline = self.port.now() + BLOCKED + 0.2
         while self.port.now() < deadline:
             self.port.flush()
@@ -277,17 +285,20 @@ class Haply2Diy(Closing):  # type: ignore[misc] # mypy does not see devices from
             if angles is not None:
                 return angles
         raise DeviceError(
-            f"the board at {self.port.path} does not answer: is it a 2DIY, and is its device number {self.device}?"
+            f"the board at {self.port.path} does not answer: check that it is a 2DIY with device number {self.device}"
         )
 
     def _answer(self, deadline: float) -> tuple[float, float] | None:
-        """Wait for an answer and return its angles [rad]; None if it is late, truncated or from another device."""
+        """Wait for an answer; return its angles [rad], or None if it is late, truncated or from another device."""
         angles = angles_in(answer(self.port, deadline), self.device)
         self._answering = False
         return None if angles is None else (math.radians(angles[0]), math.radians(angles[1]))
 
     def _can_be(self, angles: tuple[float, float], since: float) -> bool:
-        """Tell whether the angles respect the links' speed and acceleration limits since the last sample."""
+        """Tell whether the links can have reached the angles [rad] `since` seconds after the last sample.
+
+        The links are assumed to stay within the speed limit FASTEST and the acceleration limit HARDEST.
+        """
         time = min(max(since, self._period), LONGEST * self._period)
         step, off = FASTEST * time, HARDEST * time * time
         for new, old, rate in zip(angles, self._angles, self._rates, strict=True):
@@ -338,20 +349,22 @@ def connect(
 ) -> Haply2Diy:
     """Connect a 2DIY.
 
-    The origin is midway between the motors; x points to the right, y from the motors to the handle. The default links
-    and distance are those of the third version; the second version has 0.05, 0.07 and 0.02 m.
+    The origin is midway between the motors; x points to the right, y from the motors to the handle. The defaults of
+    `links` and `distance` are those of version 3 of the device; version 2 has links of 0.05 and 0.07 m, and a distance
+    of 0.02 m.
 
     Args:
         port: Serial port, such as /dev/ttyACM0.
         links: Lengths of the links at the motors and of the links at the handle [m].
         distance: Distance between the motors [m].
-        home: Directions of the links at the motors, encoders 1 and 2, for the handle's position at `open` [deg].
+        home: Directions of the links at the motors (encoders 1 and 2) in the home position, where the handle must be
+            at `open` [deg].
         counts: Counts of an encoder per revolution.
-        torque_limit: Torque limit of a motor; the limit in the firmware is 0.123 [N m].
-        margin: Smallest distance from the stretched and the folded posture [m] (`FiveBar`).
-        device: Number of the device on its line.
-        timeout: Longest wait for an answer, after which the last sample is kept; less than the period [s].
-        velocity_window: Longest window of the velocity estimate [samples].
+        torque_limit: Torque limit of each motor [N m], at most 0.123, the limit in the firmware.
+        margin: Smallest distance from the stretched and the folded posture [m]; for the definition see `FiveBar`.
+        device: Number of the device on its serial line.
+        timeout: Longest wait for an answer [s], less than the sampling period; after it the last sample is returned.
+        velocity_window: Largest number of samples in the window of the velocity estimate.
     """
     inner, outer = pair("links", links, SMALLEST)
     first, second = pair("home", home, -LARGEST)
@@ -373,10 +386,11 @@ def connect(
 
 
 def quench(*, port: str, device: int = 5, **_: object) -> None:
-    """Remove the torques from a board whose program has died: send zeros until it answers two successive frames.
+    """Remove the torques from a board whose program has crashed.
 
-    This needs no set-up, so that the offsets of the encoders are kept. A board that waits for the rest of a truncated
-    frame interprets the first zeros as that rest, and so sets zero torques, too.
+    Zero torques are sent until the board answers two successive frames. The board is not set up again, so the offsets
+    of the encoders are kept. A board that waits for the rest of a truncated frame interprets the first zeros as that
+    rest, which also sets zero torques.
 
     Args:
         port, device: Same as for `connect`; other settings are ignored.
@@ -398,7 +412,7 @@ def quench(*, port: str, device: int = 5, **_: object) -> None:
 
 
 def _quiet(line: SerialPort, device: int) -> bool:
-    """Write zeros until two successive frames are answered; return whether they were."""
+    """Send zero torques, at most TRIES times; return whether the board has answered two successive frames."""
     answers = 0
     for _ in range(TRIES):
         line.flush()
@@ -413,7 +427,7 @@ def _quiet(line: SerialPort, device: int) -> bool:
 
 
 def setup_frame(device: int, home: tuple[float, float], counts: float) -> bytes:
-    """Return the set-up frame: two motors, two encoders, no sensors, and angles `home` of encoders 1 and 2 [deg]."""
+    """Return the set-up frame for two motors and two encoders; `home` are the angles of encoders 1 and 2 [deg]."""
     first, second = home
     head = bytes([SETUP, device, PORTS, COUNTERCLOCKWISE, COUNTERCLOCKWISE, PORTS, COUNTERCLOCKWISE, COUNTERCLOCKWISE])
     return head + struct.pack("<BB4f", 0, 0, second, counts, first, counts)
@@ -435,7 +449,7 @@ def angles_in(answer: bytes, device: int) -> tuple[float, float] | None:
 
 
 def answer(port: SerialPort, deadline: float) -> bytes:
-    """Wait for an answer; return its bytes, or those that have arrived by the deadline, on the port's clock [s]."""
+    """Return the bytes of an answer, or those that have arrived at a deadline on the port's clock [s]."""
     data = b""
     while len(data) < ANGLES.size and (part := port.receive(deadline)):
         data += part

@@ -23,22 +23,23 @@ MOST_FRAMES = 100_000  # largest number of frames stored
 
 
 class DiyWire(SerialWire):
-    """A 2DIY board with its five-bar linkage, moved by `move`, `place` and, with an inertia, by torques.
+    """A 2DIY board with its five-bar linkage.
 
-    A frame truncated in its payload blocks the board for a second while the last torques persist; all bytes received
-    during this time are interpreted as the rest of the frame. Only zero torques or a reset remove the torque.
+    The linkage is moved by `move` and `place`, and also by the torques if `inertia` is given. After a frame with a
+    truncated payload, the board waits a second for the rest: the last torques persist, and all bytes received are
+    interpreted as the rest of the frame. Only a frame of zero torques or a reset removes the torques.
 
     Args:
         links: Lengths of the links at the motors and of the links at the handle [m].
         distance: Distance between the motors [m].
-        inertia: Inertia of each link at a motor with the parts that it moves [kg m^2], for links that torques move and
-            encoders that report integer counts; None for links that only `move` and `place` move.
+        inertia: Moment of inertia of each link at a motor, including the parts that the link moves [kg m^2]. If given,
+            torques move the links, and the encoders report integer counts. If None, torques do not move the links.
         friction: Viscous friction at each motor [N m s/rad].
         seed: Seed of the random damage to data.
         clock: Same as for `SerialWire`.
 
     Attributes:
-        frames: Torques written to motors 1 and 2 [N m], each pair preceded by its time on the clock [s].
+        frames: Received frames of torques: time on the clock [s], and torques of motors 1 and 2 [N m].
     """
 
     limit = CLAMP
@@ -88,7 +89,7 @@ class DiyWire(SerialWire):
         self._angles = np.array(angles, dtype=float)
 
     def _place(self, angles: FloatArray) -> FloatArray:
-        """Return the handle's position (2,) [m], where links of equal length meet on the side away from the motors."""
+        """Return the handle's position (2,) [m], where the outer links meet on the side away from the motors."""
         inner, outer = self.links
         tips = inner * np.array([np.cos(angles), np.sin(angles)]).T + [
             [-self.distance / 2, 0.0],
@@ -110,7 +111,7 @@ class DiyWire(SerialWire):
             yield from self._act(frame)
 
     def _move_on(self) -> None:
-        """Integrate the links' motion since the last call exactly: I a'' + c a' = torque."""
+        """Advance the links' angles a to the present time, exactly: inertia a'' + friction a' = torque."""
         now = self.clock.now()
         passed, self._moved = now - self._moved, now
         if self.inertia is None or passed <= 0.0:
@@ -135,7 +136,7 @@ class DiyWire(SerialWire):
         return angles
 
     def _size(self) -> int:
-        """Return the size of the frame at the start of the buffer; the board does not wait for a second byte."""
+        """Return the size of the frame at the start of the buffer [bytes]; a single byte is treated as a frame."""
         if len(self._buffer) < 2:
             return len(self._buffer)
         command, identity = self._buffer[:2]

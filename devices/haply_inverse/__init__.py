@@ -2,10 +2,10 @@
 
 The driver was tested only against an emulator (`graspfx.testing.wire.InverseWire`); the service's messages about a
 device's basis, mount, damping and force gate are assumptions. The service sends a list of devices when a program
-connects, then answers each message once. All devices of a program share one connection, and one message contains the
-forces of all.
+connects, then answers each message once. All devices of a program share one connection, and each message contains the
+forces of all these devices.
 
-It is unknown whether the service removes a force when the program dies; `quench` connects again and sets zero force.
+It is unknown whether the service removes a force when the program crashes; `quench` connects again and sets zero force.
 """
 
 from __future__ import annotations
@@ -30,16 +30,17 @@ MOST_FORCE = 20.0  # [N]
 BASES = frozenset("".join(letters) for letters in itertools.permutations(IDENTITY))
 FASTEST = 5.0  # speed limit of a hand; a position that implies a higher speed is rejected [m/s]
 NEAR = 1e-3  # additional tolerance of a position [m]
-SILENCE = 0.1  # time without a sample after which the device is lost [s]
+SILENCE = 0.1  # time without a new sample after which the device counts as lost [s]
 FIRST = 1.0  # longest wait for the first sample [s]
 QUIET = 2.0  # longest wait for an answer to `quench` [s]
 
 
 class Inverse(Handle):  # type: ignore[misc] # mypy does not see devices from inside the package
-    """An Inverse, accessed through its service: positions and forces in the service's axes, z up.
+    """An Inverse3 as one finger, accessed through the service; positions and forces are in the service's axes, z up.
 
-    `ask` repeats the last forces, so that a reading is only as old as one exchange. A position that a hand cannot have
-    reached since the last sample is rejected. Without a new position, the last sample and its time are kept.
+    `ask` sends the last forces again to request a position, so that a reading is only as old as one exchange. A
+    position is rejected if a hand cannot have moved there since the last sample. Without a new position, `read` returns
+    the last sample and the time of this sample again.
 
     Args:
         service: Service shared by all devices of this program.
@@ -86,7 +87,7 @@ class Inverse(Handle):  # type: ignore[misc] # mypy does not see devices from in
                 self.service.ask(name)
                 sample = self.service.sample(name, self.service.now() + 0.05)
             if sample is None:
-                raise DeviceError(f"{name} reported no initial position")
+                raise DeviceError(f"{name} reported no initial position within {FIRST:g} s")
             (self._position[0], self._time), self._velocity[0] = sample, 0.0
         except DeviceError:
             self.close()
@@ -99,7 +100,10 @@ class Inverse(Handle):  # type: ignore[misc] # mypy does not see devices from in
         self.service.ask(self._name)
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Return position (1, 3) [m], velocity (1, 3) [m/s] and time [s]; the last sample if there is no new one."""
+        """Return position (1, 3) [m], velocity (1, 3) [m/s] and time [s].
+
+        If there is no new sample, the last sample is returned again.
+        """
         self._opened()
         if not self._waiting:
             self.ask()
@@ -130,11 +134,11 @@ class Inverse(Handle):  # type: ignore[misc] # mypy does not see devices from in
         self.service.write(self._name, (x, y, z))
 
     def _abandon(self) -> None:
-        with suppress(DeviceError):  # the service may be gone
+        with suppress(DeviceError):  # the service may have ended
             self.stop()
 
     def _can_be(self, position: tuple[float, float, float], when: float) -> bool:
-        """Tell whether a hand can have moved this far since the last sample."""
+        """Tell whether a hand can have moved from the last sample to a position [m] by the time `when` [s]."""
         way = float(np.linalg.norm(self._position[0] - position))
         return bool(way <= NEAR + FASTEST * (when - self._time))
 
@@ -154,17 +158,18 @@ def connect(
     velocity_window: int = WINDOW,
     timeout: float = 0.002,
 ) -> Inverse:
-    """Connect a device.
+    """Connect a device of the Haply Inverse service.
 
     Args:
         url: Address of the service.
-        device: Id of the device, as shown by the service's tools; None for the only device.
-        basis: Axes of the device, as the service must report them, such as "XYZ".
-        damping: Damping that the service must add, treated as the device's b [N s/m].
-        force_limit: Largest force at the handle; the service documents no limit [N].
-        resolution: Resolution of a position [m].
-        velocity_window: Longest window of the velocity estimate [samples].
-        timeout: Longest wait for an answer, after which the last sample is kept; less than the period [s].
+        device: Id of the device, as shown by the service's tools; None if the service has only one device.
+        basis: Basis that the service must report for the device, such as "XYZ"; if it differs, `open` raises
+            DeviceError.
+        damping: Damping that the service must report for the device [N s/m], treated as damping b of the device.
+        force_limit: Largest force at the handle [N]; the service documents no limit.
+        resolution: Resolution of the measured positions [m].
+        velocity_window: Largest number of samples in the window of the velocity estimate.
+        timeout: Longest wait for an answer [s], less than the sampling period; after it the last sample is returned.
 
     Raises:
         MissingPackageError: If websockets is not installed; `pip install graspfx[inverse]` installs it.
@@ -176,7 +181,9 @@ def connect(
 
 
 def quench(*, url: str = URL, device: str | None = None, **_: object) -> None:
-    """Remove the force from a device whose program has died: connect again, and send zero until the service answers.
+    """Remove the force from a device whose program has crashed.
+
+    A new connection sends zero force until the service answers.
 
     Args:
         url, device: Same as for `connect`; other settings are ignored.

@@ -28,18 +28,18 @@ IDLE = 0.001  # time between two checks of a connection for pending answers [s]
 
 
 class InverseWire(Wire):
-    """A service whose devices are moved by tests only; a force persists until another force is set.
+    """A service whose devices are moved only by tests; a force persists until another force is set.
 
-    This is the worst case: the real service's behaviour after the death of a program is unknown. Answers omit
+    This is the worst case, because it is unknown whether the real service removes the force of a crashed program. Answers omit
     coordinates that are exactly zero. A client that does not read loses answers.
 
     Args:
         devices: Ids of the devices.
-        config: Configuration of each device in the first message.
-        stall: Delay of one answer in a thousand [s].
+        config: Configuration of every device in the first message; None for an empty one.
+        stall: Additional delay of every thousandth answer [s].
         seed: Seed of the random damage to data.
-        clock: Clock of the service; by default the system's. With another clock the service has no thread,
-            and its owner calls `answer`.
+        clock: Clock of the service; None for the system's clock. If a clock is given, the service has no thread, and
+            messages must be passed to `answer`.
 
     Attributes:
         messages: Received texts of all connections, at most the last 10 000.
@@ -186,7 +186,7 @@ class InverseWire(Wire):
             self._lines.discard(line)
 
     def answer(self, text: bytes) -> Iterator[tuple[float, bytes]]:
-        """Process a message, and yield the data of its answer with their times [s]."""
+        """Process a message; yield the parts of the answer, each with the time at which it is to be sent [s]."""
         self.messages.append(text.decode(errors="replace"))
         del self.messages[:-10_000]
         self._act(text)
@@ -210,7 +210,12 @@ class InverseWire(Wire):
             return  # a message without forces also gets an answer
 
     def state(self, *, first: bool = False, name: str | None = None) -> bytes:
-        """Return the state of the devices, with their configuration if `first`, and with `name` in place of each id."""
+        """Return a message with the state of all devices.
+
+        Args:
+            first: Whether to add the configuration of the devices.
+            name: Id that replaces the id of every device; None to keep the ids.
+        """
         devices = []
         for own, place in list(self._places.items()):
             position = {axis: x for axis, x in zip("xyz", place.tolist(), strict=True) if x}

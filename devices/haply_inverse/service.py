@@ -1,8 +1,8 @@
-"""The Inverse service for all devices of a program: one connection, and one message for all devices at a time.
+"""Client of the Haply Inverse service: all devices of a program share one connection and one message per exchange.
 
-Messages are JSON, in metres and newtons, z up; every field that is used is validated. The service omits default values,
-so a missing coordinate is zero, but a position without any coordinate is invalid. The keys of a device's configuration
-are assumptions, not yet confirmed with a service.
+Messages are JSON, in metres and newtons, with z up; every field that is used is validated. The service omits default
+values, so a missing coordinate is zero, but a position without any coordinate is invalid. The keys of a device's
+configuration are assumptions, which have not been confirmed with a service.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ IDENTITY = "XYZ"  # identity basis: the service's own axes
 Force = tuple[float, float, float]
 INVENTORY = 1.0  # longest wait for the service's first message, the list of devices [s]
 LOST = 0.02  # time after which a missing answer counts as lost [s]
-ABSENT = 2  # successive answers without a known device, after which the device is gone
+ABSENT = 2  # number of successive answers without a device after which the device counts as disconnected
 ZERO: Force = (0.0, 0.0, 0.0)
 
 Sample = tuple[tuple[float, float, float], float]  # position [m] and time of the request [s]
@@ -37,7 +37,7 @@ class Service:
 
     The service sends a list of devices first, and then answers each message once. A message contains the forces of all
     devices. In each tick, a message is sent when the first device asks, and another when the last device has written.
-    Answers arrive in order. A lost or late answer blocks nothing: the next tick sends its message.
+    Answers arrive in order. A lost or late answer does not delay the messages of the next tick.
 
     Args:
         url: Address of the service.
@@ -69,7 +69,7 @@ class Service:
 
         Args:
             name: Id of the device; None for the only device.
-            basis, damping: Expected configuration in the service; not checked if basis is None.
+            basis, damping: Configuration that the service must report; not checked if `basis` is None.
 
         Raises:
             DeviceError: If the service or the device does not exist, or the device is in use or configured differently.
@@ -89,11 +89,11 @@ class Service:
         return name
 
     def leave(self, name: str) -> None:
-        """Release a device at zero force; releasing the last device closes the connection."""
+        """Set a device to zero force and release it; the release of the last device closes the connection."""
         if name not in self.forces:
             return
         self.forces[name] = ZERO
-        with suppress(DeviceError):  # the service may be gone
+        with suppress(DeviceError):  # the service may have ended
             self._send()
             self._drain(self.now() + LOST, all_of_them=True)  # lets the service answer before the connection closes
         del self.forces[name]
@@ -104,7 +104,7 @@ class Service:
             self._line.close()
 
     def ask(self, name: str) -> None:
-        """Request the positions, once for all devices that request them in a tick."""
+        """Request a position; in each tick, the request of the first device is sent and serves all devices."""
         if self._round and name not in self._round:
             self._round.add(name)
             return
@@ -113,7 +113,7 @@ class Service:
         self._send()
 
     def sample(self, name: str, deadline: float) -> Sample | None:
-        """Return a device's newest sample, after an answer to the last request or a deadline; None if there is none.
+        """Wait for an answer to the last request until a deadline [s]; return the newest sample of a device, or None.
 
         Raises:
             DeviceError: If the service has ended, or no longer lists the device.
@@ -121,7 +121,7 @@ class Service:
         if self._sent:
             self._drain(deadline)
         if self._missing[name] >= ABSENT:
-            raise DeviceError(f"{name} is gone: the service at {self.url} no longer lists it")
+            raise DeviceError(f"{name} is disconnected: the service at {self.url} no longer lists it")
         return self.samples.get(name)
 
     def write(self, name: str, force: Force) -> None:
@@ -148,7 +148,7 @@ class Service:
                 self._inventory = devices
                 return
         self._line.close()
-        raise DeviceError(f"the service at {self.url} sent no list of devices")
+        raise DeviceError(f"the service at {self.url} sent no list of devices within {INVENTORY:g} s")
 
     def _choose(self, name: str | None) -> str:
         names = ", ".join(self._inventory) or "none"
@@ -170,7 +170,10 @@ class Service:
         self._question = now
 
     def _drain(self, deadline: float, *, keep: bool = True, all_of_them: bool = False) -> None:
-        """Process the pending answers; wait for one, or for all, until a deadline."""
+        """Wait until a deadline [s] for one answer, or for all if `all_of_them`; process the answers that arrive.
+
+        Samples in the answers are stored if `keep`.
+        """
         while (text := self._line.receive(deadline)) is not None:
             self._take(text, keep)
             if not (all_of_them and self._sent):
@@ -179,7 +182,7 @@ class Service:
             self._sent.popleft()
 
     def _take(self, text: str, keep: bool) -> None:
-        """Process an answer to the oldest request; after a lost answer, sample times are too early, never too late."""
+        """Process a message as the answer to the oldest request; after a lost answer, sample times are too early."""
         when = self._sent.popleft() if self._sent else self._question
         devices = devices_in(text)
         if devices is None:
@@ -222,7 +225,7 @@ def forces_text(forces: Mapping[str, Force]) -> str:
 
 
 def devices_in(text: str) -> dict[str, Mapping[str, Any]] | None:
-    """Return the data of each device in a message, by id; None if the text is not such a message."""
+    """Return the data of each device in a message, by id; None if the text is not a valid message."""
     try:
         message = json.loads(text)
     except (ValueError, RecursionError):
@@ -251,10 +254,11 @@ def position_in(device: Mapping[str, Any]) -> tuple[float, float, float] | None:
 
 
 def check_config(device: Mapping[str, Any], basis: str, damping: float) -> None:
-    """Check that the service's settings of a device agree with those of the scene.
+    """Check that the service's configuration of a device agrees with the scene.
 
     Raises:
-        DeviceError: If basis or damping differ, or there is a mount or a closed force gate.
+        DeviceError: If the basis or the damping differs, if the mount is not the identity, or if the force gate is
+            closed.
     """
     name, config = device["device_id"], device.get("config")
     if not isinstance(config, dict):
@@ -274,14 +278,14 @@ def check_config(device: Mapping[str, Any], basis: str, damping: float) -> None:
 
 
 def _part(value: Any, key: str, default: Any) -> Any:
-    """Return a setting given directly or under a key; the default if the setting is missing."""
+    """Return a value, or its entry `key` if the value is a table; return the default if the result is missing."""
     if isinstance(value, dict):
         value = value.get(key)
     return default if value is None else value
 
 
 def _is_identity(value: Any) -> bool:
-    """Tell whether a transform is the identity: positions 0, scales 1, rotation w 1."""
+    """Tell whether a transform is the identity: scales and the entry `w` of a rotation are 1, other entries are 0."""
     if isinstance(value, dict):
         return all(
             part == 1 if key == "w" else _scale_is_one(part) if key == "scale" else _is_identity(part)

@@ -20,15 +20,15 @@ from websockets.uri import WebSocketURI, parse_uri
 
 from graspfx.protocols import DeviceError, InputError
 
-PATIENCE = 1.0  # time for connecting [s]
+PATIENCE = 1.0  # longest time for connecting [s]
 DATA = frozenset({Opcode.CONT, Opcode.TEXT, Opcode.BINARY})
 MOST = 1 << 20  # largest message [bytes]
 CHUNK = 1 << 16
-SILENT = logging.Logger("websockets", logging.CRITICAL + 1)  # ticks write no log, whatever the program has configured
+SILENT = logging.Logger("websockets", logging.CRITICAL + 1)  # no log is written in a tick, whatever the configuration
 
 
 def address(url: object) -> WebSocketURI:
-    """Parse a URL such as ws://localhost:10001."""
+    """Parse a URL such as ws://localhost:10001; encrypted connections (wss) are not accepted."""
     uri = None
     if isinstance(url, str) and all("!" <= letter <= "~" for letter in url):
         with suppress(InvalidURI, ValueError):
@@ -39,7 +39,7 @@ def address(url: object) -> WebSocketURI:
 
 
 class WebSocket:
-    """A connection to a service for texts in both directions.
+    """A WebSocket connection that sends and receives texts.
 
     Args:
         url: Address of the service.
@@ -51,14 +51,14 @@ class WebSocket:
         self._protocol = ClientProtocol(self._uri)
         self._socket: socket.socket | None = None
         self._texts: deque[str] = deque()
-        self._parts = bytearray()  # incomplete message in several frames
+        self._parts = bytearray()  # received frames of an incomplete message
 
     def now(self) -> float:
-        """Return the time of the clock used by `receive`, `time.perf_counter` [s]."""
+        """Return the time of `time.perf_counter`, the clock of all deadlines [s]."""
         return time.perf_counter()
 
     def open(self) -> None:
-        """Connect, replacing an existing connection."""
+        """Connect to the service, after closing an existing connection."""
         self.close()
         deadline = self.now() + PATIENCE
         try:
@@ -71,7 +71,7 @@ class WebSocket:
             raise
         except OSError as error:
             self.close()
-            raise DeviceError(f"nothing answers at {self.url}: {error}; is the service running?") from error
+            raise DeviceError(f"no service answers at {self.url} ({error}): check that it is running") from error
 
     def _greet(self, line: socket.socket, deadline: float) -> None:
         protocol = self._protocol = ClientProtocol(self._uri, max_size=MOST, logger=SILENT)
@@ -99,7 +99,9 @@ class WebSocket:
         ) from error
 
     def send(self, text: str) -> None:
-        """Send a text, even after a closing frame or a protocol error of the service, because zero force must be sent.
+        """Send a text.
+
+        The text is sent even if the service has sent a closing frame or invalid data, because zero force must be sent.
 
         Raises:
             DeviceError: If the connection is lost, or accepts no more data.
@@ -110,7 +112,7 @@ class WebSocket:
         try:
             count = self._line.send(data)
         except OSError as error:
-            raise DeviceError(f"the service at {self.url} is gone: {error}") from error
+            raise DeviceError(f"the connection to {self.url} is lost: {error}") from error
         if count != len(data):
             raise DeviceError(f"the service at {self.url} accepts no more data: a message was truncated")
 
@@ -126,7 +128,7 @@ class WebSocket:
         return self._texts.popleft()
 
     def _more(self, deadline: float) -> bool:
-        """Wait for more bytes; return whether some have arrived."""
+        """Wait for data until a deadline [s]; return whether data have arrived."""
         line, protocol = self._line, self._protocol
         if protocol.state is not State.OPEN:
             raise self._end()
@@ -136,17 +138,17 @@ class WebSocket:
         except BlockingIOError:
             return False
         except (OSError, ValueError) as error:
-            raise DeviceError(f"the service at {self.url} is gone: {error}") from error
+            raise DeviceError(f"the connection to {self.url} is lost: {error}") from error
         if part is None:
             return False
         if not part:
-            raise DeviceError(f"the service at {self.url} is gone: the connection is closed")
+            raise DeviceError(f"the connection to {self.url} is lost: the service has closed it")
         protocol.receive_data(part)
         self._take()
         return True
 
     def _take(self) -> None:
-        """Process the frames that have arrived, and answer pings."""
+        """Process the received frames, and answer pings."""
         protocol = self._protocol
         for event in protocol.events_received():
             if isinstance(event, Frame) and event.opcode in DATA:

@@ -1,7 +1,7 @@
 """A mouse as one finger without force feedback: its motion moves the finger, and its wheel is the third axis.
 
 The driver is intended for users without haptic hardware. It was tested only against an emulator
-(`graspfx.testing.wire.EventWire`). It works on Linux, from /dev/input/event*, and needs no further packages. The
+(`graspfx.testing.wire.EventWire`). It reads /dev/input/event*, which only Linux has, and needs no further packages. The
 desktop's pointer also moves unless `grab` is set.
 """
 
@@ -24,7 +24,13 @@ MOST_COUNTS = 10_000  # largest count of one event
 
 
 class Mouse(Pointer):  # type: ignore[misc] # mypy does not see devices from inside the package
-    """A mouse: x to the right, y away from the user, z up with the wheel."""
+    """A mouse as one finger, with x to the right, y away from the user, and z moved by the wheel.
+
+    Args:
+        counts: Motion of the finger per count of the mouse [m].
+        notch: Motion of the finger along z per notch of the wheel [m].
+        settings: Settings of `Pointer`.
+    """
 
     def __init__(self, counts: float, notch: float, **settings: Any) -> None:
         super().__init__(BUTTONS, **settings)
@@ -52,13 +58,13 @@ def connect(
     """Connect a mouse.
 
     Args:
-        port: Event file, such as /dev/input/by-id/usb-Maker_Mouse-event-mouse; `graspfx devices` lists them.
-        dimensions: Number of dimensions of the scene.
+        port: Event file, such as /dev/input/by-id/usb-Maker_Mouse-event-mouse; `graspfx devices` lists these files.
+        dimensions: Number of dimensions d of the scene.
         dpi: Resolution of the mouse [counts/inch]; doubling this value halves the finger's motion.
         wheel: Motion along the third axis per notch of the wheel [m].
-        workspace: Corners of the workspace (2, d) [m]; -0.1 to 0.1 m along every axis if None.
+        workspace: Lower and upper corner of the workspace (2, d) [m]; if None, -0.1 and 0.1 m along every axis.
         start: Position of the finger when the device is opened (d,) [m]; the middle of the workspace if None.
-        lag: Time constant of the finger, which lags a steady motion by twice this time [s].
+        lag: Time constant of the finger [s]; the finger lags a steady motion by twice this time.
         speed: Largest speed of the finger [m/s].
         grab: Whether to withhold the events from the desktop.
     """

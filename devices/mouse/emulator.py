@@ -20,10 +20,10 @@ EVENT = "@llHHi"  # seconds, microseconds, kind, code, value
 SYNC, KEY, RELATIVE, ABSOLUTE = range(4)
 REPORT, DROPPED = 0, 3
 ELSE = 0x04, 0x11, 0x12, 0x14, 0x15, 0x17  # kinds that drivers ignore: scan codes, lights, sounds, repeats, forces
-COUNTS = 120, -80  # motion of `move`, to the right and up
-STICK = 12000, -9000  # the same for a stick
+COUNTS = 120, -80  # motion of a mouse by `move`, to the right and up
+STICK = 12000, -9000  # deflection of a stick by `move`, to the right and up
 HALF = 32767.5  # half of a stick's range
-DEAD, REACH = 0.1, 0.1  # default settings of the gamepad, [1] and [m]
+DEAD, REACH = 0.1, 0.1  # default dead zone and half-width of the workspace of a gamepad, [1] and [m]
 INCH, DPI = 0.0254, 1000.0
 
 
@@ -62,11 +62,11 @@ class EventWire(Wire):
 
     @property
     def position(self) -> FloatArray:
-        """Position of the finger with the driver's default settings (1, 2) [m]."""
+        """Position of the finger (1, 2) [m] if the driver has its default settings."""
         return self._place[None, :].copy()
 
     def send(self, *events: tuple[int, int, int]) -> None:
-        """Send events, each with kind, code and value, and the end of a report."""
+        """Send a report of events, each given by kind, code and value."""
         data = b"".join(struct.pack(EVENT, 0, 0, *event) for event in (*events, (SYNC, REPORT, 0)))
         if self._pipe >= 0:
             with suppress(BlockingIOError):  # the pipe is full, because the reader has not read for a long time
@@ -86,7 +86,7 @@ class EventWire(Wire):
             self._place = REACH * np.sign(part) * (np.abs(part) - DEAD) / (1.0 - DEAD)
 
     def home(self) -> None:
-        """Move the sticks to their middle; for a mouse, only reset `position` to zero, where the driver opens."""
+        """Centre the sticks of a gamepad; for a mouse, only set `position` to zero, where an opened driver starts."""
         self._place = np.zeros(2)
         if self.kind == "gamepad":
             self.send((ABSOLUTE, 0, 0), (ABSOLUTE, 1, 0))

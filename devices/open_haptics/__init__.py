@@ -1,8 +1,8 @@
 """Touch and Phantom devices with OpenHaptics: one finger in space each, served by the vendor library's scheduler.
 
 The driver was written from the function names and constants of the library's interface. It was tested only against an
-emulator (`graspfx.testing.wire.OpenHapticsWire`). The library, libHD, is part of the vendor's SDK; it is not included,
-and is loaded at `open`.
+emulator (`graspfx.testing.wire.OpenHapticsWire`). The library, libHD, is part of the vendor's SDK and not of GraspFX;
+`open` loads it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ __all__ = ["Stylus", "connect", "quench"]
 FloatArray = NDArray[np.float64]
 
 MOST_FORCE = 40.0  # [N]
-PERIOD = 0.001  # period of `quench`, which reads once [s]
+PERIOD = 0.001  # period of the only reading of `quench` [s]
 NAP = 1e-4  # time between two checks for a sample [s]
 LONGEST = 0.05  # longest wait for zero force to be displayed [s]
 
@@ -31,10 +31,10 @@ LONGEST = 0.05  # longest wait for zero force to be displayed [s]
 class Stylus(Handle):  # type: ignore[misc] # mypy does not see devices from inside the package
     """One finger in space: x to the right, y up, z towards the operator.
 
-    The library's thread calls back 1000 times a second. `read` waits for the thread's next sample, at most one period
-    of the loop. A written force is displayed from the thread's next call on. If this program writes no force for 20 ms,
-    the thread displays zero force. A loop that needs no Python runs in this thread. Velocities are estimated from
-    positions. Every error of the library is a fault.
+    The library's thread calls a function of this driver 1000 times a second. `read` waits for the next sample of this
+    thread, at most one period of the loop. A written force is displayed from the next call on. If this program writes
+    no force for 20 ms, the thread displays zero force. A loop that needs no Python runs in the library's thread.
+    Velocities are estimated from positions. Every error of the library is a fault.
     """
 
     def __init__(
@@ -58,25 +58,25 @@ class Stylus(Handle):  # type: ignore[misc] # mypy does not see devices from ins
 
     @property
     def calls(self) -> Calls | None:
-        """C functions for the library's thread while the device is open, else None."""
+        """C functions to call in the library's thread; None unless the device is open."""
         return self._calls
 
     @property
     def thread(self) -> object:
-        """The library, whose devices share one scheduler."""
+        """Owner of the thread: the setting `library`, because all devices of a library share its scheduler."""
         return self.library
 
     @property
     def drives(self) -> bool:
-        """Whether the library's thread can call a loop."""
+        """Whether the library's thread runs, so that it can call a loop."""
         return self._scheduler is not None and self._scheduler.mailbox is not None
 
     def drive(self, function: int, context: int) -> None:
-        """Let the library's thread call `unsigned function(void *context)` once a period."""
+        """Let the library's thread call `unsigned function(void *context)` once in each period of its scheduler."""
         self._opened().drive(function, context)
 
     def release(self, wait: float) -> bool:
-        """Stop the calls begun by `drive`; return whether the last call has ended within `wait` seconds."""
+        """Stop the calls that `drive` began; return whether the last call has ended within `wait` seconds."""
         mailbox = None if self._scheduler is None else self._scheduler.mailbox
         return mailbox is None or mailbox.release(wait)
 
@@ -91,7 +91,10 @@ class Stylus(Handle):  # type: ignore[misc] # mypy does not see devices from ins
         self._position, self._velocity = np.zeros((1, 3)), np.zeros((1, 3))
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Return position (1, 3) [m], velocity (1, 3) [m/s] and time [s]; the last sample if there is no new one."""
+        """Return position (1, 3) [m], velocity (1, 3) [m/s] and time [s].
+
+        If there is no new sample, the last sample is returned again.
+        """
         mailbox, i, end = self._opened(), self._place, self.now() + self._period
         while True:
             if fault := mailbox.fault(i):
@@ -121,7 +124,10 @@ class Stylus(Handle):  # type: ignore[misc] # mypy does not see devices from ins
             raise DeviceError("the scheduler of OpenHaptics no longer calls back")
 
     def close(self) -> None:
-        """Set zero force, remove the callback, stop and disable the device; attempt each step even if others fail."""
+        """Set zero force, remove the callback, and stop and disable the device.
+
+        Each step is attempted even if another step fails.
+        """
         scheduler, self._calls = self._scheduler, None
         if scheduler is not None:
             with suppress(DeviceError):
@@ -130,7 +136,7 @@ class Stylus(Handle):  # type: ignore[misc] # mypy does not see devices from ins
             scheduler.remove(self)
 
     def fault_text(self, code: int) -> str:
-        """Explain a negative code of the C functions."""
+        """Return the error message for a negative code of the C functions."""
         if self._calls is None:
             return f"code {code}"
         adapter = self._calls.keep
@@ -153,7 +159,7 @@ class Stylus(Handle):  # type: ignore[misc] # mypy does not see devices from ins
         return place
 
     def _opened(self) -> Mailbox:
-        """Return the mailbox of the library's thread, starting the thread if necessary."""
+        """Return the mailbox of the library's thread; start the thread if it does not run."""
         if self._scheduler is None:
             raise DeviceError("the device is not open: call open(period) first")
         mailbox: Mailbox = self._scheduler.start()
@@ -170,14 +176,14 @@ def connect(
     resolution: float = 5.5e-5,
     velocity_window: int = WINDOW,
 ) -> Stylus:
-    """Connect a device.
+    """Connect a Touch or Phantom device.
 
     Args:
         unit: Name of the device in the vendor's setup tool; None for the default device.
         library: Path of libHD; None to try its usual file names.
         force_limit: Largest force at the handle [N].
-        resolution: Resolution of a position [m].
-        velocity_window: Longest window of the velocity estimate [samples].
+        resolution: Resolution of the measured positions [m].
+        velocity_window: Largest number of samples in the window of the velocity estimate.
     """
     return Stylus(
         unit=unit, library=library, force_limit=force_limit, resolution=resolution, velocity_window=velocity_window
@@ -185,7 +191,7 @@ def connect(
 
 
 def quench(*, unit: str | None = None, library: object = None, **_: object) -> None:
-    """Remove the force from a device whose program has died: reopen it, display zero force, close it.
+    """Remove the force from a device whose program has crashed: open it again, display zero force, and close it.
 
     Args:
         unit, library: Same as for `connect`; other settings are ignored.

@@ -1,4 +1,4 @@
-"""An emulator of Touch and Phantom devices: three devices behind a replacement of OpenHaptics, for tests."""
+"""An emulator of Touch and Phantom devices for tests: a replacement of OpenHaptics, with three devices."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ STEP = 0.003  # displacement of `move` along every axis [m]
 NAMES = "left", "right", "third"
 COMM_ERROR = 0x302
 MM = 1e-3  # [m]
-TURN = 1.0  # time for the thread to complete its turns [s]
-BINS = 2048  # bins of one microsecond for the duration of the callback
+TURN = 1.0  # longest wait for the thread to complete the callbacks that are due [s]
+BINS = 2048  # number of bins of the callback's duration, of one microsecond each
 
 
 class FakeDevice(ctypes.Structure):
@@ -59,8 +59,8 @@ class OpenHapticsWire(Wire):
     first device.
 
     Args:
-        clock: Clock of the scheduler; by default the system's. With another clock, the scheduler calls back only while
-            the wire's `clock` waits.
+        clock: Clock of the scheduler; None for the system's clock. If a clock is given, the scheduler calls back only
+            during `sleep` of the wire's attribute `clock`.
 
     Attributes:
         library: Path of the library.
@@ -109,7 +109,10 @@ class OpenHapticsWire(Wire):
 
     @property
     def violations(self) -> int:
-        """Number of violations of the rules: calls outside a frame or callback, crossing frames, a second callback."""
+        """Number of violations of the library's rules.
+
+        Violations are calls outside a frame or a callback, frames that are not nested, and a second callback.
+        """
         return int(self.state.violations)
 
     @property
@@ -122,11 +125,11 @@ class OpenHapticsWire(Wire):
         self.state.devices[device].position[:] = (np.asarray(position) / MM).tolist()
 
     def leave(self, error: int, device: int = 0) -> None:
-        """Let every frame of a device leave this error on the library's stack; 0 for none."""
+        """Let every frame of a device leave the code `error` on the library's error stack; 0 for no error."""
         self.state.devices[device].error = error
 
     def refuse(self, error: int, device: int = 0) -> None:
-        """Let a device refuse every force but zero with this error; 0 for none."""
+        """Let a device reject every non-zero force with the code `error`; 0 to accept every force."""
         self.state.devices[device].refusal = error
 
     def forces(self, device: int) -> FloatArray:
@@ -156,7 +159,7 @@ class OpenHapticsWire(Wire):
 
 
 class _TurnsClock:
-    """A clock whose waits let the scheduler complete its turns."""
+    """A clock whose `sleep` lets the scheduler complete the callbacks that become due."""
 
     def __init__(self, clock: Clock, wire: OpenHapticsWire) -> None:
         self.now = clock.now

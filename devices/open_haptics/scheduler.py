@@ -1,4 +1,4 @@
-"""The OpenHaptics library (HD) and its scheduler, one per process, which calls a function once per period."""
+"""The OpenHaptics library (HD) and its scheduler; a process has one scheduler, which calls a function periodically."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from graspfx.devices._device import library_functions, load_library
 from graspfx.protocols import Calls, DeviceError, Mailbox, VelocityEstimator, adapt
 
 LONGEST = 0.5  # longest wait for the scheduler to call back [s]
-SETTLED = 2  # turns after which a written force is displayed
+SETTLED = 2  # number of callbacks after which a written force is displayed
 
 TITLE = "the OpenHaptics library"
 LIBRARIES = {"win32": ("hd.dll",), "darwin": ("HD.framework/HD",)}
@@ -60,14 +60,14 @@ SIGNATURES: dict[str, tuple[Any, ...]] = {
     "hdStopScheduler": (None,),
     "hdGetError": (_Error,),
 }
-MOST = 64  # largest number of errors popped from the stack
+MOST = 64  # largest number of errors taken from the stack after a call
 
 
 class Hd:
-    """Functions of the library (HD) by name; an error on its stack after a call raises a DeviceError.
+    """Functions of the library (HD) by name; an error on the library's stack after a call raises a DeviceError.
 
     Args:
-        path: Path of the library; None to try its usual file names; or the loaded library.
+        path: Path of the library, the loaded library, or None to try the library's usual file names.
 
     Attributes:
         library: Loaded library.
@@ -93,7 +93,7 @@ class Hd:
 
 
 def error_text(code: int) -> str:
-    """Explain an error of the library."""
+    """Return the description of an error code of the library."""
     return f"{ERRORS.get(code, 'an error')} (0x{code:X})"
 
 
@@ -110,7 +110,7 @@ class Member(Protocol):
 class Scheduler:
     """The open devices of one library in this process, and the thread that exchanges data with them.
 
-    Devices are initialised before the scheduler starts; adding another device stops it temporarily.
+    Devices are initialised before the scheduler starts; adding another device stops the scheduler temporarily.
 
     Args:
         hd: Functions of the library.
@@ -124,11 +124,11 @@ class Scheduler:
         self._lock = RLock()
 
     def add(self, member: Member, unit: str | None, velocity: VelocityEstimator) -> Calls:
-        """Initialise a device; return its C functions, which may be called in the scheduler's thread only.
+        """Initialise a device; return its C functions, which may be called only in the scheduler's thread.
 
         Args:
             member: Device to add.
-            unit: Name of the device in the vendor's setup tool.
+            unit: Name of the device in the vendor's setup tool; None for the default device.
             velocity: Estimator of velocities, called once per period of the scheduler.
         """
         hd = self._hd
@@ -151,14 +151,14 @@ class Scheduler:
             return calls
 
     def remove(self, member: Member) -> None:
-        """Stop and disable a device, and continue with the others."""
+        """Stop and disable a device; the scheduler continues with the other devices."""
         with self._lock:
             if member not in self._members:
                 return
             self._halt()
             i = self._members.index(member)
             del self._members[i], self._calls[i]
-            with suppress(DeviceError):  # the hardware may be gone
+            with suppress(DeviceError):  # the hardware may be disconnected
                 self._hd.call("hdMakeCurrentDevice", member.handle)
             with suppress(DeviceError):
                 self._hd.call("hdDisableDevice", member.handle)
@@ -196,7 +196,7 @@ class Scheduler:
         return self._members.index(member)
 
     def _halt(self) -> None:
-        """Remove the callback and stop the scheduler, once forces are zero."""
+        """Set zero forces, then remove the callback and stop the scheduler."""
         mailbox, self._mailbox = self._mailbox, None
         if mailbox is None:
             return
@@ -211,7 +211,7 @@ class Scheduler:
 
 
 def _calls(hd: Hd, handle: int, velocity: VelocityEstimator) -> Calls:
-    """Adapt the library's functions: one frame per device, nested frames, lengths in mm."""
+    """Adapt the library's functions for one device: each device has a frame, frames are nested, lengths are in mm."""
     return adapt(
         hd.library,
         ask="void hdBeginFrame(u32 handle)",
@@ -226,7 +226,7 @@ def _calls(hd: Hd, handle: int, velocity: VelocityEstimator) -> Calls:
     )
 
 
-_CREATION = Lock()  # devices may be quenched by several threads at once, but a library has one scheduler
+_CREATION = Lock()  # several threads may call `quench` at once, but a library has one scheduler
 
 
 def scheduler_of(library: str | ctypes.CDLL | None) -> Scheduler:

@@ -1,8 +1,8 @@
-"""The rig: two planar two-link arms on one controller, open hardware modelled on the paper's devices, one finger each.
+"""The rig, open hardware modelled on the paper's devices: two planar two-link arms, one finger each, on one controller.
 
-It is a design that has not been built yet (docs/how-to/hardware.md). It is tested only against its own firmware on a
-desktop computer: firmware/rig.c with firmware/host.c. If no torques arrive for 5 ms, the controller removes its force
-within a further 20 ms. Arms, gears and encoders are those of `two-link`.
+The rig is a design that has not been built yet (docs/how-to/hardware.md). The driver is tested only against the rig's
+firmware on a desktop computer: firmware/rig.c with firmware/host.c. If no torques arrive for 5 ms, the controller
+removes the force within a further 20 ms. Arms, gears and encoders are those of `two-link`.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ __all__ = ["Rig", "connect", "quench"]
 FloatArray = NDArray[np.float64]
 
 OWN = ("base", "elbow", "zero")  # settings that may differ between arms
-SILENCE = 20  # successive readings without an answer after which the controller is lost
-WATCHDOG = 0.005  # watchdog of the controller; a longer time without torques is a fault [s]
+SILENCE = 20  # largest number of successive readings without an answer before the controller counts as lost
+WATCHDOG = 0.005  # time of the controller's watchdog; a longer time without torques is a fault [s]
 DECAY = 0.02  # time in which forces decay to zero after the watchdog has expired [s]
 LONGEST = 0.0025  # longest period, because the watchdog must not expire between samples [s]
 WRAP = 1 << 32  # range of the controller's clock [us]
 
 
 class Half:
-    """One arm's encoders and motors as a `Board` of the two-link arm: last reading and next torques."""
+    """`Board` of one arm, which stores the last encoder reading and the next torques."""
 
     def __init__(self) -> None:
         self.reading, self.time = (0, 0), 0.0
@@ -54,15 +54,16 @@ class Half:
 
 
 class Rig(Closing):  # type: ignore[misc] # mypy does not see devices from inside the package
-    """Two arms on one controller: POLL, STATE, then RUN in each sample.
+    """One or two arms on one controller.
 
-    Positions, velocities and torques are computed as for `two-link`, with the controller's clock. Without an answer,
-    the last sample and its time are kept.
+    In each sample, the driver sends POLL, receives the encoder counts in STATE, and sends the torques in RUN.
+    Positions, velocities and torques are computed as for `two-link`, with times of the controller's clock. Without an
+    answer, `read` returns the last sample and the time of this sample again.
 
     Args:
         controller: Controller, not yet open.
-        arms: One or two arms, each with a `Half`.
-        halves: Boards of the arms.
+        arms: One or two arms.
+        halves: Board of each arm.
     """
 
     def __init__(self, controller: Controller, arms: Sequence[TwoLink], halves: Sequence[Half]) -> None:
@@ -75,7 +76,7 @@ class Rig(Closing):  # type: ignore[misc] # mypy does not see devices from insid
 
     @property
     def features(self) -> Features:
-        """Features: peak force of the weaker arm, resolution of the coarser, mass and friction of the first arm."""
+        """Features: smallest peak force and coarsest resolution of the arms, mass and damping of the first arm."""
         each = [arm.features for arm in self.arms]
         corners = [feature.workspace for feature in each]
         return Features(
@@ -91,12 +92,12 @@ class Rig(Closing):  # type: ignore[misc] # mypy does not see devices from insid
 
     @property
     def largest_force(self) -> FloatArray:
-        """Largest force that each arm's motors reach in every direction at the last reading (k,) [N]."""
+        """Largest force that each of the k arms can display in every direction at the last reading (k,) [N]."""
         return np.concatenate([arm.largest_force for arm in self.arms])
 
     @property
     def raw(self) -> NDArray[np.int64]:
-        """The controller's clock [us] modulo 2^32, then counts and rates [1/s] of its four encoders (9,)."""
+        """Clock of the controller [us] modulo 2^32, then the counts and the rates [1/s] of its four encoders (9,)."""
         return self._raw
 
     def open(self, period: float) -> None:
@@ -124,7 +125,7 @@ class Rig(Closing):  # type: ignore[misc] # mypy does not see devices from insid
         self.controller.ask()
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Return positions (k, 2) [m], velocities (k, 2) [m/s] and the controller's time [s] since `open`."""
+        """Return positions (k, 2) [m], velocities (k, 2) [m/s] and the controller's time since `open` [s]."""
         period = self._opened()
         state = self.controller.answer()
         if state is None:
@@ -144,7 +145,7 @@ class Rig(Closing):  # type: ignore[misc] # mypy does not see devices from insid
         self._time += since
         try:
             self._take(state)
-        except DeviceError:  # an arm is out of its reach
+        except DeviceError:  # a finger is out of reach
             self._abandon()
             raise
         return self._position, self._velocity, self._time
@@ -156,7 +157,7 @@ class Rig(Closing):  # type: ignore[misc] # mypy does not see devices from insid
         try:
             for arm, force in zip(self.arms, forces, strict=True):
                 arm.write(force[None, :])
-        except DeviceError:  # a non-finite force: zero for every arm
+        except DeviceError:  # a force is not finite: set zero torques for every arm
             self.stop()
             raise
         goals = [torque for half in self.halves for torque in half.goal]
@@ -175,7 +176,7 @@ class Rig(Closing):  # type: ignore[misc] # mypy does not see devices from insid
             arm.close()
 
     def _take(self, state: State) -> None:
-        """Update the arms with the counts of an answer, and read them."""
+        """Write the counts of an answer into the arms' boards, and read the arms."""
         self._raw[:] = (state.microseconds, *state.counts, *state.rates)
         for i, (arm, half) in enumerate(zip(self.arms, self.halves, strict=True)):
             half.reading, half.time = (state.counts[2 * i], state.counts[2 * i + 1]), self._time
@@ -183,7 +184,7 @@ class Rig(Closing):  # type: ignore[misc] # mypy does not see devices from insid
             self._position[i], self._velocity[i] = position[0], velocity[0]
 
     def _abandon(self) -> None:
-        with suppress(DeviceError):  # the hardware may be gone
+        with suppress(DeviceError):  # the hardware may be disconnected
             self.stop()
 
     def _opened(self) -> float:
@@ -214,14 +215,14 @@ def connect(
 ) -> Rig:
     """Connect the rig: channel 0 is the first arm, channel 1 the second.
 
-    The other settings apply to each arm, as in `graspfx.devices.two_link.connect`.
+    Settings that are not described here apply to both arms, and are those of `graspfx.devices.two_link.connect`.
 
     Args:
         port: Serial port of the controller, such as /dev/ttyACM0.
-        arms: One or two tables, each with `base` [m], `elbow`, and optionally `zero`: directions of the links at zero
-            counts [rad].
-        timeout: Longest wait for an answer, after which the last sample is kept; less than the period, at most 2.5 ms
-            [s].
+        arms: One or two tables, one for each arm, with the keys `base` [m] and `elbow`, and optionally `zero`, the
+            directions of the links at zero counts [rad].
+        timeout: Longest wait for an answer [s], less than the sampling period and at most 0.0025; after it the last
+            sample is returned.
     """
     tables = _tables(arms)
     settings = {
@@ -256,7 +257,7 @@ def _tables(value: object) -> list[Mapping[str, Any]]:
 
 
 def quench(*, port: str, **_: object) -> None:
-    """Switch the motors off after a program has died, before the controller's own watchdog does.
+    """Switch the motors off after a program has crashed, without waiting for the controller's watchdog.
 
     Args:
         port: Same as for `connect`; other settings are ignored.

@@ -1,6 +1,6 @@
-"""The rig's controller at its port: HELLO and ARM, then POLL, STATE and RUN in each sample, and STOP at the end.
+"""Protocol of the rig's controller: HELLO and ARM, then POLL, STATE and RUN in each sample, and STOP at the end.
 
-A frame is the COBS of a message and its CRC, ended by a zero; firmware/rig.h defines the messages.
+A frame is the COBS encoding of a message and its CRC, followed by a zero byte; firmware/rig.h defines the messages.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ LONG = struct.Struct("<BHI")
 SHORT = struct.Struct("<BH")
 
 TRIES = 5  # attempts of HELLO and ARM
-PATIENCE = 0.1  # longest wait for an answer to HELLO or ARM, or to STOP of `rest` [s]
-GOODBYE = 0.02  # longest wait for an answer to STOP of `close` [s]
-LONGEST = 4096  # largest number of stored bytes without an end of frame
+PATIENCE = 0.1  # longest wait for an answer to HELLO, to ARM, or to the STOP that `rest` sends [s]
+GOODBYE = 0.02  # longest wait for an answer to the STOP that `close` sends [s]
+LONGEST = 4096  # largest number of stored bytes of an incomplete frame
 STILL = (0.0,) * AXES
 
 
 class Kind(IntEnum):
-    """The first byte of a message."""
+    """Kind of a message, its first byte."""
 
     HELLO = 0x01
     ARM = 0x02
@@ -97,7 +97,8 @@ class Controller:
 
     def __init__(self, port: SerialPort, timeout: float) -> None:
         self.port, self.timeout = port, timeout
-        self._number = 0  # number of the last RUN, counted separately because many POLLs would make commands look old
+        # RUN and POLL are counted separately: after many POLLs, a common number would make a RUN look old.
+        self._number = 0  # number of the last RUN
         self._question = 0  # number of the last POLL
         self._session = 0  # session number from the controller
         self._buffer = b""
@@ -143,7 +144,9 @@ class Controller:
         self.port.send(short_frame(Kind.POLL, self._question))
 
     def answer(self) -> State | None:
-        """Wait for the STATE that answers the last `ask`, and ask first if necessary; return None if STATE is too late.
+        """Wait for the STATE that answers the last `ask`; return None if STATE does not arrive in time.
+
+        If no answer is pending, `ask` is called first.
 
         Raises:
             DeviceError: If the hardware is disconnected, or the controller has latched a fault or restarted.
@@ -165,7 +168,7 @@ class Controller:
         self.port.send(run_frame(self._number, self._session, torques))
 
     def rest(self) -> None:
-        """Connect to the controller again and switch its motors off, whichever program switched them on."""
+        """Open the port again and switch the controller's motors off, even if another program switched them on."""
         self.close()
         self.port.open()
         self._exchange(Kind.STOP, lambda: short_frame(Kind.STOP), state_in)
@@ -182,7 +185,7 @@ class Controller:
         self._buffer, self._deadline = b"", None
 
     def _meet(self) -> About:
-        """Begin a session; each attempt has its own nonce, by which a late answer is recognised."""
+        """Begin a session and return the answer; each attempt has a new nonce, which identifies late answers."""
         nonce = 0
 
         def hello() -> bytes:
@@ -199,16 +202,19 @@ class Controller:
 
     def _exchange(self, kind: Kind, question: Callable[[], bytes], reading: Callable[[bytes], T | None]) -> T:
         for _ in range(TRIES):
-            self.port.send(b"\0" + question())  # the zero byte ends a frame left by another program
+            self.port.send(b"\0" + question())  # the zero byte ends an incomplete frame of another program
             for message in self._messages(self.port.now() + PATIENCE):
                 answer = reading(message)
                 if answer is not None:
                     self._number = 0
                     return answer
-        raise DeviceError(f"nothing at {self.port.path} answers {kind.name} like a rig's controller")
+        raise DeviceError(
+            f"no controller of a rig at {self.port.path} has answered {TRIES} messages {kind.name}: check the setting "
+            "`port`, and the controller's cable and power"
+        )
 
     def _messages(self, deadline: float) -> Iterator[bytes]:
-        """Yield messages until a deadline of the port's clock [s], skipping damaged messages.
+        """Yield the undamaged messages that arrive until a deadline on the port's clock [s].
 
         After the deadline the bytes that have arrived are read once, because the sender may never pause.
         """
@@ -240,7 +246,7 @@ class Controller:
 
 
 def framed(message: bytes) -> bytes:
-    """Frame a message: COBS(message, CRC-16/CCITT-FALSE), then 0."""
+    """Return the frame of a message: the COBS encoding of message and CRC-16/CCITT-FALSE, then a zero byte."""
     out = bytearray()
     for part in (message + struct.pack("<H", binascii.crc_hqx(message, 0xFFFF))).split(b"\0"):
         out.append(len(part) + 1)
@@ -250,7 +256,7 @@ def framed(message: bytes) -> bytes:
 
 
 def unframed(frame: bytes) -> bytes | None:
-    """Return the message of a frame without its end; None if it is damaged."""
+    """Return the message of a frame, given without the final zero byte; None if the frame is damaged."""
     out, at = bytearray(), 0
     while at < len(frame):
         run = frame[at]
@@ -272,17 +278,17 @@ def short_frame(kind: Kind, number: int = 0) -> bytes:
 
 
 def long_frame(kind: Kind, word: int) -> bytes:
-    """Return a HELLO frame with a nonce, or an ARM frame with a session."""
+    """Return a HELLO frame, where `word` is the nonce, or an ARM frame, where `word` is the session number."""
     return framed(LONG.pack(kind, 0, word))
 
 
 def run_frame(number: int, session: int, torques: tuple[float, ...]) -> bytes:
-    """Return a RUN frame with the session and the motors' torques (4,) [N m]."""
+    """Return a RUN frame with the session number and the motors' torques (4,) [N m]."""
     return framed(RUN.pack(Kind.RUN, number & 0xFFFF, session, *(round(1e6 * torque) for torque in torques)))
 
 
 def about_in(message: bytes) -> About | None:
-    """Return the content of ABOUT; None for another message."""
+    """Return the content of an ABOUT message; None for a message of another kind."""
     if len(message) != ABOUT.size or message[0] != Kind.ABOUT:
         return None
     _, version, axes, mode, watchdog, *limits, nonce, session = ABOUT.unpack(message)
@@ -290,7 +296,7 @@ def about_in(message: bytes) -> About | None:
 
 
 def state_in(message: bytes) -> State | None:
-    """Return the content of STATE; None for another message."""
+    """Return the content of a STATE message; None for a message of another kind."""
     if len(message) != STATE.size or message[0] != Kind.STATE:
         return None
     _, number, mode, fault, microseconds, *axes = STATE.unpack(message)

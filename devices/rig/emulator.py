@@ -1,4 +1,4 @@
-"""An emulator of the rig: its controller's firmware on this computer, with two simulated arms."""
+"""An emulator of the rig: the controller's firmware runs on this computer, with two simulated arms."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ LINK = 0.128  # [m]
 BASES = (-0.04, -0.18), (0.04, -0.18)  # [m]
 HOME = 2.2752353, 0.7000749, 0.8663574, 2.4415177  # directions of the links with fingers at (-0.025, 0), (0.025, 0)
 STEP = 0.05  # rotation of `move` [rad]
-NEAR = 1e-5  # largest distance of a link that has arrived, and its largest motion in 10 ms [rad]
-MOST = 1 << 16  # largest read from the controller [bytes]
-PATIENCE = 5.0  # time for the program to start, or to plug in the cable [s]
+NEAR = 1e-5  # largest distance from the goal, and largest motion in 10 ms, of a link that has arrived [rad]
+MOST = 1 << 16  # largest number of bytes read from the controller at once
+PATIENCE = 5.0  # longest wait for the program to start or end, or to connect its port [s]
 
 
 class Page(ctypes.Structure):
@@ -66,20 +66,20 @@ def _built(name: str, *options: str) -> Path:
 
 
 class RigWire(Wire):
-    """The rig without hardware: rig.c compiled for this computer, in a separate program.
+    """The rig without hardware: rig.c compiled for this computer.
 
-    With a given clock, the emulator is instead a library in this process, without a port; only one can exist at a time.
-    Such an emulator runs only in `exchange`, on the given clock.
+    Without `clock`, the emulator is a separate program with a port. With `clock`, the emulator is a library in this
+    process, has no port, and advances only when `exchange` is called; only one such emulator can exist at a time.
 
-    Hands hold both fingers at home, with a stiffness at each joint. The failure "flip" damages frames in both
-    directions, because both have a checksum.
+    Simulated hands hold both fingers at home with springs and dampers at the joints. The failure "flip" damages frames
+    in both directions, because all frames have a checksum.
 
     Args:
         stiffness: Stiffness of the hands at each joint [N m/rad].
         damping: Damping of the hands at each joint [N m s/rad].
-        slowness: Factor by which the controller's clock runs slower; values above 1 extend its watchdog for tests on a
-            busy machine.
-        clock: Clock of the controller; by default the system's.
+        slowness: Factor by which the controller's clock runs slower; values above 1 extend the controller's watchdog
+            for tests on a busy machine.
+        clock: Clock of the controller; None for the system's clock.
 
     Raises:
         MissingPackageError: If there is no C compiler.
@@ -115,7 +115,7 @@ class RigWire(Wire):
             raise
 
     def exchange(self, data: bytes = b"") -> bytes:
-        """Pass bytes to the controller on a given clock, and return its output so far."""
+        """Pass bytes to the controller, advance it to the present time of `clock`, and return its pending output."""
         self._unread += data
         taken = b"" if self.failure == "blocked" else self._unread
         self._unread = self._unread[len(taken) :]
@@ -150,7 +150,10 @@ class RigWire(Wire):
         return lambda a: np.array(BASES[arm]) + LINK * np.array([np.cos(a).sum(), np.sin(a).sum()])
 
     def move(self) -> None:
-        """Move the hands so that each arm's first link turns by 0.05 rad; wait up to 0.3 s for idle arms to arrive."""
+        """Move the hands so that the first link of each arm turns by 0.05 rad.
+
+        If the controller is idle, wait up to 0.3 s until the arms have arrived.
+        """
         self._bring(np.array(HOME) + STEP * np.array([1.0, 0.0, 1.0, 0.0]))
 
     def home(self) -> None:
@@ -186,7 +189,7 @@ class RigWire(Wire):
         deadline = self.clock.now() + PATIENCE
         while self.page.plugs == plugs:
             if self.clock.now() > deadline:
-                raise DeviceError("the emulator of the rig does not start")
+                raise DeviceError(f"the emulator of the rig has opened no port within {PATIENCE:g} s")
             self.clock.sleep(0.001)
         self._plug.lead(self.page.port.decode())
 

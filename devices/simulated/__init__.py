@@ -24,18 +24,21 @@ def connect(
     force_limit: float | None = None,
     workspace: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> PointDevice:
-    """Create a device whose fingertips are point masses, m x'' + b x' = force + hand's force, on every axis.
+    """Create a simulated device whose fingertips are point masses with viscous damping.
+
+        m x'' + b x' = displayed force + hand's force      on every axis, for a fingertip at x
 
     Args:
         mass: Mass m of each fingertip [kg].
         dimensions: Number of dimensions d.
-        damping: Viscous damping b [N s/m].
-        fingers: Number k of fingers, the channels of this device.
-        resolution: Resolution of the encoders [m]; readings are multiples of the resolution, or exact if it is 0.
-        velocity_window: Longest window of the velocity estimate [samples] (`graspfx.loop.velocity`).
+        damping: Viscous damping b of each fingertip [N s/m].
+        fingers: Number of fingers, one channel each.
+        resolution: Resolution of the encoders [m]; positions are rounded to its multiples, or exact if it is 0.
+        velocity_window: Largest number of samples in the window of the velocity estimate (`graspfx.loop.velocity`).
         delay: Delay between a write and its force [samples]; with 0, the force acts over the next sample.
-        force_limit: Largest force at a fingertip [N]; larger forces are scaled down.
-        workspace: Lower and upper corner (d,) [m]; a finger outside raises a DeviceError.
+        force_limit: Largest force at a fingertip [N]; larger forces are scaled down. None for no limit.
+        workspace: Lower and upper corner (d,) [m] of the region outside which the reading of a finger raises
+            DeviceError; None for no limits.
     """
     if force_limit is not None:
         force_limit = number("force_limit", force_limit, SMALLEST, expected="a finite force above zero [N], or none")

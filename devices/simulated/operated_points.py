@@ -1,4 +1,4 @@
-"""Point masses held by an operator model beyond spring and damper: Taylor series summed to rounding."""
+"""Point masses held by an operator model with more than a spring and a damper, integrated by Taylor series."""
 
 from __future__ import annotations
 
@@ -30,26 +30,29 @@ FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 
-WAVES = 24  # sines of a finger's noise, as in `FingerOperator`
-SHORT = 2.0  # substeps per unit of T b/m and T (k/m)^1/2 for which `TERMS` terms reach rounding
-TERMS = 20
-MOST = 4096  # largest number of substeps per sample, which no realistic hand needs
+WAVES = 24  # number of sines in a finger's noise, as in `FingerOperator`
+SHORT = 2.0  # substeps per unit of T b/m and T (k/m)^1/2 for which `TERMS` terms reach rounding error
+TERMS = 20  # number of terms of a series
+MOST = 4096  # largest number of substeps per sample; no realistic hand needs as many
 
 TOO_STIFF = 2  # code of the kernel for too many substeps
 
 
 class OperatedFinger(Record):
-    """State of one finger's operator, and its coefficients for a sample."""
+    """State of the operator of one finger, and the operator's coefficients for a sample."""
 
-    grip: float  # grip force G, the displayed force after its lag [N]
-    grip_share: float  # factor exp(-T/lag) of the grip; 0 without a lag
-    command_share: float  # factor of the muscle force
-    delay: int  # [samples]
+    grip: float  # grip force G, the magnitude of the displayed force after a first-order lag [N]
+    grip_share: float  # factor exp(-T/lag) of the grip force; 0 without a lag
+    command_share: float  # factor exp(-T/lag) of the muscle force; 0 without a lag
+    delay: int  # delay of the reaction [samples]
     now: FingerOperator
 
 
 class Strand(Record):
-    """A finger on one axis during one substep: two coefficients of the series of each motion, and sums."""
+    """Taylor series of one finger on one axis in one substep: two coefficients of each series, and sums.
+
+    p is the position of the tip, y of the limb and r of the target; r_0 is r at the beginning of the sample.
+    """
 
     tip: float  # series of p - r_0
     tip_next: float
@@ -68,7 +71,7 @@ class Strand(Record):
 
 
 class OperatedPlantState(PlantState):  # type: ignore[misc] # mypy does not see devices from inside the package
-    """Point masses with their hand's gains, and the operators of all fingers with their memory."""
+    """Point masses, the gains of the hand that holds them, and the operator of each finger with its memory."""
 
     room: int  # number of samples in the line of reactions
     slot: int  # row of the line to fill next
@@ -90,7 +93,8 @@ class OperatedPlantState(PlantState):  # type: ignore[misc] # mypy does not see 
 def advance(plant: OperatedPlantState) -> int:
     """Advance the plant by one sample; targets at the end of the sample become targets at the beginning of the next.
 
-    Gains, grip forces and h are held over the sample; tips and limbs move by the linear equations.
+    Gains, grip forces, and the force h of reaction and noise are held over the sample; tips and limbs then satisfy
+    linear equations. Returns 0; if it returns NOT_FINITE or TOO_STIFF, the plant has not moved.
     """
     step = plant.fingers * plant.dimensions
     code: int = unfit(plant.effort, 5, step)
@@ -108,7 +112,7 @@ def advance(plant: OperatedPlantState) -> int:
     for i, finger in enumerate(plant.operators):
         for c in range(i * plant.dimensions, (i + 1) * plant.dimensions):
             r0[c], dr0[c] = r1[c], dr1[c]
-            if finger.now.limb_mass == 0.0:  # y equals r, from which a limb enabled during a run continues
+            if finger.now.limb_mass == 0.0:  # y equals r, so that a limb that is enabled during a run starts there
                 plant.limb[c], plant.limb_rate[c] = r1[c], dr1[c]
     plant.series = count
     plant.ticks += 1.0
@@ -130,7 +134,7 @@ def grasp_force(plant: OperatedPlantState) -> None:
 
 @kernel
 def substeps(plant: OperatedPlantState) -> int:
-    """Return the number of substeps for which the series converge to rounding; 0 if there are too many."""
+    """Return the number of substeps for which the series converge to rounding error; 0 if this number exceeds MOST."""
     n, d, T = plant.fingers, plant.dimensions, plant.period
     largest = 0.0
     for a in range(d):
@@ -153,7 +157,7 @@ def substeps(plant: OperatedPlantState) -> int:
 
 @kernel
 def respond(plant: OperatedPlantState) -> None:
-    """Compute h of every finger, and store its present reaction in the delay line."""
+    """Compute the force h of reaction and noise on each finger, and store the present reaction in the delay line."""
     d = plant.dimensions
     now = plant.since + plant.ticks * plant.period
     slot, room = plant.slot, plant.room
@@ -186,7 +190,7 @@ def respond(plant: OperatedPlantState) -> None:
 
 @kernel
 def muscle(plant: OperatedPlantState, i: int, a: int) -> float:
-    """Compute the force of finger i's springs and dampers on axis a that act from the intended position."""
+    """Compute the force on axis a of the springs and dampers from the intended position to finger i or its limb [N]."""
     n, d = plant.fingers, plant.dimensions
     own = plant.operators[i]
     c = i * d + a
@@ -207,8 +211,11 @@ def muscle(plant: OperatedPlantState, i: int, a: int) -> float:
 def move(plant: OperatedPlantState, axis: int, k: int, count: int) -> None:
     """Move all fingers on one axis over the k-th of `count` substeps, by the Taylor series of the motion.
 
-    With t = h s, the coefficients of the second derivative determine those of the motion: for a tip
-    m (j + 1)(j + 2) p_(j+2) = h^2 (F_j + [j = 0] u) - h b (j + 1) p_(j+1), for a limb likewise.
+        m (j + 1)(j + 2) p_(j+2) = h^2 (F_j + u_j) - h b (j + 1) p_(j+1)
+
+    p_j are the coefficients of the motion of a tip with mass m and damping b in powers of s = t/h, for the time t in a
+    substep of length h; F_j are those of the hand's force. u_0 is the sum of the forces held over the sample, and the
+    other u_j are zero. The coefficients of a limb are computed in the same way.
     """
     d, T = plant.dimensions, plant.period
     h = T / count
@@ -261,7 +268,7 @@ def move(plant: OperatedPlantState, axis: int, k: int, count: int) -> None:
 
 @kernel
 def begin(plant: OperatedPlantState, axis: int, k: int, count: int) -> None:
-    """Set the first two coefficients of all motions, and the cubics of their targets, in the strands."""
+    """Initialise the strands for substep k: the first two coefficients of each motion, and the cubic of each target."""
     d, T = plant.dimensions, plant.period
     h, e = T / count, 1.0 / count
     s = float(k) / float(count)
@@ -281,7 +288,7 @@ def begin(plant: OperatedPlantState, axis: int, k: int, count: int) -> None:
 
 @kernel
 def target_terms(strand: Strand, j: int) -> tuple[float, float]:
-    """Return the j-th coefficient of a target's cubic, and that of its derivative with respect to s."""
+    """Return the coefficients of s^j in the cubic of a target, and in the derivative of the cubic with respect to s."""
     if j == 0:
         return strand.first, strand.second
     if j == 1:
@@ -293,7 +300,7 @@ def target_terms(strand: Strand, j: int) -> tuple[float, float]:
 
 @kernel
 def tip_force(plant: OperatedPlantState, axis: int, i: int) -> float:
-    """Compute a coefficient of F, the hand's force on the tip of finger i, from those of all spring extensions."""
+    """Compute a coefficient of the hand's force on finger i from the coefficients of the extensions of all springs."""
     n, own, strand = plant.fingers, plant.operators[i], plant.strands[i]
     force: float = own.grip * (own.now.rise * strand.stretch + own.now.damping_rise * strand.stretch_rate)
     for j, other in enumerate(plant.strands):
@@ -305,16 +312,17 @@ def tip_force(plant: OperatedPlantState, axis: int, i: int) -> float:
 class OperatedPlant(HeldPlant):  # type: ignore[misc] # mypy does not see devices from inside the package
     """Point masses held by an operator; for the equations see `graspfx.loop.operator.Operator`.
 
-    Efforts, grip forces and the forces of reaction and noise are held over a sample, and targets follow the cubic
-    through their values and velocities at its ends, as for `PointPlant`. Tips and limbs then satisfy linear equations.
-    The Taylor series of the motion are summed to rounding error, in as many substeps as necessary.
+    Efforts, grip forces and the forces of reaction and noise are held over a sample. Each target follows the cubic
+    through the target's values and velocities at both ends of the sample, as for `PointPlant`. Tips and limbs then
+    satisfy linear equations. The Taylor series of the motion are summed to rounding error, in as many substeps as
+    necessary.
 
     Args:
-        mass: Masses (n,) [kg].
-        damping: Damping (n,) [N s/m].
+        mass: Masses of the n fingertips (n,) [kg].
+        damping: Viscous damping of the fingertips (n,) [N s/m].
         dimensions: Number of dimensions d.
-        room: Number of stored samples of reactions; 0 without a reaction.
-        operator: Initial operator; `hold` replaces it by the operator of the hand.
+        room: Number of samples of reactions in the delay line; 0 without a reaction.
+        operator: Initial operator, which `hold` replaces by the operator of the hand; None for a default `Operator`.
 
     Attributes:
         live: Whether mechanics and hand may change during a run; always true.
@@ -349,18 +357,18 @@ class OperatedPlant(HeldPlant):  # type: ignore[misc] # mypy does not see device
         )
 
     def hold(self, hand: Hand, T: float) -> None:
-        """Write the hand's gains, its operator, its targets and the period T [s] into the block."""
+        """Write the gains, the operator and the targets of the hand, and the period T [s], into the block."""
         operator = getattr(hand, "operator", None)
         self._operator = Operator(len(self.position)) if operator is None else operator
         super().hold(hand, T)
 
     def adopt(self, other: OperatedPlant) -> None:
-        """Adopt the masses and dampings of another plant of the same structure; call `hold` afterwards."""
+        """Copy `mechanics` from another plant of the same structure; call `hold` afterwards."""
         self.mechanics = other.mechanics
 
     @property
     def mechanics(self) -> FloatArray:
-        """Masses [kg], the operator's numbers and dampings [N s/m], (2, entries); call `hold` after a change."""
+        """Masses [kg], the operator's numbers, and dampings [N s/m], in two rows; call `hold` after a change."""
         own = [self._array("mass"), self._operator.numbers.ravel(), self._array("friction")]
         flat = np.concatenate(own)
         return np.asarray(np.append(flat, np.zeros(len(flat) % 2)).reshape(2, -1))
@@ -373,7 +381,7 @@ class OperatedPlant(HeldPlant):  # type: ignore[misc] # mypy does not see device
         self._array("friction")[:] = flat[n + own.size : 2 * n + own.size]
 
     def _put(self, position: FloatArray) -> None:
-        """Place the limbs at the fingertips, at rest, and clear the memory."""
+        """Place the limbs at the fingertips with zero velocity, and clear the operators' memory."""
         self._array("limb")[:] = position.ravel()
         for name in ("limb_rate", "command", "pull"):
             self._array(name)[:] = 0.0
@@ -402,10 +410,10 @@ class OperatedPlant(HeldPlant):  # type: ignore[misc] # mypy does not see device
                 )
 
     def fault_text(self, code: int) -> str:
-        """Explain a code of the kernel."""
+        """Return the error message for a code of the kernel."""
         if code == TOO_STIFF:
             return (
-                f"the operator's gains need more than {MOST} substeps: a hand is too stiff or too strongly "
+                f"the operator's gains need more than {MOST} substeps per sample: a hand is too stiff or too strongly "
                 "damped for the masses that it holds"
             )
         text: str = super().fault_text(NOT_FINITE)
@@ -413,10 +421,13 @@ class OperatedPlant(HeldPlant):  # type: ignore[misc] # mypy does not see device
 
 
 def samples_of(delay: float, T: float) -> int:
-    """Return a delay as the nearest integer number of samples, at least one if it is positive."""
+    """Return a delay [s] as the nearest integer number of samples of T [s]; at least one if the delay is positive."""
     return max(1, round(delay / T)) if delay > 0.0 else 0
 
 
 def room_for(delay: float, T: float) -> int:
-    """Return the size of the line for a delay [s]: 0, or a power of two, so that similar delays share a layout."""
+    """Return the number of samples in the line for a delay [s]: 0 without a delay, otherwise a power of two.
+
+    With powers of two, plants with similar delays have the same layout.
+    """
     return 0 if delay <= 0.0 else 1 << samples_of(delay, T).bit_length()

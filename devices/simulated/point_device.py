@@ -1,4 +1,4 @@
-"""The device of point masses: sensors and actuators, and the kernels of a sample."""
+"""Simulated device of point masses: sensors, actuators, and the kernels that run once per sample."""
 
 from __future__ import annotations
 
@@ -70,11 +70,11 @@ STRUCTURE = [
     for name in ("fingers", "dimensions", "rounded", "bounded", "limited", "delay", "estimate_size")
 ]
 
-# Codes of the kernels besides 0, KINDS for each finger.
+# Codes of the kernels other than 0; the code of a fault of finger i is one of these plus KINDS * i.
 ENDLESS_FORCE, DIVERGED, OUTSIDE = 1, 2, 3
 KINDS = 3
 
-WHOLE = 2.0**52  # floats from here on are integers
+WHOLE = 2.0**52  # floats of at least this magnitude are integers
 
 
 def nearest(x: float) -> float:
@@ -86,7 +86,10 @@ def nearest(x: float) -> float:
 
 @kernel
 def read(device: PointDeviceState) -> int:
-    """Compute positions and velocities from the sensed positions; return 0, or DIVERGED or OUTSIDE of a finger."""
+    """Compute positions and velocities from the sensed positions.
+
+    Returns 0, or the code DIVERGED or OUTSIDE of the first finger with such a fault.
+    """
     d = device.dimensions
     low, high = device.low, device.high
     sensed, position, velocity = device.sensed, device.position, device.velocity
@@ -110,9 +113,9 @@ def read(device: PointDeviceState) -> int:
 
 @kernel
 def write(device: PointDeviceState) -> int:
-    """Scale commands to the limit, pass them through the delay line and set the efforts to its output.
+    """Scale commands down to the limit, pass them through the delay line, and set the efforts to the line's output.
 
-    Returns 0, or ENDLESS_FORCE of the first finger with a non-finite command, after which the device has stopped.
+    Returns 0. If a command is not finite, stops the device and returns the code ENDLESS_FORCE of its finger.
     """
     d = device.dimensions
     command, effort = device.command, device.effort
@@ -143,9 +146,9 @@ def stop(device: PointDeviceState) -> int:
 
 
 class PointDevice(PlantDevice):  # type: ignore[misc] # mypy does not see devices from inside the package
-    """A device from `connect`: a plant moves the fingers, and the device reads the plant through its sensors.
+    """Simulated device created by `connect`: a plant moves the fingertips, and the device's sensors read the plant.
 
-    The kernels `reading` and `writing` perform each sample on the block `state`.
+    The kernels `reading` and `writing` run once per sample on the block `state`.
     """
 
     declaration = PointDeviceState
@@ -211,16 +214,16 @@ class PointDevice(PlantDevice):  # type: ignore[misc] # mypy does not see device
 
     @staticmethod
     def plant(devices: Sequence[Device]) -> PointPlant:
-        """Create the plant that moves all fingertips of these devices, in order; the devices then read this plant."""
+        """Create the plant that moves all fingertips of the devices, in order; the devices then read this plant."""
         plant: PointPlant = PointDevice._moved_by(devices, PointPlant)
         return plant
 
     @staticmethod
     def operated_plant(devices: Sequence[Device], operator: Operator, period: float) -> OperatedPlant:
-        """Create the plant of these devices, as `plant` does, for a hand with an operator model.
+        """Create the plant of the devices, as `plant` does, for a hand with an operator model.
 
         Args:
-            devices: Devices of this class.
+            devices: Instances of this class.
             operator: Operator model; its longest delay determines the size of the delay line.
             period: Sampling period T [s].
         """
@@ -248,11 +251,11 @@ class PointDevice(PlantDevice):  # type: ignore[misc] # mypy does not see device
         self._begin()
 
     def fault_text(self, code: int) -> str:
-        """Explain a code of a kernel with the values in the block."""
+        """Return the error message for a code of a kernel, with values from the block."""
         i, kind = divmod(code - 1, KINDS)
         finger, at = f"finger {i} of a simulated device", _point(self._position[i])
         if kind + 1 == ENDLESS_FORCE:
-            return f"the force on {finger} is {_point(self._command[i])} N; zero is displayed"
+            return f"the force on {finger} is {_point(self._command[i])} N, which is not finite; zero is displayed"
         if kind + 1 == DIVERGED:
             return f"{finger} is at {at} m; its motion has diverged"
         corners = self._corners

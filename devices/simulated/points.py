@@ -1,4 +1,4 @@
-"""Point masses held by a hand, with exact motion over a sample."""
+"""Plant of point masses held by a hand, with exact motion over a sample."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ Index = NDArray[np.intp]
 
 
 class CoupledFingers(Record):
-    """Fingers coupled by gains on an axis."""
+    """A group of fingers that the hand's gains couple on an axis."""
 
     axis: int
-    count: int  # g
+    count: int  # number g of fingers in the group
     first: int  # index of the group's first finger in the plant's `members`
     matrix: int  # index of the first entry in `matrices`, (2 g, 6 g)
 
@@ -37,8 +37,11 @@ class PointPlantState(PlantState):  # type: ignore[misc] # mypy does not see dev
 def advance(plant: PointPlantState) -> int:
     """Advance the plant by one sample; targets at the end of the sample become targets at the beginning of the next.
 
-    Per group of g coupled fingers on an axis: (x - x_0, x') = M (x_0 - r_0, x_0', u, r_1 - r_0, r_0', r_1'); the
-    last three are zero for constant targets.
+        (x - x_0, x') = M (x_0 - r_0, x_0', u, r_1 - r_0, r_0', r_1')      for each group of coupled fingers on an axis
+
+    x are the positions, r the targets and u the efforts of the g fingers of a group; the subscripts 0 and 1 denote the
+    beginning and the end of the sample. `_step` computes M (2 g, 6 g). The last three inputs are zero if targets are
+    constant, and are then left out.
     """
     d = plant.dimensions
     step = plant.fingers * d
@@ -83,13 +86,14 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see devices f
 
         m_i x_i'' + b_i x_i' = u_i + sum_j K_ij (r_j - x_j) + B_ij (r_j' - x_j')      on every axis
 
-    Over each sample the intended positions r follow the cubic through their values and velocities at its ends. For this
-    r the motion is exact: a matrix exponential of the augmented system, recomputed when the hand's gains or the period
-    change. Fingers that no gain couples move independently.
+    m_i and b_i are the mass and damping of finger i, x_i its position, u_i its effort and r_i its intended position; K
+    and B are the stiffness and damping of the hand. Over each sample, r_i follows the cubic through the values and
+    velocities of r_i at both ends of the sample. For these inputs the motion is exact. The matrix of the motion, a
+    matrix exponential, is recomputed when the hand's gains or the period change.
 
     Args:
-        mass: Masses (n,) [kg].
-        damping: Damping (n,) [N s/m].
+        mass: Masses of the n fingertips (n,) [kg].
+        damping: Viscous damping of the fingertips (n,) [N s/m].
         dimensions: Number of dimensions d.
 
     Attributes:
@@ -112,12 +116,12 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see devices f
         return np.array([layout(PointPlantState)[name].place(self._block) for name in names])
 
     def adopt(self, other: PointPlant) -> None:
-        """Adopt the masses and dampings of another plant of the same structure; call `hold` afterwards."""
+        """Copy the masses and dampings of another plant of the same structure; call `hold` afterwards."""
         self.mechanics = other.mechanics
 
     @property
     def mechanics(self) -> FloatArray:
-        """Masses [kg] and dampings [N s/m], (2, n); call `hold` after setting them."""
+        """Masses [kg] and dampings [N s/m] as rows (2, n); call `hold` after setting this property."""
         return np.stack([self._mass, self._damping])
 
     @mechanics.setter
@@ -156,10 +160,12 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see devices f
 
 
 def _step(m: FloatArray, b: FloatArray, K: FloatArray, B: FloatArray, T: float) -> FloatArray:
-    """Compute M (2 g, 6 g) of `advance` from the exponential of the system with its inputs, in s = t / T.
+    """Compute the matrix M (2 g, 6 g) of `advance` from the matrix exponential of the system with its inputs.
 
-    e = x - r_0, w = T x', rho = r - r_0 = c_1 s + c_2 s^2 + c_3 s^3:
-    e' = w, w' = T^2/m (u + K (rho - e)) + T/m (B rho' - (b + B) w).
+        e' = w,   w' = T^2/m (u + K (rho - e)) + T/m (B rho' - (b + B) w)
+
+    The prime is d/ds with s = t/T. The states are e = x - r_0 and w = de/ds, and the input is the target
+    rho = r - r_0 = c_1 s + c_2 s^2 + c_3 s^3; x, r, r_0 and u are those of `advance`.
     """
     g = len(m)
     I = np.eye(g)  # noqa: E741 (the identity's letter)
@@ -182,7 +188,7 @@ def _step(m: FloatArray, b: FloatArray, K: FloatArray, B: FloatArray, T: float) 
 
 
 def _coupled_groups(linked: NDArray[np.bool_]) -> list[list[int]]:
-    """List the groups of fingers that are coupled, directly or through other fingers, each in ascending order."""
+    """List the groups of fingers that are coupled directly or through other fingers, in ascending order each."""
     left = list(range(len(linked)))
     groups = []
     while left:

@@ -1,7 +1,8 @@
 """A touch screen as fingers without force feedback: a page in a browser, where each touch moves the nearest finger.
 
-The driver is intended for users without haptic hardware; the page shows the forces. A separate process serves the page,
-on this computer only or, with `lan`, to a tablet that has scanned a QR code. The driver needs the package websockets.
+The driver is intended for users without haptic hardware; the page shows the forces. A separate process serves the page
+to this computer only or, if `lan` is set, also to a tablet that has scanned a QR code. The driver needs the package
+websockets.
 """
 
 from __future__ import annotations
@@ -20,14 +21,14 @@ __all__ = ["TouchFingers", "connect"]
 FloatArray = NDArray[np.float64]
 
 MOST_FINGERS = 10
-BACK = 0.1  # speed at which a lifted finger yields to its force [m/s]
+BACK = 0.1  # speed of a lifted finger in the direction of its force [m/s]
 
 
 class TouchFingers(FollowingFingers):  # type: ignore[misc] # mypy does not see devices from inside the package
     """Fingers that follow touches on a screen; the page shows their forces.
 
-    A finger that is lifted, or whose screen is lost, yields to the force shown for it until this force is zero, and
-    then stays in place. The switch of a finger is closed while the finger is touched.
+    A finger that is lifted, or whose screen is disconnected, moves in the direction of the force shown for the finger
+    until this force is zero, and then stays in place. The switch of a finger is closed while the finger is touched.
     """
 
     def __init__(
@@ -39,10 +40,11 @@ class TouchFingers(FollowingFingers):  # type: ignore[misc] # mypy does not see 
 
     @property
     def raw(self) -> FloatArray:
-        """Counts of the page, and touches (5 + 3 k,).
+        """Message counts of the page, and the touches of the k fingers (5 + 3 k,).
 
-        The first five are the numbers of accepted, dropped and lost messages, the sequence number of the last message,
-        and the number of screens. Then each finger has three: whether it is touched, and x, y [m].
+        The first five entries are the numbers of accepted, dropped and lost messages, the sequence number of the last
+        message, and the number of screens. Then each finger has three entries: whether the finger is touched, and x, y
+        [m].
         """
         return self._raw
 
@@ -89,13 +91,13 @@ def connect(
     """Connect a touch screen.
 
     Args:
-        port: Port of the page, whose default address is http://127.0.0.1:8765.
-        fingers: Number of fingers, one channel each.
-        dimensions: Number of dimensions of the scene, 1 or 2.
-        workspace: Corners of the workspace (2, d) [m]; -0.1 to 0.1 m along every axis if None.
-        start: Positions of the fingers when the device is opened (k, d) [m]; evenly spaced along x, in the middle of
-            the other axis, if None.
-        lag: Time constant of a finger, which lags a steady motion by twice this time [s].
+        port: TCP port of the page; with the default, the address of the page is http://127.0.0.1:8765.
+        fingers: Number k of fingers, one channel each.
+        dimensions: Number of dimensions d of the scene, 1 or 2.
+        workspace: Lower and upper corner of the workspace (2, d) [m]; if None, -0.1 and 0.1 m along every axis.
+        start: Positions of the fingers when the device is opened (k, d) [m]; if None, the fingers are evenly spaced
+            along x, in the middle of the other axis.
+        lag: Time constant of a finger [s]; a finger lags a steady motion by twice this time.
         speed: Largest speed of a finger [m/s].
         lan: Whether a tablet in the local network may connect by scanning a printed QR code.
 

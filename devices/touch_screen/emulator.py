@@ -25,7 +25,7 @@ ORDER = struct.Struct("<BBHIdd")  # kind, finger, zero, number, x [m], y [m]
 ALIVE, PRESS, MOVE, LIFT = range(4)  # kinds of orders: the page is alive; a finger touches, moves, lifts
 START = [[-0.05, 0.0], [0.05, 0.0]]
 WAY = 0.004, 0.003  # displacement of `move` [m]
-PATIENCE = 5.0  # time for the page to answer [s]
+PATIENCE = 5.0  # longest wait for the page to answer [s]
 
 
 class ScreenWire(Wire):
@@ -65,7 +65,7 @@ class ScreenWire(Wire):
         return self._place.copy()
 
     def touch(self, finger: int, x: float, y: float) -> None:
-        """Put a finger on the screen, or move it there [m]."""
+        """Put a finger on the screen at x, y [m], or move a finger that is on the screen to x, y."""
         self._send(PRESS, finger, x, y)
         self._place[finger] = x, y
 
@@ -74,11 +74,11 @@ class ScreenWire(Wire):
         self._send(LIFT, finger)
 
     def leave(self) -> None:
-        """Close the connection without a closing handshake, as a lost browser does."""
+        """Close the connection without a closing handshake, as when a browser crashes."""
         line, self._line = self._line, None
         if line is not None:
             with suppress(OSError):
-                line.socket.close()  # without a closing handshake
+                line.socket.close()
             line.close()
 
     def move(self) -> None:
@@ -86,7 +86,7 @@ class ScreenWire(Wire):
             self.touch(finger, *place.tolist())
 
     def home(self) -> None:
-        """Close the page, which lifts the fingers; a device that is opened then has its fingers at `start`."""
+        """Close the page, which lifts the fingers; a device that is opened afterwards has its fingers at `start`."""
         self.leave()
         self._place = np.array(START)
 
@@ -119,7 +119,7 @@ class ScreenWire(Wire):
                 self._line = line.__enter__()  # left by `leave`
             except (OSError, WebSocketException) as error:
                 if time.monotonic() > deadline:
-                    raise DeviceError(f"nothing answers at {host}: {error}") from error
+                    raise DeviceError(f"no page answers at {host} within {PATIENCE:g} s: {error}") from error
                 time.sleep(0.01)
             else:
                 self.number_of_last = 0

@@ -2,25 +2,26 @@
 
 One device is one arm and moves one finger.
 
-The paper (section IV.1) specifies the links, 128 mm, and 5 ms sampling; the preset's other values are our choice:
+The paper (section IV.1) specifies links of 128 mm and a sampling period of 5 ms; the other values of the preset are our
+choice:
 
 | quantity | preset |
 |---|---|
 | links | l1 = l2 = 0.128 m |
 | masses, inertias about the centres | 0.060 and 0.050 kg, 8.2e-5 and 7.5e-5 kg m^2 |
 | centres of mass from the link's joint | 0.064 and 0.070 m (the thimble makes link 2 heavier at its tip) |
-| drive | both motors at the base, the belt of the second motor turns link 2; gear 15 |
+| drive | both motors at the base; the second motor turns link 2 through a belt; gear ratio 15 |
 | rotors | 5.8e-6 and 9.5e-6 kg m^2 (a coreless motor of 60 W; the second with the belt's pulleys) |
 | viscous damping at the joints | 3.28e-3 N m s/rad each |
-| encoders | 1000 lines, 4000 counts a revolution of the motor: 60 000 of the joint, 13 um at the tip |
+| encoders | 1000 lines, 4000 counts per revolution of the motor and 60 000 of the joint: 13 um at the tip |
 | torque of a motor | at most 0.06 N m: 7 N at the tip |
 
 Two arms that hold the 50 mm cube between them, with fingers at (-0.025, 0) and (0.025, 0) m, are based at
 (-0.04, -0.18) m with the elbow to the left and at (0.04, -0.18) m with the elbow to the right. At these positions an
 arm's effective mass is 0.150 kg along x and 0.149 along y, with an off-diagonal entry of 0.0003, and its effective
-damping 0.201 and 0.199 N s/m. While the first finger moves along x from -0.09 to 0.04 m, the mass stays within
-0.130 ... 0.178 kg, the damping within 0.169 ... 0.246 N s/m in every direction, and the condition number of the
-Jacobian below 1.21.
+damping 0.201 and 0.199 N s/m. While the first finger moves along x from -0.09 to 0.04 m, the effective mass in every
+direction stays between 0.130 and 0.178 kg, the effective damping between 0.169 and 0.246 N s/m, and the condition
+number of the Jacobian below 1.21.
 """
 
 from __future__ import annotations
@@ -73,11 +74,11 @@ def connect(
     delay: int = 0,
     board: Board | None = None,
 ) -> TwoLink | SimulatedTwoLink:
-    """Connect one arm, which moves one finger: a simulated arm with this module's preset, or a real arm at `board`.
+    """Connect one arm, which moves one finger: a real arm if `board` is given, otherwise a simulated arm.
 
-    A single number applies to both joints. Omitted mechanical settings (masses to damping) have the values of the
-    preset for a simulated arm. For a real arm, omitted settings are unknown: its mass and damping are reported only if
-    all five are given.
+    A pair of values, one for each joint, can be given as a single number if the values are equal. The five mechanical
+    settings are those from `link_masses` to `joint_damping`. In a simulated arm, those that are omitted have the values
+    of `PRESET`. A real arm has known mass and damping only if all five are given.
 
     Args:
         base: Position of the first joint [m].
@@ -90,15 +91,15 @@ def connect(
         joint_damping: Viscous damping of the joints, after the gear [N m s/rad].
         drive: "base" if both motors are at the base and the second one drives link 2 through a belt or parallelogram;
             "elbow" if the second motor is at the elbow.
-        counts: Counts of an encoder per revolution of its motor, all edges.
+        counts: Counts of an encoder per revolution of its motor, counting all edges.
         gear: Revolutions of the motor per revolution of the joint; negative if the joint turns the other way.
         zero: Joint positions at zero counts [rad]: directions of both links from the x axis, or with `drive="elbow"`
             the direction of link 1 and the angle from it to link 2.
         torque_limit: Torque limit of a motor, before the gear [N m].
         margin: Smallest distance of the finger from the stretched or folded posture [m].
-        velocity_window: Longest window of the velocity estimate [samples].
+        velocity_window: Largest number of samples in the window of the velocity estimate.
         delay: Output delay of a simulated arm [samples].
-        board: Board with the encoders and motors of a real arm.
+        board: Board with the encoders and motors of a real arm; None for a simulated arm.
     """
     arm = Arm(
         base=pair("base", base, -LARGEST, ANY, one=True),

@@ -1,4 +1,4 @@
-"""Two-link arm of a finger: kinematics, reach, and effective mass and friction at the tip."""
+"""Two-link arm that moves a finger: kinematics, reach, and effective mass and damping at the finger."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class Links:
-    """The two links as vectors [m]."""
+    """The two links as vectors (x1, y1) and (x2, y2) [m]."""
 
     x1: float
     y1: float
@@ -56,7 +56,7 @@ def joint_angles(elbow: bool, a1: float, a2: float) -> Pair:
 
 
 def link_directions(elbow: bool, q1: float, q2: float) -> Pair:
-    """Return a1, a2 from q; the inverse of `joint_angles`."""
+    """Return the directions a1, a2 of the links [rad] from the joint angles q1, q2; the inverse of `joint_angles`."""
     if elbow:
         return q1, q1 + q2
     return q1, q2
@@ -64,7 +64,7 @@ def link_directions(elbow: bool, q1: float, q2: float) -> Pair:
 
 @inline
 def links_at(lengths: Both, a1: float, a2: float) -> Links:
-    """Return the links [m] in directions a1, a2 [rad]."""
+    """Return links with given lengths [m] and directions a1, a2 [rad] as vectors."""
     sin1, cos1 = elementary.sin_cos(a1)
     sin2, cos2 = elementary.sin_cos(a2)
     return Links(lengths.first * cos1, lengths.first * sin1, lengths.second * cos2, lengths.second * sin2)
@@ -72,7 +72,9 @@ def links_at(lengths: Both, a1: float, a2: float) -> Links:
 
 @dataclass(frozen=True)
 class Arm:
-    """Kinematics p = base + l1 (cos a1, sin a1) + l2 (cos a2, sin a2), with a1, a2 the directions of the links.
+    """Kinematics of an arm: the finger's position p for the directions a1, a2 of the links.
+
+        p = base + l1 (cos a1, sin a1) + l2 (cos a2, sin a2)
 
     Both angles are measured counterclockwise from the x axis [rad]. The joint angles are q = (a1, a2) if both motors
     are at the base (`drive="base"`: a belt or a parallelogram drives link 2), and q = (a1, a2 - a1) if the second motor
@@ -118,12 +120,12 @@ class Arm:
         return self.base[0] + links.x1 + links.x2, self.base[1] + links.y1 + links.y2
 
     def jacobian(self, a1: float, a2: float) -> FloatArray:
-        """Compute J = dp/da (2, 2) [m], with respect to the directions of the links."""
+        """Compute J = dp/da (2, 2) [m], the derivative of the finger's position p with respect to a = (a1, a2)."""
         links = links_at(Both(*self.links), a1, a2)
         return np.array([[-links.y1, -links.y2], [links.x1, links.x2]])
 
     def angles(self, x: float, y: float) -> Pair:
-        """Compute a1, a2 [rad] for the finger at x, y [m]; raise DeviceError if the finger is out of reach."""
+        """Compute the directions a1, a2 [rad] for a finger at x, y [m]; raise DeviceError if it is out of reach."""
         dx, dy = x - self.base[0], y - self.base[1]
         low, high = self.reach
         if not low <= math.hypot(dx, dy) <= high:
@@ -135,7 +137,7 @@ class Arm:
         return a1, a1 + bend
 
     def reach_fault(self, dx: float, dy: float) -> str:
-        """Return the message that a finger at dx, dy from the base [m] is out of reach."""
+        """Return the error message for a finger that is out of reach, at dx, dy from the base [m]."""
         low, high = self.reach
         r = math.hypot(dx, dy)
         posture, way = ("stretched", "closer to") if r > high else ("folded", "away from")
@@ -148,7 +150,7 @@ class Arm:
 
     @property
     def elbow_fault(self) -> str:
-        """Return the message that the elbow is on the other side."""
+        """Return the error message for an elbow on the wrong side."""
         side = "right" if self.elbow == "left" else "left"
         return (
             f"the elbow of the arm at ({self.base[0]:.4f}, {self.base[1]:.4f}) m is on the {side}, expected on the "
@@ -159,17 +161,20 @@ class Arm:
 
 @dataclass(frozen=True)
 class Mechanics:
-    """Mass and damping matrices M(a) = [[I1, c m + r], [c m + r, I2]], D = [[d1, d], [d, d2]], c = cos(a2 - a1).
+    """Mass and damping matrices of an arm, with respect to the directions a = (a1, a2) of the links.
 
-    Both matrices refer to the directions of the links: the kinetic energy is w'M w/2, w = da/dt. A rotor's kinetic
-    energy is that of its spin only, at the joint's rate times the gear ratio.
+        M(a) = [[I1, c m + r], [c m + r, I2]],   D = [[d1, d], [d, d2]],   c = cos(a2 - a1)
+
+    The kinetic energy is w'M w/2 with w = da/dt. The property `constants` computes I1, I2, m, r, d1, d and d2 from the
+    arguments. The kinetic energy of a rotor is only that of its spin, at the joint's rate times the gear ratio.
 
     Args:
         arm: Geometry of the arm.
         masses: Masses of the links [kg].
         inertias: Moments of inertia of the links about their centres of mass [kg m^2].
         centres: Distances from a link's first joint to its centre of mass, along the link [m].
-        reflected: Rotor inertias at the joints, gear^2 J [kg m^2].
+        reflected: Rotor inertias reflected to the joints, which are those at the motors times the squared gear ratio
+            [kg m^2].
         damping: Viscous damping at the joints [N m s/rad].
     """
 
@@ -192,7 +197,7 @@ class Mechanics:
 
     @property
     def constants(self) -> tuple[float, float, float, float, float, float, float]:
-        """Constants I1, I2, m, r [kg m^2], d1, d, d2 [N m s/rad]."""
+        """Constants I1, I2, m, r [kg m^2] of the mass matrix, and d1, d, d2 [N m s/rad] of the damping matrix."""
         l1 = self.arm.links[0]
         i1 = self.inertias[0] + self.masses[0] * self.centres[0] ** 2 + self.masses[1] * l1**2
         i2 = self.inertias[1] + self.masses[1] * self.centres[1] ** 2
@@ -200,28 +205,28 @@ class Mechanics:
         return (i1 + r1, i2 + r2, self.masses[1] * l1 * self.centres[1], r, *self._by_direction(self.damping))
 
     def _by_direction(self, joint: Pair) -> tuple[float, float, float]:
-        """Compute A'diag(joint) A with q = A a: entries 11, 12, 22."""
+        """Compute A'diag(joint) A, where the joint angles are q = A a; return the entries 11, 12 and 22."""
         if self.arm.drive == "base":
             return joint[0], 0.0, joint[1]
         return joint[0] + joint[1], -joint[1], joint[1]
 
     def mass_matrix(self, a1: float, a2: float) -> FloatArray:
-        """Compute M(a), (2, 2) [kg m^2]."""
+        """Compute the mass matrix M(a), (2, 2) [kg m^2]."""
         i1, i2, m, r, *_ = self.constants
         mixed = m * elementary.cos(a2 - a1) + r
         return np.array([[i1, mixed], [mixed, i2]])
 
     def damping_matrix(self) -> FloatArray:
-        """Compute D, (2, 2) [N m s/rad]."""
+        """Compute the damping matrix D, (2, 2) [N m s/rad]."""
         *_, d1, d, d2 = self.constants
         return np.array([[d1, d], [d, d2]])
 
     def effective_mass(self, a1: float, a2: float) -> FloatArray:
-        """Compute Lambda = (J M^-1 J')^-1, (2, 2) [kg], the mass of the arm at the finger (Khatib 1987)."""
+        """Compute the effective mass at the finger, (J M^-1 J')^-1, (2, 2) [kg], with J = dp/da (Khatib 1987)."""
         return self._at_tip(self.mass_matrix(a1, a2), a1, a2)
 
     def effective_friction(self, a1: float, a2: float) -> FloatArray:
-        """Compute J^-T D J^-1, (2, 2) [N s/m]."""
+        """Compute the effective damping at the finger, J^-T D J^-1, (2, 2) [N s/m], with J = dp/da."""
         return self._at_tip(self.damping_matrix(), a1, a2)
 
     def _at_tip(self, A: FloatArray, a1: float, a2: float) -> FloatArray:

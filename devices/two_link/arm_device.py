@@ -1,4 +1,4 @@
-"""A two-link arm as a device: its sample, a real arm with its board, and a simulated arm."""
+"""A two-link arm as a device: kernels of a sample, a real arm with a board, and a simulated arm."""
 
 from __future__ import annotations
 
@@ -57,16 +57,16 @@ FloatArray = NDArray[np.float64]
 
 
 class Board(Protocol):
-    """Two encoders and two motors; counts and torques refer to the motors' shafts, before the gears.
+    """Interface to two encoders and two motors; counts and torques refer to the motors' shafts, before the gears.
 
-    A board with lost hardware raises OSError or DeviceError; a run then stops with zero force.
+    If the hardware is lost, a method raises OSError or DeviceError, and the run stops with zero force.
     """
 
     def open(self, period: float) -> None:
-        """Prepare for one `counts` and one `torque` every `period` seconds, and enable the motors at zero torque."""
+        """Enable the motors at zero torque, and prepare to call `counts` and `torque` once every `period` seconds."""
 
     def counts(self) -> tuple[int, int]:
-        """Return the counts of the two encoders relative to the arm's `zero`; they must not overflow."""
+        """Return the counts of the two encoders, zero at the joint positions `zero`; the counts must not overflow."""
         ...
 
     def torque(self, first: float, second: float) -> None:
@@ -78,17 +78,17 @@ class Board(Protocol):
 
 @runtime_checkable
 class TimedBoard(Protocol):
-    """A board that reports the time of its counts; for other boards, the time of the call is used."""
+    """A board that reports the time of its counts; for other boards, the time when `counts` returns is used."""
 
     @property
     def time(self) -> float:
-        """Time of the last counts on any non-decreasing clock [s]; if it is unchanged, there are no new counts."""
+        """Time of the last counts on any non-decreasing clock [s]; an unchanged time means that no counts are new."""
         ...
 
 
 @dataclass(frozen=True)
 class Wiring:
-    """Encoders, gears and motors between the two joints and the board.
+    """Encoders, gears and motors between the two joints and the board; each argument is a pair, one value per joint.
 
     Args:
         counts: Counts of the encoder per revolution of its motor.
@@ -132,11 +132,11 @@ class ArmState(Record):
     estimate_size: int  # size of a velocity estimate
     slot: int  # row of the delay line to fill next
     angles: Both  # directions of the links, read by the encoders of a simulated arm [rad]
-    counts: Both
+    counts: Both  # counts of the encoders
     links: Links  # [m]
     position: Point  # position of the finger [m]
     velocity: Point  # [m/s]
-    command: Point  # [N]
+    command: Point  # force to display [N]
     largest: float  # largest force at the finger in every direction [N]
     torque: Floats = floats("2")  # torques of the motors [N m]
     effort: Floats = floats("2")  # torques at the joints [N m]
@@ -146,19 +146,22 @@ class ArmState(Record):
 
 STRUCTURE = [start_of(ArmState, name) for name in ("elbow", "delay", "estimate_size")]
 
-# Codes of the kernels besides 0.
+# Codes of the kernels other than 0.
 NO_COUNTS, OUT_OF_REACH, OTHER_ELBOW, ENDLESS_TORQUE = range(1, 5)
 
 
 @kernel
 def place(arm: ArmState, a1: float, a2: float) -> None:
-    """Compute the links as vectors; the Jacobian with respect to their directions is [[-y1, -y2], [x1, x2]]."""
+    """Compute the links as vectors from their directions a1, a2 [rad]; J = dp/da is [[-y1, -y2], [x1, x2]]."""
     arm.links = links_at(arm.lengths, a1, a2)
 
 
 @kernel
 def limit_force(arm: ArmState) -> None:
-    """Compute the largest force reached in every direction: the smaller ratio of a joint's torque to its lever arm."""
+    """Compute the largest force that the motors can display in every direction [N].
+
+    This force is the smaller of the ratios of a joint's largest torque to the joint's lever arm.
+    """
     x1, y1, x2, y2 = arm.links.x1, arm.links.y1, arm.links.x2, arm.links.y2
     second = math.sqrt(x2 * x2 + y2 * y2)
     if arm.elbow:
@@ -201,7 +204,7 @@ def turn(arm: ArmState, rate1: float, rate2: float) -> int:
 
 @kernel
 def drive(arm: ArmState) -> int:
-    """Compute the motors' torques from the command, J'f through the gears, scaled together to the limits."""
+    """Compute the motors' torques J'f/gear for the commanded force f; if one exceeds its limit, scale both down."""
     links, force, gear = arm.links, arm.command, arm.gear
     first = links.x1 * force.y - links.y1 * force.x
     second = links.x2 * force.y - links.y2 * force.x
@@ -222,7 +225,7 @@ def drive(arm: ArmState) -> int:
 
 
 def count(x: float) -> float:
-    """Return the integer that an encoder reports."""
+    """Round x to the integer that an encoder reports; infinities and NaN are unchanged."""
     if math.isfinite(x):
         return float(math.floor(x + 0.5))
     return x
@@ -230,7 +233,7 @@ def count(x: float) -> float:
 
 @kernel
 def read(arm: ArmState) -> int:
-    """Convert the sensed directions of a simulated arm to counts; then continue as `follow`."""
+    """Convert the link directions of a simulated arm to counts, and compute position and velocity by `follow`."""
     q1, q2 = joint_angles(arm.elbow, arm.angles.first, arm.angles.second)
     zero, step = arm.zero, arm.step
     arm.counts = Both(count((q1 - zero.first) / step.first), count((q2 - zero.second) / step.second))
@@ -239,7 +242,7 @@ def read(arm: ArmState) -> int:
 
 @kernel
 def write(arm: ArmState) -> int:
-    """Drive a simulated arm through the delay line and the gears; stop it at a fault."""
+    """Compute the joint torques of a simulated arm, with the output delay; stop the arm if the command is faulty."""
     code = drive(arm)
     if code != 0:
         stop(arm)
@@ -254,7 +257,7 @@ def write(arm: ArmState) -> int:
 
 @kernel
 def stop(arm: ArmState) -> int:
-    """Set the torques of a simulated arm and its delay line to zero."""
+    """Set the joint torques and the delay line of a simulated arm to zero."""
     clear_line(arm.line, arm.delay, arm.effort)
     return 0
 
@@ -267,9 +270,10 @@ class TwoLinkArm(Closing):  # type: ignore[misc] # mypy does not see devices fro
 
         q = zero + 2 pi counts/(counts per revolution x gear),   p = p(q),   v = J(q) q',   tau = J'(q) f / gear
 
-    q' is estimated from the counts with a noise bound of half a count. Torques beyond `torque_limit` are scaled by a
-    common factor, so that the force keeps its direction. A finger outside the arm's reach, or an elbow on the wrong
-    side, raises DeviceError at `read`.
+    q are the joint angles, p and v the position and velocity of the finger, J = dp/dq, f the force and tau the torques
+    of the motors; J' is a transpose. The rates q' are estimated from the counts with a noise bound of half a count.
+    Torques beyond `torque_limit` are scaled by a common factor, which keeps the direction of the force. `read` raises
+    DeviceError if the finger is outside the arm's reach or the elbow is on the wrong side.
     """
 
     declaration = ArmState
@@ -297,11 +301,11 @@ class TwoLinkArm(Closing):  # type: ignore[misc] # mypy does not see devices fro
 
     @property
     def features(self) -> Features:
-        """Features; mass, damping, resolution and peak force refer to the elbow at a right angle.
+        """Features of the arm; mass, damping, resolution and peak force are those with the elbow at a right angle.
 
-        In this posture, mass and damping are the geometric means of their principal values. The peak force is the force
-        that the motors reach in every direction. The resolution is the largest step of the tip per count. The workspace
-        is the box around the arm's reach.
+        Mass and damping are the geometric means of the principal effective values at the finger. The peak force is the
+        largest force that the motors can display in every direction. The resolution is the largest displacement of the
+        finger per count. The workspace is the box around the arm's reach.
         """
         a1, a2 = self.arm.angles(self.arm.base[0], self.arm.base[1] + math.hypot(*self.arm.links))
         by_joint = self.arm.jacobian(a1, a2)
@@ -322,7 +326,7 @@ class TwoLinkArm(Closing):  # type: ignore[misc] # mypy does not see devices fro
         )
 
     def nearest(self, finger: int, place: FloatArray, room: float) -> FloatArray:
-        """Return the nearest position (2,) whose distance from the base is within the arm's reach [m].
+        """Return the position (2,) nearest to `place` whose distance from the base is within the arm's reach [m].
 
         Args:
             finger: Index of the finger, 0.
@@ -341,7 +345,7 @@ class TwoLinkArm(Closing):  # type: ignore[misc] # mypy does not see devices fro
 
     @property
     def largest_force(self) -> FloatArray:
-        """Largest force that the motors reach in every direction at the last reading (1,) [N].
+        """Largest force that the motors can display in every direction at the last reading (1,) [N].
 
         With both motors at the base, this force equals the peak force everywhere.
         """
@@ -349,13 +353,21 @@ class TwoLinkArm(Closing):  # type: ignore[misc] # mypy does not see devices fro
         return self.state[start : start + 1]
 
     def effective_mass(self, position: Sequence[float]) -> FloatArray:
-        """Return Lambda = (J M^-1 J')^-1 (2, 2) [kg] with the finger at a position [m]; the mechanics must be known."""
+        """Return the effective mass (2, 2) [kg] of the arm with the finger at a position [m].
+
+        Raises:
+            InputError: If the masses and damping of the arm are unknown.
+        """
         x, y = position
         mass: FloatArray = self._require_mechanics().effective_mass(*self.arm.angles(x, y))
         return mass
 
     def effective_friction(self, position: Sequence[float]) -> FloatArray:
-        """Return J^-T D J^-1 (2, 2) [N s/m] with the finger at a position [m]; the mechanics must be known."""
+        """Return the effective damping (2, 2) [N s/m] of the arm with the finger at a position [m].
+
+        Raises:
+            InputError: If the masses and damping of the arm are unknown.
+        """
         x, y = position
         damping: FloatArray = self._require_mechanics().effective_friction(*self.arm.angles(x, y))
         return damping
@@ -365,10 +377,13 @@ class TwoLinkArm(Closing):  # type: ignore[misc] # mypy does not see devices fro
         self._estimator = VelocityEstimator(period, (2,), 0.5, self._window, memory)
 
     def fault_text(self, code: int) -> str:
-        """Explain a code of a kernel with the values in the block."""
+        """Return the error message for a code of a kernel, with values from the block."""
         counts, links, force = self._block.counts, self._block.links, self._block.command
         if code == NO_COUNTS:
-            return f"the arm's board returned {counts.first:.17g}, {counts.second:.17g}: check encoders and cables"
+            return (
+                f"the arm's board returned the counts {counts.first:.17g}, {counts.second:.17g}: "
+                "check encoders and cables"
+            )
         if code == OUT_OF_REACH:
             return str(self.arm.reach_fault(links.x1 + links.x2, links.y1 + links.y2))
         if code == OTHER_ELBOW:
@@ -392,7 +407,10 @@ class TwoLinkArm(Closing):  # type: ignore[misc] # mypy does not see devices fro
     def _require_mechanics(self) -> Mechanics:
         if self.mechanics is None:
             raise InputError(
-                "mechanics", None, "a device with known masses and damping", "give all five settings to connect"
+                "mechanics",
+                None,
+                "a device with known masses and damping",
+                "give link_masses to joint_damping, all five",
             )
         return self.mechanics
 
@@ -424,11 +442,14 @@ class TwoLink(TwoLinkArm):
 
     @property
     def raw(self) -> NDArray[np.int64]:
-        """Counts of the two encoders (2,)."""
+        """Counts of the two encoders at the last reading (2,)."""
         return self._raw
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Read the board; if the time of the counts has not changed, return the last sample again."""
+        """Return position (1, 2) [m], velocity (1, 2) [m/s] and time [s].
+
+        If the time of the counts has not changed, the last sample is returned again.
+        """
         estimator = self._opened()
         try:
             counts = self.board.counts()
@@ -467,7 +488,7 @@ class TwoLink(TwoLinkArm):
         if self._estimator is None:
             return
         self._estimator = None
-        with suppress(OSError, DeviceError):  # the hardware may be gone
+        with suppress(OSError, DeviceError):  # the hardware may be disconnected
             self.board.torque(0.0, 0.0)
         with suppress(OSError, DeviceError):
             self.board.close()
@@ -500,11 +521,11 @@ class SimulatedTwoLink(TwoLinkArm, PlantDevice):  # type: ignore[misc] # mypy do
         super().__init__(arm, wiring, mechanics, velocity_window, delay)
         lengths = [start_of(VelocityEstimate, "length") + estimate.offset for estimate in self._block.estimates]
         self.structure = np.array([*STRUCTURE, *lengths])
-        self._wire(ArmPlant([mechanics]), 0)  # at rest, until the arm is connected to a moving plant
+        self._wire(ArmPlant([mechanics]), 0)  # stationary, until the arm is connected to another plant
 
     @staticmethod
     def plant(devices: Sequence[Device]) -> ArmPlant:
-        """Create the plant that moves the arms of these devices together with the hand at their tips."""
+        """Create the plant that moves the arms of the devices and the hand that holds their tips."""
         arms = all_of(SimulatedTwoLink, devices, "simulated two-link arm")
         plant = ArmPlant([device._require_mechanics() for device in arms])
         for i, device in enumerate(arms):

@@ -20,7 +20,7 @@ Index = NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True)
 class Jacobian:
-    """Derivative of a finger's position with respect to the directions of the links [m]."""
+    """Derivative (x1, y1), (x2, y2) of a finger's position with respect to the directions a1, a2 of the links [m]."""
 
     x1: float
     x2: float
@@ -30,7 +30,7 @@ class Jacobian:
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """A fifth-order polynomial in u = time/T."""
+    """A polynomial of degree five in u = time/T, where T is the sampling period."""
 
     c0: float
     c1: float
@@ -48,7 +48,7 @@ class Course:
 
 @dataclass(frozen=True, slots=True)
 class LinkMotion:
-    """Directions of the links a1, a2 [rad] and their rates w1, w2 [rad/s], or the time derivatives of these."""
+    """Directions of the links a1, a2 [rad] and their rates w1, w2 [rad/s], or the time derivatives of these four."""
 
     a1: float
     a2: float
@@ -72,13 +72,13 @@ class LinkMotion:
 
 
 class ArmStage(Record):
-    """Motion of an arm at a stage of the integration, or its derivative."""
+    """Motion of an arm at a stage of the integration, or the derivative of the motion."""
 
     motion: LinkMotion
 
 
 class ArmStages(Record):
-    """Motion of an arm, and the stages of its integration."""
+    """Motion of an arm, and the stages of the integration of this motion."""
 
     now: ArmStage
     trial: ArmStage
@@ -92,7 +92,7 @@ class ArmStages(Record):
 
 
 class ArmConstants(Record):
-    """Constants of one arm, and the terms of its present sample; M and D as in `Mechanics`."""
+    """Constants of one arm, with the letters of `Mechanics`, and quantities of the present sample."""
 
     base: Point  # [m]
     lengths: Both  # lengths of the links [m]
@@ -122,7 +122,7 @@ class ArmPlantState(PlantState):  # type: ignore[misc] # mypy does not see devic
     stages: Many[ArmStages] = many("fingers")
 
 
-STEP = 0.12  # largest product of the fastest rate of arm and hand and the substep
+STEP = 0.12  # largest product of a substep and the fastest rate of arm and hand
 MOST = 1000  # largest number of substeps per sample
 
 TOO_FAST = 2  # code of `advance` in addition to NOT_FINITE, 1
@@ -132,7 +132,10 @@ TOO_FAST = 2  # code of `advance` in addition to NOT_FINITE, 1
 def derivative(plant: ArmPlantState, states: Many[ArmStage], slopes: Many[ArmStage], u: float) -> None:
     """Compute the derivatives of the arms' states at the time u T in the sample.
 
-    M(a) a'' = tau + J'F - D a' + m sin(a2 - a1) (a2'^2, -a1'^2), with F = K (r - p) + B (r' - v) on the fingers.
+        M(a) a'' = tau + J'F - D a' + m sin(a2 - a1) (a2'^2, -a1'^2),   F = K (r - p) + B (r' - v)
+
+    a are the directions of the links, tau the torques along a, and J = dp/da; M, D and m are those of `Mechanics`. F is
+    the hand's force on the fingers at positions p with velocities v, for targets r, stiffness K and damping B.
     """
     arms, K, B = plant.arms, plant.stiffness, plant.damping
     n, T = arms.count, plant.period
@@ -170,8 +173,8 @@ def derivative(plant: ArmPlantState, states: Many[ArmStage], slopes: Many[ArmSta
 def integrate(plant: ArmPlantState, substeps: int) -> None:
     """Advance the arms' states by a sample with Butcher's sixth-order method in seven stages (1964), in equal substeps.
 
-    At 5 ms, one sixth-order substep takes less time than ten substeps of the classical fourth-order method, which give
-    the same error.
+    For a period of 5 ms, one such substep takes less time than ten substeps of the classical fourth-order method, which
+    have the same error.
     """
     h = plant.period / substeps
     stages = plant.stages
@@ -240,7 +243,7 @@ def quintic(
 ) -> Course:
     """Return the polynomial through a target and its velocity at the beginning, the middle and the end of a sample."""
     r, h = start, start_rate * T
-    # C, A: target at the middle and the end, minus r + h u there; D, B: its derivative with respect to u, minus h.
+    # The difference between the target and r + h u is C at the middle and A at the end; its derivatives are D and B.
     C = middle - r - 0.5 * h
     D = middle_rate * T - h
     A = end - r - h
@@ -265,7 +268,7 @@ def show(plant: ArmPlantState) -> None:
 
 @kernel
 def plan(plant: ArmPlantState) -> None:
-    """Convert the efforts to the directions of the links, and fit the targets' polynomials over the sample."""
+    """Convert the joint torques to torques along the directions of the links, and fit the targets' polynomials."""
     T, u = plant.period, plant.effort
     start, start_rate, end, end_rate = plant.start, plant.start_rate, plant.end, plant.end_rate
     middle, middle_rate = plant.middle, plant.middle_rate
@@ -280,7 +283,7 @@ def plan(plant: ArmPlantState) -> None:
 def advance(plant: ArmPlantState) -> int:
     """Advance the plant by one sample; targets at the end of the sample become targets at the beginning of the next.
 
-    Returns 0; or NOT_FINITE or TOO_FAST, in which case the plant has not moved.
+    Returns 0. If it returns NOT_FINITE or TOO_FAST, the plant has not moved.
     """
     n, T = plant.fingers, plant.period
     code: int = unfit(plant.effort, 7, 2 * n)  # the targets follow the efforts in memory
@@ -299,11 +302,11 @@ def advance(plant: ArmPlantState) -> int:
 
 
 class ArmPlant(HeldPlant):  # type: ignore[misc] # mypy does not see devices from inside the package
-    """Two-link arms and the hand at their tips, moved together under joint torques [N m] held over the sample.
+    """Plant of two-link arms and the hand that holds their tips; joint torques [N m] are held over each sample.
 
     The arms move in a horizontal plane, without gravity. Targets are interpolated from their positions and velocities
-    at both ends and the middle of each sample. Substeps are chosen so that the tips stay within 1e-10 m of the exact
-    motion.
+    at the beginning, the middle and the end of each sample. The number of substeps is chosen so that the tips stay
+    within 1e-10 m of the exact motion.
     """
 
     kernel = staticmethod(advance)
@@ -334,12 +337,12 @@ class ArmPlant(HeldPlant):  # type: ignore[misc] # mypy does not see devices fro
         return np.array([*counts, *(arm.offset + elbow for arm in self._block.arms)])
 
     def sensed(self, i: int) -> int:
-        """Return the index of a1 of arm i in the block; a2 is the next entry."""
+        """Return the index in the block of the direction a1 of the first link of arm i; a2 is the next entry."""
         start: int = self._block.stages[i].now.offset
         return start
 
     def angles(self, i: int) -> memoryview:
-        """Return a view of a1, a2, a1', a2' of arm i for its encoders; the same memory for the plant's lifetime."""
+        """Return a view of a1, a2 [rad] and a1', a2' [rad/s] of arm i; every call returns the same view."""
         view: memoryview = self._angles[i]
         return view
 

@@ -157,7 +157,7 @@ def test_unplugged_is_a_fault_at_once_and_close_returns() -> None:
         mouse.open(0.001)
         mouse.read()
         wire.fail("unplugged")
-        with pytest.raises(DeviceError, match=r"is gone"):
+        with pytest.raises(DeviceError, match=r"is disconnected"):
             mouse.read()
         mouse.close()
         with pytest.raises(DeviceError, match="cannot be opened"):

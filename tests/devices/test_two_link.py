@@ -210,7 +210,7 @@ def test_a_board_that_goes() -> None:
     board.gone = False
     board.now = math.nan, 0
     device.open(T)
-    with pytest.raises(DeviceError, match="returned nan, 0: check encoders and cables"):
+    with pytest.raises(DeviceError, match="returned the counts nan, 0: check encoders and cables"):
         device.read()
 
 
