@@ -30,8 +30,8 @@ IDLE = 0.001  # time between two checks of a connection for pending answers [s]
 class InverseWire(Wire):
     """A service whose devices are moved only by tests; a force persists until another force is set.
 
-    This is the worst case, because it is unknown whether the real service removes the force of a crashed program. Answers omit
-    coordinates that are exactly zero. A client that does not read loses answers.
+    This is the worst case, because it is unknown whether the real service removes the force of a crashed program.
+    Answers omit coordinates that are exactly zero. A client that does not read loses answers.
 
     Args:
         devices: Ids of the devices.
