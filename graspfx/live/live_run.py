@@ -50,6 +50,7 @@ class LiveRun(Resource):
         scene: Scene to run.
         live: Keys that `set` may change; None for none.
         out: Folder of recording.h5; None to record nothing.
+        overwrite: Whether to replace an existing recording in `out`, or the part of a killed run.
         guide: "hands" for a guide per hand of simulated fingers, "fingers" for a guide per simulated finger, or None.
         paused: Whether the run starts paused.
 
@@ -67,6 +68,7 @@ class LiveRun(Resource):
         *,
         live: Sequence[str] | None = None,
         out: str | PathLike[str] | None = None,
+        overwrite: bool = False,
         guide: Literal["hands", "fingers"] | None = None,
         paused: bool = False,
     ) -> None:
@@ -80,15 +82,15 @@ class LiveRun(Resource):
         self._out: Path | None = None
         self._conductor = Conductor(self._apply, self._look)
         try:
-            self._conductor.do(lambda: self._open(out, paused=paused)).result()
+            self._conductor.do(lambda: self._open(out, overwrite=overwrite, paused=paused)).result()
         except BaseException:
             self._has_ended = True
             self._conductor.end(self._close)
             raise
         self.guides: Sequence[Guide] = guides_of(self._session, guide)
 
-    def _open(self, out: str | PathLike[str] | None, *, paused: bool) -> None:
-        self._session = LiveSession(self._scene, live=self._live, out=out, paused=paused)
+    def _open(self, out: str | PathLike[str] | None, *, overwrite: bool = False, paused: bool = False) -> None:
+        self._session = LiveSession(self._scene, live=self._live, out=out, overwrite=overwrite, paused=paused)
         self._out, self._has_ended = None if out is None else Path(out) / NAME, False
 
     # State of the run -----------------------------------------------------------------------------------------------
@@ -344,7 +346,7 @@ class LiveRun(Resource):
         except Exception as error:  # noqa: BLE001 - from any driver or disk; also available as `error`
             failure = error
         self._scene, self._out = self._session.scene, None
-        self._open(out, paused=False)
+        self._open(out)
         self.run_number += 1
         if was_recorded and failure is not None:
             raise failure

@@ -20,7 +20,12 @@ def test_it_prints_its_address_and_records(tmp_path: Path, capsys: pytest.Captur
     assert re.search(r"^ws://127\.0\.0\.1:\d+/stream\?token=[\w-]{32}$", capsys.readouterr().out, re.MULTILINE)
     recording = Recording.load(tmp_path)
     assert len(recording) > 20 and not recording.faults
-    assert main([*SCENE, "--out", str(tmp_path)]) == 2  # over nothing that is there
+    before = (tmp_path / "recording.h5").read_bytes()
+    assert main([*SCENE, "--out", str(tmp_path)]) == 2
+    assert "recording.h5: exists already; choose another --out, or overwrite it" in capsys.readouterr().err
+    assert (tmp_path / "recording.h5").read_bytes() == before
+    assert main([*SCENE, "--seconds", "0.2", "--out", str(tmp_path), "--overwrite"]) == 0
+    assert (tmp_path / "recording.h5").read_bytes() != before
 
 
 def test_the_token_may_come_from_the_environment(
