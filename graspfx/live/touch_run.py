@@ -372,7 +372,7 @@ class TouchRun:
 
     def _begin_anew(self) -> bool:
         """Show why the run ended, and restart it; a run with a recording or hardware is not restarted."""
-        self._fault = str(self.run.fault or self.run.error or "the run has ended")
+        self._fault = str(self.run.fault or self.run.cause or "the run has ended")
         self.server.describe(self._described())
         with self._lock:
             for walk in self._walks:
