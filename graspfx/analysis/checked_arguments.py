@@ -39,9 +39,10 @@ def numbers(name: str, argument: ArrayLike, unit: str, *, zero: bool = True, neg
 
 def count(name: str, argument: float, least: int = 0) -> int:
     """Check an integer, which must be `least` or more."""
-    value = numbers(name, argument, "1", negative=True)
-    if value.ndim or value % 1.0 or value < least or isinstance(argument, bool):
-        raise InputError(name, argument, f"a whole number, {least} or more")
+    expected = f"a whole number, {least} or more"
+    value = finite(name, argument, expected)
+    if value.ndim or value % 1.0 or value < least or isinstance(argument, bool | np.bool_):
+        raise InputError(name, argument, expected)
     return int(value)
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.analysis.checked_arguments import count
 from graspfx.assembly.process.orders import FARTHEST
 from graspfx.assembly.real_time_session import LiveSession
 from graspfx.errors import InputError, message
@@ -295,9 +296,10 @@ class LiveRun(Resource):
         """Run a number of ticks in real time, then pause.
 
         Raises:
-            InputError: If the scene has hardware.
+            InputError: If the scene has hardware, or the number is not an integer above zero.
         """
         self._session.require_no_hardware("step")
+        ticks = count("ticks", ticks, 1)
         self._conductor.do(lambda: self._session.advance(ticks))
 
     def reset(self) -> None:

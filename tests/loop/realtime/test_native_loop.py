@@ -259,7 +259,7 @@ def test_rows_that_were_lost_are_told(every: int, tmp_path: Path, monkeypatch: p
     rec = session.finish()
     [fault] = rec.outcome.faults
     assert fault.message == f"10 rows are lost: the recorder did not read for {every * SLOTS} ticks"
-    assert np.isnan(rec.finger_position).all(axis=(1, 2)).nonzero()[0].tolist() == list(range(10))
+    assert np.flatnonzero(np.isnan(rec.finger_position).all(axis=(1, 2))).tolist() == list(range(10))
     assert len(rec) == SLOTS + 9
 
 
