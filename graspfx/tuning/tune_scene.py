@@ -54,7 +54,7 @@ def tune(
 
     Args:
         scene: Scene, or its name or path.
-        maximise: Formula of names, numbers, + - * / and brackets.
+        maximise: Formula of names, numbers, + - * / and brackets, at most 400 of them.
         subject_to: Comparisons of formulas by >= or <=, as one comma-separated text or a sequence.
         over: Ranges of the keys that may change, {"internal.stiffness": (50.0, 2000.0)} or a list of "KEY=FROM:TO". By
             default the objective's keys, or both stiffnesses if it has none, from 1/100 to 100 times their values.
