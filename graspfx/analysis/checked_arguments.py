@@ -1,4 +1,4 @@
-"""Checked arguments of the limits: numbers with units, numbers of samples, names."""
+"""Checked arguments of the limits: numbers with units, delays, names."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError, UnknownNameError
-from graspfx.numeric import SMALLEST, finite
+from graspfx.numeric import SMALLEST, count, finite
 
 FloatArray = NDArray[np.float64]
 
@@ -35,15 +35,6 @@ def numbers(name: str, argument: ArrayLike, unit: str, *, zero: bool = True, neg
     if not negative and low.any():
         raise InputError(name, argument, f"{expected} [{unit}]")
     return value
-
-
-def count(name: str, argument: float, least: int = 0) -> int:
-    """Check an integer, which must be `least` or more."""
-    expected = f"a whole number, {least} or more"
-    value = finite(name, argument, expected)
-    if value.ndim or value % 1.0 or value < least or isinstance(argument, bool | np.bool_):
-        raise InputError(name, argument, expected)
-    return int(value)
 
 
 def one_of(kind: str, name: str, names: Iterable[str]) -> str:
