@@ -23,6 +23,7 @@ from graspfx.loop.columns import RunFault
 from graspfx.loop.realtime.process import Interruption
 from graspfx.loop.realtime.ring import SLOTS, Letter, Phase, Ring, Word
 from graspfx.loop.servo import Update
+from graspfx.numeric import real
 from graspfx.recording.header import MARK, SPLIT, Header
 from graspfx.recording.record import Recording
 from graspfx.scene.keys import general
@@ -102,10 +103,14 @@ class RealTimeSession(Session):
         """Wait for a number of seconds, or until the run ends; return whether the run continues.
 
         Raises:
+            InputError: If the time is not a number.
             RecordingError: If the recording cannot be written; every force is then zero.
             Exception: The error that ended the run in its process, such as an error of a driver.
         """
-        end = time.monotonic() + seconds
+        wait = real("seconds", seconds, "a time [s]")
+        if wait.ndim or np.isnan(wait):
+            raise InputError("seconds", seconds, "a time [s]")
+        end = time.monotonic() + float(wait)
         with self._undisturbed():
             while not self._remote.exits.numbers:
                 left = end - time.monotonic()

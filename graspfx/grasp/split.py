@@ -359,7 +359,7 @@ def metric_of(
             another kind, or G is a matrix.
         UnknownNameError: If the kind is unknown.
     """
-    if kind not in get_args(Kind):
+    if str(kind) not in get_args(Kind):
         raise UnknownNameError("kind of split", str(kind), get_args(Kind))
     given = {"weights": weights, "stiffness": stiffness}
     needed = {"mass": "weights", "weights": "weights", "stiffness": "stiffness"}.get(kind)
@@ -456,7 +456,7 @@ def divide(
         InputError: If an argument is invalid for `Split`, or is not used by the kind.
         UnknownNameError: If the kind is unknown.
     """
-    if kind not in get_args(AnyKind):
+    if str(kind) not in get_args(AnyKind):
         raise UnknownNameError("kind of split", str(kind), get_args(AnyKind))
     f, axes = finite("force", force), 1
     if isinstance(grasp, GraspMatrix) and f.shape[-2:] == grasp.points.shape[-2:]:

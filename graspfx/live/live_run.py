@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.analysis.checked_arguments import count
 from graspfx.assembly.process.orders import FARTHEST
 from graspfx.assembly.real_time_session import LiveSession
 from graspfx.errors import InputError, message
 from graspfx.live.guides import Guide, guided_scene, guides_of, withdrawal
 from graspfx.loop.columns import Layout, RunFault
 from graspfx.loop.realtime.ring import SLOTS, Phase, Word
+from graspfx.numeric import count
 from graspfx.recording.files import NAME, recording_path, require_vacancy_of
 from graspfx.recording.header import SPLIT, Header, KeyChange
 from graspfx.resource import Resource

@@ -47,6 +47,8 @@ def least_friction(grasp: GraspMatrix, wrench: ArrayLike | None = None, *, norma
     Raises:
         InputError: If contacts are not hard or have no normals, or the wrench has the wrong size or no bound.
     """
+    if not isinstance(grasp, GraspMatrix):
+        raise InputError("grasp", grasp, "a Grasp", "a matrix has no information about contacts")
     grasp.require_one("least_friction")
     if any(model != "hard" for model in grasp.contacts.models):
         raise InputError("model", list(grasp.contacts.models), "hard contacts, which have one coefficient")
