@@ -143,7 +143,7 @@ def _tensions(contacts: Contacts, fingers: list[str], pairs: Sequence[tuple[int,
     n = len(contacts.points)
     candidates: Candidates = []
     if pairs is not None:
-        expected = f"pairs (i, j) of different finger indices from 0 to {n - 1}"
+        expected = f"pairs (i, j) of two different finger indices from 0 to {n - 1}"
         ends = real("pairs", pairs, expected)
         whole = ends.ndim == 2 and ends.shape[1] == 2 and np.isin(ends, range(n)).all()
         if ends.size and not (whole and (ends[:, 0] != ends[:, 1]).all()):
