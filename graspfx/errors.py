@@ -56,10 +56,10 @@ class NoRestError(InputError):
 class UnknownNameError(GraspFXError, KeyError):
     """A name is unknown. The message lists the known names and suggests a close match."""
 
-    def __init__(self, kind: str, name: str, known: Iterable[str], do: str = "") -> None:
+    def __init__(self, kind: str, name: object, known: Iterable[str], do: str = "") -> None:
         self.kind, self.name, self.known = kind, name, sorted(known)
         text = f"unknown {kind} {abbreviate(name)}"
-        close = closest(name, self.known) if len(name) <= LONGEST_KEY else None
+        close = closest(name, self.known) if isinstance(name, str) and len(name) <= LONGEST_KEY else None
         if close:
             text += f"; did you mean {close!r}?"
         if self.known:

@@ -66,6 +66,19 @@ def number(name: str, argument: object, expected: str, do: str = "", *, zero: bo
     return float(value)
 
 
+def count(name: str, argument: object, least: int = 0) -> int:
+    """Return an integer, which must be `least` or more.
+
+    Raises:
+        InputError: As for `finite`, or if the number is not whole, or too small, or there are several.
+    """
+    expected = f"a whole number, {least} or more"
+    value = finite(name, argument, expected)
+    if value.ndim or value % 1.0 or value < least or isinstance(argument, bool | np.bool_):
+        raise InputError(name, argument, expected)
+    return int(value)
+
+
 def each(name: str, argument: object, n: int, expected: str, *, largest: float = LARGEST) -> FloatArray:
     """Return n numbers (n,) that are zero or above, from n numbers or from one number for all.
 

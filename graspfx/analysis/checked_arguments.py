@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError, UnknownNameError
-from graspfx.numeric import SMALLEST, finite
+from graspfx.numeric import SMALLEST, count, finite
 
 FloatArray = NDArray[np.float64]
 
@@ -35,14 +35,6 @@ def numbers(name: str, argument: ArrayLike, unit: str, *, zero: bool = True, neg
     if not negative and low.any():
         raise InputError(name, argument, f"{expected} [{unit}]")
     return value
-
-
-def count(name: str, argument: float, least: int = 0) -> int:
-    """Check that `argument` is an integer not below `least`."""
-    value = numbers(name, argument, "1", negative=True)
-    if value.ndim or value % 1.0 or value < least or isinstance(argument, bool):
-        raise InputError(name, argument, f"a whole number, {least} or more")
-    return int(value)
 
 
 def one_of(kind: str, name: str, names: Iterable[str]) -> str:

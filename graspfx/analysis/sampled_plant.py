@@ -9,10 +9,11 @@ from typing import Any, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.analysis.checked_arguments import count, lag_of_object, number, numbers, one_of, samples
+from graspfx.analysis.checked_arguments import lag_of_object, number, numbers, one_of, samples
 from graspfx.analysis.critical import Limits, edges, first_loss, limits_of
 from graspfx.analysis.discrete import INTEGRATORS, ONE_PLUS, S, late_device, object_response, plus, power, times
 from graspfx.errors import InputError
+from graspfx.numeric import count
 
 FloatArray = NDArray[np.float64]
 

@@ -23,6 +23,7 @@ from graspfx.loop.columns import RunFault
 from graspfx.loop.realtime.process import Interruption
 from graspfx.loop.realtime.ring import SLOTS, Letter, Phase, Ring, Word
 from graspfx.loop.servo import Update
+from graspfx.numeric import real
 from graspfx.recording.header import MARK, SPLIT, Header
 from graspfx.recording.record import Recording
 from graspfx.scene.keys import general
@@ -102,10 +103,14 @@ class RealTimeSession(Session):
         """Wait for a time [s] or until the run ends, and return whether the run continues.
 
         Raises:
+            InputError: If the time is not a number.
             RecordingError: If the recording cannot be written; all forces are zero when this error is raised.
             Exception: If an error, such as an error of a driver, ended the run; this error is raised.
         """
-        end = time.monotonic() + seconds
+        wait = real("seconds", seconds, "a time [s]")
+        if wait.ndim or np.isnan(wait):
+            raise InputError("seconds", seconds, "a time [s]")
+        end = time.monotonic() + float(wait)
         with self._undisturbed():
             while not self._remote.exits.numbers:
                 left = end - time.monotonic()
@@ -326,15 +331,13 @@ class LiveSession(RealTimeSession):
         self.require_no_hardware("resume")
         self.ring.words[Word.HALT] = 0
 
-    def advance(self, ticks: int = 1) -> None:
-        """Run a number of ticks at the normal rate, and pause again; a run that is not paused is paused first.
+    def advance(self, ticks: int) -> None:
+        """Run one or more ticks at the normal rate, and pause again; a run that is not paused is paused first.
 
         Raises:
-            InputError: If the scene has hardware, or `ticks` is not an integer above zero.
+            InputError: If the scene has hardware.
         """
         self.require_no_hardware("step")
-        if type(ticks) is not int or ticks < 1:
-            raise InputError("ticks", ticks, "a whole number of ticks, one or more")
         words = self.ring.words
         if not self.is_paused:
             words[Word.HALT] = 1

@@ -70,13 +70,14 @@ def replay(
     if not isinstance(trust, bool):
         raise InputError("trust", trust, "True or False")
     changes = by_key(overrides)
-    if out is not None and not overwrite:
-        require_vacancy_of(recording_path(out, "out") / NAME)
+    folder = None if out is None else recording_path(out, "out")
+    if folder is not None and not overwrite:
+        require_vacancy_of(folder / NAME)
     original = recording if isinstance(recording, Recording) else Recording.load(recording)
     with granted(trust):
         replayed = replayed_with(original, changes).recording
-    if out is not None:
-        replayed.save(make_folder(out) / NAME, overwrite=overwrite)
+    if folder is not None:
+        replayed.save(make_folder(folder) / NAME, overwrite=overwrite)
     return replayed
 
 

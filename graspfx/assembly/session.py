@@ -94,6 +94,8 @@ class Session(Carded):
         ticks: int | None = None,
         **how: Any,
     ) -> None:
+        if isinstance(scene, str | PathLike):
+            raise InputError("scene", scene, "a Scene", "`graspfx.open` also takes a name or a path")
         if out is not None:
             to_path("out", out, "the path of a folder")
         keys = [numbered(scene, key) for key in keys_of(live)]
@@ -368,6 +370,8 @@ class Session(Carded):
             UnknownNameError: If the key does not exist; the message suggests a close match.
             SceneError: If the scene does not allow the value; then nothing is changed.
         """
+        if not isinstance(key, str | Mapping):
+            raise InputError("key", key, "a key, or values by key")
         changes = dict(key) if isinstance(key, Mapping) else {key: value}
         if not changes:
             return

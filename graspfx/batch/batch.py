@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.analysis.checked_arguments import count
 from graspfx.assembly.provenance import header_of
 from graspfx.assembly.resolve import resolve
 from graspfx.assembly.session import warn_of_axes
@@ -22,6 +21,7 @@ from graspfx.card import Card, Carded, counted, listed
 from graspfx.environment import processors
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.loop.columns import Column, Layout
+from graspfx.numeric import count
 from graspfx.recording.record import Recording
 
 if TYPE_CHECKING:

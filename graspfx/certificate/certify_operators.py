@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.analysis.checked_arguments import count
 from graspfx.card import Card, Carded
 from graspfx.certificate.certificate import NOT_GRASPING, NOT_STABLE, STABLE, is_stable, plain
 from graspfx.certificate.certify import certificates, name_of
@@ -27,6 +26,7 @@ from graspfx.certificate.operator_set import (
     worst_operator,
 )
 from graspfx.errors import InputError, UnknownNameError
+from graspfx.numeric import count, number
 from graspfx.progress import waiting
 from graspfx.scene.load import to_scene
 from graspfx.scene.model import Scene
@@ -41,6 +41,7 @@ QUANTILES = (0.0, 0.05, 0.5, 0.95)
 CONFIDENCE = 0.95
 HANDS = 60  # largest number of hands of a population that are judged with other gains
 MOST_POINTS = 200  # largest number of points of a region along each key
+GRASPING = ("internal", "external", "external translation", "external rotation")  # modes that any grasp may have
 LEAST = 0.02  # start of the grid of gains, relative to its span
 
 
@@ -147,8 +148,15 @@ class OperatorCertificate(Carded):
 
         Args:
             mode: Name of the mode whose margin is returned; if None, the smallest margin of all modes is returned.
+
+        Raises:
+            UnknownNameError: If no mode has that name.
         """
         each = self.population
+        if mode is not None:
+            found = {row.limit.mode for one in each for row in (*one.limits, *one.pushing)}
+            if str(mode) not in (known := found | set(GRASPING)):
+                raise UnknownNameError("mode", mode, known)
         return np.array([one.margin if mode is None else one.margin_of(mode) for one in each])
 
     @property
@@ -167,11 +175,12 @@ class OperatorCertificate(Carded):
             InputError: If there are more than two keys, a key occurs twice, or the number of points is out of range.
             UnknownNameError: If the set of operators does not contain a key.
         """
-        if not 2 <= points <= MOST_POINTS:
+        points = count("points", points, 2)
+        if points > MOST_POINTS:
             raise InputError("points", points, f"from 2 to {MOST_POINTS}")
         by_key = {each.key: each for each in self.operators.ranges}
-        selection = self.operators.keys[:2] if keys is None else tuple(keys)
-        if not 1 <= len(set(selection)) == len(selection) <= 2:
+        selection = self.operators.keys[:2] if keys is None else tuple(keys) if hasattr(keys, "__iter__") else ()
+        if not all(isinstance(key, str) for key in selection) or not 1 <= len(set(selection)) == len(selection) <= 2:
             raise InputError("keys", keys, "one or two different keys of the set")
         for key in selection:
             if key not in by_key:
@@ -206,7 +215,8 @@ class OperatorCertificate(Carded):
         present = coupling.external.stiffness, coupling.internal.stiffness
         if not all(isinstance(gain, int | float) and gain > 0.0 for gain in present):
             raise InputError("coupling", present, "positive numbers as gains, because the region is computed over them")
-        if not 2 <= points <= MOST_POINTS or not span > LEAST:
+        points, span = count("points", points, 2), number("span", span, f"a factor above {LEAST}")
+        if points > MOST_POINTS or not span > LEAST:
             raise InputError("points, span", (points, span), f"from 2 to {MOST_POINTS} points and a span above {LEAST}")
         factors = np.linspace(LEAST, 1.0, points) * span
         stable = np.zeros((points, points))

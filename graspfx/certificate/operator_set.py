@@ -93,6 +93,8 @@ class OperatorRange:
             InputError: If the text has another form, or the ends are invalid (see `OperatorRange`).
             UnknownNameError: If no law has that name.
         """
+        if not isinstance(text, str):
+            raise InputError(name, text, FORM)
         key, equals, span = text.partition("=")
         parts = [part.strip() for part in span.split(":")]
         if not key.strip() or not equals or len(parts) not in (2, 3):

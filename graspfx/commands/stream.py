@@ -76,7 +76,8 @@ def execute(options: Namespace) -> int:
         if parts.hardware:
             warn_of_hardware()
         with waiting(f"starting {options.scene}"):
-            run = stack.enter_context(LiveRun(scene, out=options.out, guide=guide if options.goals else None))
+            own = guide if options.goals else None
+            run = stack.enter_context(LiveRun(scene, out=options.out, overwrite=options.overwrite, guide=own))
         if run.has_hardware:
             tell("HARDWARE IS ARMED")
         stream.attach(run)

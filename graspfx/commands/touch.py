@@ -53,7 +53,7 @@ def execute(options: Namespace) -> int:
         gate = gate_for(line, lan=options.lan)
         scene = checked_scene(options)
         with waiting(f"starting {options.scene}"):
-            touch = TouchRun(scene, line, gate, out=options.out)
+            touch = TouchRun(scene, line, gate, out=options.out, overwrite=options.overwrite)
         with interruptible() as stop, touch:
             _invite(line, gate)
             tell(INVITATION)

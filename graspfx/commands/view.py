@@ -10,16 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 from graspfx.commands.arguments import add_options, add_overrides, checked_scene, load_scene, recorded, seconds_of
 from graspfx.commands.destination import OUT, name_files, require_room
-from graspfx.commands.output import (
-    FAULTS,
-    SUCCESS,
-    WRONG,
-    interruptible,
-    say_faults,
-    say_source,
-    tell,
-    warn_of_hardware,
-)
+from graspfx.commands.output import FAULTS, SUCCESS, interruptible, say_faults, say_source, tell, warn_of_hardware
 from graspfx.commands.picture import scene_folder
 from graspfx.progress import waiting
 from graspfx.recording.files import make_folder, new_folder, recording_file
@@ -88,9 +79,7 @@ def _serve(scene: Scene, guide: Literal["hands"] | None, options: Namespace) -> 
             tell("HARDWARE IS ARMED: the page's gains stay within the certificate")
         tell(f"{page.server.url}  (this machine only; Ctrl-C ends it)")
         page.serve(stop, seconds_of(options))
-        if run.fault is not None:
-            return FAULTS
-        return WRONG if run.cause else SUCCESS
+        return FAULTS if run.fault is not None or run.cause else SUCCESS
 
 
 def _folder(options: Namespace, scene: Scene) -> Path:

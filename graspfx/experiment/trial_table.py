@@ -7,11 +7,12 @@ import math
 from collections.abc import Iterator, Mapping
 from datetime import datetime
 from hashlib import sha256
-from pathlib import Path
+from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 from graspfx import __version__, log
 from graspfx.assembly.provenance import by_name, engine_versions, file_changes, files_of, scene_changes
+from graspfx.environment import to_path
 from graspfx.errors import InputError, RecordingError
 from graspfx.experiment.experiment_table import Study
 from graspfx.experiment.session_files import MISSING, RowFile, SessionFiles, cell, place_file, text_of
@@ -172,15 +173,19 @@ def _rounded(seconds: float) -> float:
     return seconds if math.isnan(seconds) else round(seconds, 6)
 
 
-def read_table(path: Path) -> list[dict[str, str]]:
+def read_table(path: str | PathLike[str]) -> list[dict[str, str]]:
     """Read the rows of a table of trials as dictionaries by column; an incomplete last row is dropped.
 
     A missing value remains the text n/a.
 
     Raises:
-        InputError: If the table is not UTF-8, or the number of cells in a row differs from the number of columns.
+        InputError: If there is no such file, the table is not UTF-8, or the number of cells in a row differs from the
+            number of columns.
     """
-    text = text_of(path, path.read_bytes())
+    file = to_path("path", path)
+    if not file.is_file():
+        raise InputError("path", path, "the path of a table of trials, a file that ends in _beh.tsv")
+    text = text_of(file, file.read_bytes())
     head, *lines = text[: text.rfind("\n") + 1].splitlines() or [""]
     names = head.split("\t")
     rows = [line.split("\t") for line in lines]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from graspfx.compile.kernel import inline, kernel
 from graspfx.compile.records import Floats, Record, Table, floats, room, table
 from graspfx.grasp.direct import PointGrasp, couple_points
+from graspfx.numeric import LARGEST
 from graspfx.spatial import Vector, cross, dot
 
 FloatArray = NDArray[np.float64]
@@ -55,7 +56,7 @@ class ContactSplitState(Record):
     torques: bool  # torques are given
     referred: bool  # a reference point is given
     begun: bool  # a sample has been computed before
-    faulty: bool  # a value of this sample is not finite, or a force is implausibly large
+    faulty: bool  # a value of this sample is not finite or beyond `LARGEST`, or a force is implausibly large
     touching: int  # number of touching fingers
     time: float  # [s]
     before: float  # time of the previous sample [s]
@@ -132,18 +133,18 @@ def divide_sample(state: ContactSplitState) -> int:
 
 @kernel
 def is_sound(state: ContactSplitState) -> bool:
-    """Return whether all given values are finite and no force is implausibly large."""
+    """Return whether the given values are finite, no product of them overflows, and no force is implausibly large."""
     most = 0.0
-    sums = state.time + state.reference.x + state.reference.y + state.reference.z
+    sums = abs(state.time) + abs(state.reference.x) + abs(state.reference.y) + abs(state.reference.z)
     for j in range(state.contacts):
         for a in range(3):
-            sums += state.point[j, a] + state.force[j, a]
+            sums += abs(state.point[j, a]) + abs(state.force[j, a])
             if state.torques:
-                sums += state.torque[j, a]
+                sums += abs(state.torque[j, a])
             if state.normals:
-                sums += state.normal[j, a]
+                sums += abs(state.normal[j, a])
             most = max(most, abs(state.force[j, a]))
-    return 0.0 * sums == 0.0 and most <= state.largest
+    return sums <= LARGEST and most <= state.largest  # NaN is not
 
 
 @kernel

@@ -16,7 +16,7 @@ from graspfx.errors import InputError, MissingPackageError
 from graspfx.feedback.contact_split import ContactSplitState, Shown, divide_contacts
 from graspfx.feedback.host_limits import gain_limits
 from graspfx.grasp.direct import PointGrasp
-from graspfx.numeric import finite, number
+from graspfx.numeric import finite, number, real
 
 if TYPE_CHECKING:
     from graspfx.feedback.host_link import HostLink
@@ -79,7 +79,7 @@ class Feedback(Carded):
         self.largest = number("largest", largest, "a force above zero [N]", zero=False)
         if fingers is not None and (type(fingers) is not int or fingers < 1):
             raise InputError("fingers", fingers, "an integer of at least 1, or None")
-        if engine not in ("auto", "compiled", "interpreted"):
+        if str(engine) not in ("auto", "compiled", "interpreted"):
             raise InputError("engine", engine, "'auto', 'compiled' or 'interpreted'")
         self._fixed, self._engine = fingers, engine
         self._state: ContactSplitState | None = None
@@ -117,21 +117,22 @@ class Feedback(Carded):
             InputError: If values are not finite, a force exceeds `largest`, shapes do not agree, or the time does not
                 increase.
         """
-        p = np.asarray(points, dtype=float)
-        f = np.asarray(forces, dtype=float)
+        p, f = real("points", points), real("forces", forces)
         if p.ndim != 2 or p.shape != f.shape or p.shape[1] not in (1, 2, 3):
             raise InputError("points, forces", (p.shape, f.shape), "two arrays of the same shape (m, d), d = 1, 2 or 3")
         m, d = p.shape
         numbers = None
         if finger is not None:
+            real("finger", finger)  # raises for a list that is no array
             numbers = np.asarray(finger)
             if numbers.shape != (m,) or (m and (numbers.dtype.kind not in "iu" or numbers.min() < 0)):
                 raise InputError("finger", finger, f"{m} non-negative integers: the finger of each contact")
         most = m if numbers is None else int(numbers.max(initial=-1)) + 1
         self._prepare(d, m, most)
-        t = float(time)
-        if not t > self._time:
-            raise InputError("time", t, f"a time after that of the previous sample, {self._time:g} s")
+        now, expected = real("time", time, "a time [s]"), f"a time after that of the previous sample, {self._time:g} s"
+        if now.ndim or not now > self._time:
+            raise InputError("time", time, expected)
+        t = float(now)
         view, at = self._view, self._at
         view[at["contacts"]], view[at["time"]] = m, t
         view[at["normals"]], view[at["torques"]], view[at["referred"]] = (
@@ -276,7 +277,8 @@ class Feedback(Carded):
 
 def _gain(name: str, argument: ArrayLike) -> FloatArray:
     value = finite(name, argument, "a number, or a matrix (d, d)")
-    if value.ndim not in (0, 2) or (value.ndim == 0 and not value >= 0.0):
+    is_matrix = value.ndim == 2 and value.shape[0] == value.shape[1] in (1, 2, 3)
+    if not is_matrix and not (value.ndim == 0 and value >= 0.0):
         raise InputError(name, argument, "a number, zero or above, or a matrix (d, d)")
     if value.ndim == 2 and np.linalg.eigvalsh(value + value.T).min(initial=0.0) < -1e-12 * np.abs(value).max():
         raise InputError(name, argument, "a matrix whose symmetric part has no negative eigenvalue")
@@ -284,7 +286,7 @@ def _gain(name: str, argument: ArrayLike) -> FloatArray:
 
 
 def _fitting(name: str, argument: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    value = np.asarray(argument, dtype=float)
+    value = real(name, argument, f"an array {shape}")
     if value.shape != shape:
         raise InputError(name, value.shape, f"an array {shape}")
     return value

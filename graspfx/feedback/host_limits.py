@@ -104,9 +104,10 @@ def gain_limits(
     low, high = delay if isinstance(delay, tuple) and len(delay) == 2 else (delay, delay)
     if not (type(low) is int and type(high) is int and 0 <= low <= high):
         raise InputError("delay", delay, "a non-negative integer number of ticks, or a tuple (least, most) of two")
-    if predict not in ("hold", "linear", "model"):
+    if str(predict) not in ("hold", "linear", "model"):
         raise InputError("predict", predict, "'hold', 'linear' or 'model'")
-    r = number("model", model, "a ratio, zero or above") if predict == "model" else 0.0
+    ratio = number("model", model, "a ratio, zero or above")
+    r = ratio if predict == "model" else 0.0
     E = advance(np.array([[k_h / m]]), np.array([[(b + b_h) / m]]), np.array([[1.0 / m]]), T)
     worst, at, angle = math.inf, low, 0.0
     for D in range(low, high + 1):

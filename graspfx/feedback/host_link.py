@@ -29,6 +29,7 @@ from graspfx.feedback.host_record import (
     find_record,
     total,
 )
+from graspfx.numeric import real
 
 FloatArray = NDArray[np.float64]
 
@@ -88,10 +89,14 @@ class HostLink:
 
     Raises:
         DeviceError: If no loop with this name runs, or if the record of the loop has another version.
+        InputError: If `timeout` is not a number.
     """
 
     def __init__(self, name: str, *, timeout: float = 10.0) -> None:
-        self.name, end = name, monotonic() + timeout
+        wait = real("timeout", timeout, "a time [s]")
+        if wait.ndim or np.isnan(wait):
+            raise InputError("timeout", timeout, "a time [s]")
+        self.name, end = name, monotonic() + float(wait)
         while (words := find_record(name)) is None:
             if monotonic() >= end:
                 raise DeviceError(

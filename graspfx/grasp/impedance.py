@@ -133,7 +133,9 @@ class Coupling(Carded):
         Args:
             R: Rotation from the axes of the gains, (d, d), or (n, d, d) with one per contact.
         """
-        turn = np.asarray(R, dtype=float)
+        turn = finite("R", R)
+        if turn.ndim not in (2, 3) or turn.shape[-2] != turn.shape[-1]:
+            raise InputError("R", R, "a rotation (d, d), or (n, d, d) with one per contact")
         external, internal = (
             part.turned(turn)
             if isinstance(part, ObjectImpedance)

@@ -81,7 +81,7 @@ class ObjectImpedance(Carded):
     def turned(self, R: FloatArray) -> ObjectImpedance:
         """Return the impedance in other axes; R (d, d) rotates from the present axes to the other axes."""
         w = len(self.stiffness)
-        d = FREEDOMS.get(w)
+        d, R = FREEDOMS.get(w), finite("R", R)
         if d is None or R.shape != (d, d):
             raise InputError("R", R.shape, f"({d}, {d}): an object has one set of axes")
         T = np.eye(w)
@@ -98,7 +98,10 @@ class ObjectImpedance(Carded):
         """
         if self.point is None:
             return self
-        r, d = self.point - np.asarray(origin, dtype=float), len(self.point)
+        d, given = len(self.point), finite("origin", origin)
+        if given.shape != (d,):
+            raise InputError("origin", origin, f"a point of {d} coordinates [m]")
+        r = self.point - given
         S = np.eye(len(self.stiffness))
         if d == 2:
             S[:2, 2] = -r[1], r[0]

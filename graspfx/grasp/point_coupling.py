@@ -20,6 +20,7 @@ from graspfx.errors import InputError, MissingPackageError, UnknownNameError
 from graspfx.grasp import direct
 from graspfx.grasp.direct import PointGrasp
 from graspfx.grasp.impedance import Impedance
+from graspfx.numeric import count, fraction
 
 FloatArray = NDArray[np.float64]
 
@@ -84,14 +85,11 @@ class PointCoupling(Carded):
             _number("internal", internal, "damping"),
         ]
         self._gains = external._text(), internal._text()
-        n, d = fingers, dimensions
-        if n < 1:
-            raise InputError("fingers", n, "one or more")
+        n, d = count("fingers", fingers, 1), count("dimensions", dimensions)
         if d not in (1, 2, 3):
-            raise InputError("dimensions", d, "1, 2 or 3")
-        if not 0.0 <= tolerance < 1.0:
-            raise InputError("tolerance", tolerance, "a relative tolerance in [0, 1)")
-        if engine not in ENGINES:
+            raise InputError("dimensions", dimensions, "1, 2 or 3")
+        tolerance = fraction("tolerance", tolerance)
+        if str(engine) not in ENGINES:
             raise UnknownNameError("engine", engine, ENGINES)
         installed = find_spec("llvmlite") is not None or library.has(footprint(direct.couple))
         if engine == "compiled" and not installed:

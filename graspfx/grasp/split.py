@@ -273,7 +273,9 @@ class Split(Carded):
         """
         f = finite("force", force)
         if f.shape[-1:] != (self.components,) or not fits(f.shape[:-1], self.sets):
-            raise InputError("force", f, f"an array whose last axis has the {self.components} contact components")
+            sets = f", for one or each of the sets of contacts {self.sets}" if self.sets else ""
+            expected = f"an array whose last axis has the {self.components} contact components{sets}"
+            raise InputError("force", force, expected)
         external = self.project(f)
         return external, f - external
 
@@ -359,7 +361,7 @@ def metric_of(
             another kind, or G is a matrix.
         UnknownNameError: If the kind is unknown.
     """
-    if kind not in get_args(Kind):
+    if str(kind) not in get_args(Kind):
         raise UnknownNameError("kind of split", str(kind), get_args(Kind))
     given = {"weights": weights, "stiffness": stiffness}
     needed = {"mass": "weights", "weights": "weights", "stiffness": "stiffness"}.get(kind)
@@ -443,24 +445,25 @@ def divide(
 
     Args:
         grasp: `Grasp`; or for "pseudoinverse" a matrix (w, m), whose columns are all forces or all moments.
-        force: Contact forces (m,) or (..., m); (..., n, d) for contacts with d forces each [N, N m].
+        force: Contact forces (m,) or (..., m); (..., n, d) for contacts with d forces each [N, N m]. For many sets of
+            contacts, forces are for each set, or for all.
         kind: Kind of the split, from the table.
         weights, stiffness: Weights and stiffness, as for `Split`.
         metric: Metric M, for "pseudoinverse": `grasp.metric(torsion_length=...)` if contacts have moments.
 
     Returns:
-        External and internal forces, with the shape of `force`.
+        External and internal forces, with the shape of `force`, after that of many sets of contacts.
 
     Raises:
         InputError: If an argument is invalid for `Split`, or if an argument is given that the kind does not use.
         UnknownNameError: If the kind is unknown.
     """
-    if kind not in get_args(AnyKind):
+    if str(kind) not in get_args(AnyKind):
         raise UnknownNameError("kind of split", str(kind), get_args(AnyKind))
-    f = np.asarray(force, dtype=float)
-    flat = f
-    if isinstance(grasp, GraspMatrix) and f.shape[-2:] == grasp.points.shape[-2:] and f.shape[-1] != grasp.components:
-        flat = f.reshape(*f.shape[:-2], -1)
+    f, axes = finite("force", force), 1
+    if isinstance(grasp, GraspMatrix) and f.shape[-2:] == grasp.points.shape[-2:]:
+        axes = 2 if f.shape[-1] != grasp.components or grasp.fingers == 1 else 1
+    flat, own = f.reshape(*f.shape[:-2], -1) if axes == 2 else f, f.shape[-axes:]
     if kind == "virtual-linkage":
         from graspfx.grasp.quality.internal import VirtualLinkage
 
@@ -473,4 +476,5 @@ def divide(
     else:
         named: Kind = kind
         parts = Split(grasp, kind=named, weights=weights, stiffness=stiffness, metric=metric).divide(flat)
-    return parts[0].reshape(f.shape), parts[1].reshape(f.shape)
+    external, internal = (part.reshape(*part.shape[:-1], *own) for part in parts)
+    return external, internal

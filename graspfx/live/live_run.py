@@ -20,6 +20,7 @@ from graspfx.errors import InputError, message
 from graspfx.live.guides import Guide, guided_scene, guides_of, withdrawal
 from graspfx.loop.columns import Layout, RunFault
 from graspfx.loop.realtime.ring import SLOTS, Phase, Word
+from graspfx.numeric import count
 from graspfx.recording.files import NAME, recording_path, require_vacancy_of
 from graspfx.recording.header import SPLIT, Header, KeyChange
 from graspfx.resource import Resource
@@ -50,6 +51,7 @@ class LiveRun(Resource):
         scene: Scene to run.
         live: Keys that `set` may change; None if it may change no keys.
         out: Folder in which recording.h5 is written; None for no recording.
+        overwrite: Whether to replace an existing recording in `out`, including an unfinished one of a killed run.
         guide: "hands" for one guide per hand of simulated fingers, "fingers" for one guide per simulated finger, or
             None for no guides.
         paused: Whether the run starts paused.
@@ -68,6 +70,7 @@ class LiveRun(Resource):
         *,
         live: Sequence[str] | None = None,
         out: str | PathLike[str] | None = None,
+        overwrite: bool = False,
         guide: Literal["hands", "fingers"] | None = None,
         paused: bool = False,
     ) -> None:
@@ -81,15 +84,15 @@ class LiveRun(Resource):
         self._out: Path | None = None
         self._conductor = Conductor(self._apply, self._look)
         try:
-            self._conductor.do(lambda: self._open(out, paused=paused)).result()
+            self._conductor.do(lambda: self._open(out, overwrite=overwrite, paused=paused)).result()
         except BaseException:
             self._has_ended = True
             self._conductor.end(self._close)
             raise
         self.guides: Sequence[Guide] = guides_of(self._session, guide)
 
-    def _open(self, out: str | PathLike[str] | None, *, paused: bool) -> None:
-        self._session = LiveSession(self._scene, live=self._live, out=out, paused=paused)
+    def _open(self, out: str | PathLike[str] | None, *, overwrite: bool = False, paused: bool = False) -> None:
+        self._session = LiveSession(self._scene, live=self._live, out=out, overwrite=overwrite, paused=paused)
         self._out, self._has_ended = None if out is None else Path(out) / NAME, False
 
     # State of the run -----------------------------------------------------------------------------------------------
@@ -297,9 +300,10 @@ class LiveRun(Resource):
         """Run a number of ticks in real time, then pause.
 
         Raises:
-            InputError: If the scene has hardware.
+            InputError: If the scene has hardware, or the number is not an integer above zero.
         """
         self._session.require_no_hardware("step")
+        ticks = count("ticks", ticks, 1)
         self._conductor.do(lambda: self._session.advance(ticks))
 
     def reset(self) -> None:
@@ -354,7 +358,7 @@ class LiveRun(Resource):
         except Exception as error:  # noqa: BLE001 - from any driver or disk; also available as `error`
             failure = error
         self._scene, self._out = self._session.scene, None
-        self._open(out, paused=False)
+        self._open(out)
         self.run_number += 1
         if was_recorded and failure is not None:
             raise failure

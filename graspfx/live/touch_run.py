@@ -21,6 +21,7 @@ from graspfx.live.frame import STATES, Frames, history_of
 from graspfx.live.guides import FingerReach, GoalWalk
 from graspfx.live.live_run import LiveRun
 from graspfx.live.scenery import Scenery, Solid, scenery
+from graspfx.recording.files import placing, require_vacancy
 from graspfx.scene.model import Scene
 from graspfx.screen.touch_orders import MOST_FINGERS, Box, Kind, Order
 from graspfx.screen.touch_server import TouchServer
@@ -170,13 +171,18 @@ class TouchLog:
         return ["applied" if fate == "taken" else fate for fate in fates]
 
     def save(self, folder: Path) -> Path:
-        """Write the log as a CSV file in a folder; return the file's path."""
+        """Write the log as a CSV file in a folder, in place of an existing log; return the file's path.
+
+        Raises:
+            RecordingError: If the file cannot be written; an existing file is unchanged.
+        """
         lines = [HEADER]
         for (client, order, tick, _), fate in zip(self.entries, self.fates(), strict=True):
             x, y = order.place
             lines.append(f"{client},{order.number},{order.kind.name.lower()},{order.finger},{x!r},{y!r},{tick},{fate}")
         file = folder / NAME
-        file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        with placing(file) as draft:
+            draft.write_text("\n".join(lines) + "\n", encoding="utf-8")
         return file
 
 
@@ -225,6 +231,8 @@ class TouchRun:
         gate: Access control of the page.
         speed: Highest speed of a goal [m/s].
         out: Folder in which the recording and the log of orders are written; None to write neither.
+        overwrite: Whether to replace an existing log, and an existing recording, including an unfinished one of a
+            killed run.
 
     Attributes:
         run: Live run.
@@ -234,17 +242,21 @@ class TouchRun:
     Raises:
         InputError: If the scene is three-dimensional, or has no finger that can be moved.
         MissingPackageError: If websockets is not installed.
+        RecordingError: If a file exists and is not to be replaced.
     """
 
     def __init__(
-        self, scene: Scene, line: socket, gate: Gate, *, speed: float = SPEED, out: str | PathLike[str] | None = None
-    ) -> None:
+        self, scene: Scene, line: socket, gate: Gate, *,
+        speed: float = SPEED, out: str | PathLike[str] | None = None, overwrite: bool = False,
+    ) -> None:  # fmt: skip
         if not (math.isfinite(speed) and speed > 0.0):
             raise InputError("speed", speed, "a finite speed above zero [m/s]")
         still = touched_scene(scene)
         self._out = None if out is None else Path(out)
+        if self._out is not None and not overwrite:
+            require_vacancy([self._out / NAME])
         self.log = TouchLog(is_on=out is not None)
-        self.run = LiveRun(still, out=out, guide="fingers")
+        self.run = LiveRun(still, out=out, overwrite=overwrite, guide="fingers")
         try:
             self._scenery, guides = scenery(self.run.header, self.run.layout), self.run.guides
             self.box = box_of(self._scenery)
@@ -285,9 +297,11 @@ class TouchRun:
         self.server.__exit__()
         self._is_over.set()
         self._thread.join()
-        self.run.close()
-        if self._out is not None:
-            self.log.save(self._out)
+        try:
+            self.run.close()
+        finally:
+            if self._out is not None:
+                self.log.save(self._out)
 
     def wait(self, look: Callable[[], bool]) -> None:
         """Wait until `look` returns True or the run has ended."""
@@ -360,7 +374,7 @@ class TouchRun:
 
     def _begin_anew(self) -> bool:
         """Show why the run ended; restart it, unless it is recorded or has hardware; return whether it runs again."""
-        self._fault = str(self.run.fault or self.run.error or "the run has ended")
+        self._fault = str(self.run.fault or self.run.cause or "the run has ended")
         self.server.describe(self._described())
         with self._lock:
             for walk in self._walks:

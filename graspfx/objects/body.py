@@ -48,9 +48,7 @@ class BlockBody:
     """Body whose attributes are views of a memory block."""
 
     def __init__(self, state: FloatArray) -> None:
-        if state.shape != (at.SIZE,) or state.dtype != np.float64 or not state.flags.c_contiguous:
-            raise InputError("state", state, f"a contiguous float64 array of shape ({at.SIZE},)")
-        self.state = state
+        self.state = _block(state)
         self.dimensions = d = BodyState(state).dimensions
         if d not in FREEDOMS:
             raise InputError("state", f"{d} dimensions", "a block written by fill_body")
@@ -73,6 +71,15 @@ class BlockBody:
         if self.dimensions == 3:
             return self._angular_velocity
         return float(self._angular_velocity[2]) if self.dimensions == 2 else None
+
+
+def _block(state: object) -> FloatArray:
+    """Check that an array may be a body's block, and return it."""
+    if isinstance(state, np.ndarray) and state.dtype == np.float64 and state.flags.c_contiguous:
+        block: FloatArray = state
+        if block.shape == (at.SIZE,):
+            return block
+    raise InputError("state", state, f"a contiguous float64 array of shape ({at.SIZE},)")
 
 
 @kernel
@@ -146,7 +153,7 @@ def fill_body(
     """Write a body's parameters and initial state to its block.
 
     Args:
-        state: Block, (SIZE,); all entries are overwritten.
+        state: Block, a contiguous float64 array (SIZE,); all entries are overwritten.
         dimensions: Number of dimensions d: 1, 2 or 3.
         mass: Mass m [kg].
         inertia: Moment of inertia about the centre of mass [kg m^2]: a number or, in space, the principal moments (3,)
@@ -176,7 +183,7 @@ def fill_body(
         raise InputError("free", free, f"{len(kinds)} values true or false", "translations first, then rotations")
     if str(integrator) not in INTEGRATORS:
         raise UnknownNameError("integrator", str(integrator), INTEGRATORS)
-    state[:] = 0.0
+    _block(state)[:] = 0.0
     body = BodyState(state)
     motion = body.motion
     body.dimensions, body.integrator = d, INTEGRATORS[integrator]

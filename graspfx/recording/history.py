@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.card import Card, Carded, counted
-from graspfx.errors import RecordingError, UnknownNameError
+from graspfx.errors import InputError, RecordingError, UnknownNameError
 from graspfx.loop.columns import OF_FINGERS, OF_OBJECTS, REST, Layout, RunFault
+from graspfx.numeric import count, finite
 from graspfx.recording.header import MARK, OF_THE_RUN, Header, KeyChange, Outcome
 from graspfx.recording.recorded_split import RowSplit, coefficients, splits_of, work
 from graspfx.recording.rows import MemoryRows, RowStore, Window
@@ -140,7 +141,14 @@ class History:
         return not isinstance(self.store, MemoryRows)
 
     def part(self, first: int, stop: int) -> Self:
-        """Return the rows `first` to `stop - 1` as a recording; stored columns are read on demand."""
+        """Return the rows `first` to `stop - 1` as a recording; stored columns are read on demand.
+
+        Rows beyond the end of the recording are omitted.
+
+        Raises:
+            InputError: If `first` or `stop` is not a non-negative integer.
+        """
+        first, stop = self._range(first, stop)
         rows = Window(self.store, first, stop) if self.is_stored else self.rows[first:stop]
         return type(self)(rows, self.layout, self.header, self.outcome, start=self.start + first)
 
@@ -150,9 +158,22 @@ class History:
         yield from (self.part(k, min(k + step, len(self))) for k in range(0, len(self), step))
 
     def read(self, column: str, first: int, stop: int) -> FloatArray:
-        """Return a column of the rows `first` to `stop - 1`."""
-        values = self.store.read(first, stop, self.layout.columns[column].where)
-        return values.reshape(len(values), *self.layout.columns[column].shape)
+        """Return a column of the rows `first` to `stop - 1`; rows beyond the end of the recording are omitted.
+
+        Raises:
+            InputError: If `first` or `stop` is not a non-negative integer.
+            UnknownNameError: If the recording has no such column.
+        """
+        entry, ends = self.layout.columns.get(str(column)), self._range(first, stop)
+        if entry is None:
+            raise UnknownNameError("column", column, self.layout.columns)
+        values = self.store.read(*ends, entry.where)
+        return values.reshape(len(values), *entry.shape)
+
+    def _range(self, first: int, stop: int) -> tuple[int, int]:
+        """Check the range of rows `first` to `stop - 1`, and limit it to the rows of the recording."""
+        low, high = (min(count(name, end), len(self)) for name, end in (("first", first), ("stop", stop)))
+        return low, max(low, high)
 
     def array(self, column: str) -> FloatArray:
         """Return a column by its name in the layout, or a derived variable by its name in `Layout.derived`, (N, ...).
@@ -348,11 +369,19 @@ class History:
         return self.grip_margin_of(range(len(self.layout.fingers)))
 
     def grip_margin_of(self, fingers: Sequence[int]) -> FloatArray:
-        """Return the friction margin of the fingers with these indices, (N,) [N]; see `grip_margin`."""
+        """Return the friction margin of the fingers with these indices, (N,) [N]; see `grip_margin`.
+
+        Raises:
+            InputError: If a finger does not exist.
+        """
+        n, expected = len(self.layout.fingers), "indices of fingers, counted from 0"
+        indices = finite("fingers", fingers, expected)
+        if indices.ndim != 1 or not np.isin(indices, range(n)).all():
+            raise InputError("fingers", fingers, f"{expected} to {n - 1}")
         self.require("contact_normal", "finger_force", "touching")
         if "contact_normal" not in self.layout.columns:
             return np.full(len(self), np.nan)
-        found, own = coefficients(self.header, self.outcome.changes, len(self.layout.fingers)), list(fingers)
+        found, own = coefficients(self.header, self.outcome.changes, n), [int(i) for i in indices]
         return self._gathered(
             (), lambda part: RowSplit(part.store, part.layout, [(0, {})], part.start, found).grip(own)[0]
         )

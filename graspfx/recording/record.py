@@ -165,8 +165,8 @@ class Recording(Carded, History):
             lists the parts that could not be drawn.
 
         Raises:
-            InputError: The recording has no rows, the time is outside the recording, or `forces` or `width` is not one
-                of the values above.
+            InputError: The recording has no rows, the time is outside the recording, the view is not two numbers, or
+                `forces` or `width` is not one of the values above.
         """
         from graspfx.show.picture.portrait import portrait
 

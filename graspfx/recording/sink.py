@@ -14,7 +14,7 @@ from types import FrameType
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.errors import RecordingError
+from graspfx.errors import InputError, RecordingError
 from graspfx.loop.columns import Layout, RunFault
 from graspfx.recording.files import NAME, claim, part_of, recording_path, release, require_vacancy_of, stands_at
 from graspfx.recording.header import Header, KeyChange, Outcome
@@ -195,7 +195,9 @@ def save(
     """
     from graspfx.recording.file import write_recording
 
-    place = recording_path(path)
+    place = recording_path(path, "path")
+    if not place.name:
+        raise InputError("path", path, "the path of a file")
     if not overwrite:
         require_vacancy_of(place)
     try:

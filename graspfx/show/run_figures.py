@@ -150,7 +150,11 @@ def sheet(
     if not recordings or not all(len(recording) for recording in recordings):
         raise InputError("recordings", len(recordings), "one or more recordings with at least one tick each")
     for name, texts in (("titles", titles), ("labels", labels)):
-        if texts is not None and len(texts) != len(recordings):
+        if texts is None:
+            continue
+        if not hasattr(texts, "__getitem__") or not all(isinstance(text, str) for text in texts):
+            raise InputError(name, texts, "texts, one per recording")
+        if len(texts) != len(recordings):
             raise InputError(name, len(texts), f"one per recording, {len(recordings)} in all")
     recordings = [thinned(each) for each in recordings]
     columns = views(recordings)

@@ -49,7 +49,7 @@ def width_of(name: str, columns: int = 1) -> Width:
     Raises:
         InputError: If no width has the given name.
     """
-    if name not in WIDTHS:
+    if name not in list(WIDTHS):
         raise InputError("width", name, f"one of {', '.join(WIDTHS)}")
     if name != "screen":
         return WIDTHS[name]

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx import __version__, log, plugins
-from graspfx.analysis.checked_arguments import count
 from graspfx.assembly.build import build
 from graspfx.assembly.provenance import engine_versions, files_of, source_name
 from graspfx.assembly.resolve import require_prompt_simulations, resolve
@@ -29,6 +28,7 @@ from graspfx.environment import is_granted
 from graspfx.errors import InputError, SceneError
 from graspfx.loop.columns import Layout
 from graspfx.loop.servo import foreign, guests, looked_ahead
+from graspfx.numeric import count
 from graspfx.progress import waiting
 from graspfx.recording.header import now
 from graspfx.sweeps.chunk import RUN, Chunk, ChunkResult, SceneOrder, SweepError, column_of, forget

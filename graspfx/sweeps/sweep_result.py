@@ -15,6 +15,7 @@ from graspfx.batch.batch import Batch
 from graspfx.card import Card, counted, listed
 from graspfx.certificate.judgement import Judge
 from graspfx.errors import InputError, UnknownNameError
+from graspfx.numeric import count
 from graspfx.progress import waiting
 from graspfx.show.conversions import Labels, batch_dataset, batch_frame, batch_labels, grid_of
 from graspfx.sweeps.chunk import RUN, column_of, reason
@@ -113,15 +114,21 @@ class SweepResult(Batch):
     def reasons(self, most: int = 10) -> list[str]:
         """Return up to `most` reasons for failures, each with the number of variants, in order of frequency."""
         texts = Counter(str(text) for text in self.failure.ravel() if text)
-        return [f"{count} x {text}" for text, count in texts.most_common(most)]
+        return [f"{times} x {text}" for text, times in texts.most_common(count("most", most))]
 
     def overrides(self, variant: int) -> dict[str, Any]:
         """Return the values of one variant, by key, for `scene.replace`.
 
         Args:
             variant: Index of the variant in the flattened grid.
+
+        Raises:
+            InputError: If the grid has no such variant.
         """
-        return {key: values.ravel()[variant : variant + 1].tolist()[0] for key, values in self.values.items()}
+        k, total = count("variant", variant), self.fault_tick.size
+        if k >= total:
+            raise InputError("variant", variant, f"an index from 0 to {total - 1}")
+        return {key: values.ravel()[k : k + 1].tolist()[0] for key, values in self.values.items()}
 
     def scalar(self, measure: str = "") -> tuple[str, FloatArray]:
         """Return one number per variant: the entry of a measure with the largest magnitude.
@@ -284,10 +291,10 @@ class SweepResult(Batch):
                 values[i, j, k], text = self._margin(judge, int(np.ravel_multi_index(whole, self.shape)))
                 why.update([text] if text else [])
                 wait.done += 1
-        count = int(np.isnan(values).sum())
-        where = f"at {count} of {values.size} points"
+        unknown = int(np.isnan(values).sum())
+        where = f"at {unknown} of {values.size} points"
         notes = [f"certificate: not judged {where}: {text}" for text, _ in why.most_common(1)]
-        if count < values.size and (np.nanmin(values) >= 1.0 or np.nanmax(values) < 1.0):
+        if unknown < values.size and (np.nanmin(values) >= 1.0 or np.nanmax(values) < 1.0):
             side = "above" if np.nanmin(values) >= 1.0 else "below"
             extent = f"{np.nanmin(values):.3g} to {np.nanmax(values):.3g}"
             notes.append(f"certificate: no limit within the map, margins are {side} 1: {extent}")

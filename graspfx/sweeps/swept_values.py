@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.analysis.checked_arguments import count
 from graspfx.batch.batch import as_array, grid
 from graspfx.errors import InputError
+from graspfx.numeric import count
 from graspfx.scene.overrides import toml_value
 from graspfx.scene.toml_text import excess
 

@@ -24,7 +24,7 @@ SIGNS: dict[str, Callable[[float, float], float]] = {
     "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv,
 }  # fmt: skip
 DEEPEST = 50  # largest depth of nested brackets
-LONGEST = 400  # largest number of words; the tree of a sum is half as deep
+LONGEST = 400  # largest number of words; the tree of a sum is half as deep, and Python allows 1000 recursive calls
 LEVELS = ("+-", "*/")  # operators by increasing precedence
 
 Tree = float | str | tuple[str, "Tree", "Tree"]
@@ -141,7 +141,9 @@ def _words(text: object, name: str) -> list[str]:
         words.append(match.group().strip())
         at = match.end()
     if len(words) > LONGEST:
-        raise InputError(name, f"{len(words)} words", f"at most {LONGEST} names, numbers, operators and brackets")
+        expected = f"at most {LONGEST} names, numbers, operators and brackets"
+        do = "evaluation is recursive, and every operator needs a further call: use fewer terms"
+        raise InputError(name, f"{len(words)} words", expected, do)
     return words
 
 

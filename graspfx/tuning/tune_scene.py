@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from os import PathLike
 
-from graspfx.analysis.checked_arguments import count
 from graspfx.certificate.certify import certificates
 from graspfx.certificate.certify_operators import numbers
 from graspfx.certificate.judgement import Judgement
 from graspfx.certificate.operator_set import OperatorSet, Ranges, operator_set
 from graspfx.errors import InputError
+from graspfx.numeric import count
 from graspfx.progress import waiting
 from graspfx.scene.load import to_scene
 from graspfx.scene.model import Scene
-from graspfx.tuning.formulas import Constraint, numbers_of, read_constraints, read_expression
+from graspfx.tuning.formulas import COMPARISON, Constraint, numbers_of, read_constraints, read_expression
 from graspfx.tuning.search import MET, Answer, Hand, Problem, search
 from graspfx.tuning.tuning import Check, ConstraintValue, Tuning, six_digits
 
@@ -56,7 +56,7 @@ def tune(
 
     Args:
         scene: Scene, or its name or path.
-        maximise: Formula to maximise, of names, numbers, + - * / and brackets.
+        maximise: Formula to maximise, of names, numbers, + - * / and brackets, at most 400 of them.
         subject_to: Constraints, which compare formulas by >= or <=: a text with commas between them, or a sequence.
         over: Ranges of the keys that may change, such as {"internal.stiffness": (50.0, 2000.0)}, or a list of texts
             "KEY=FROM:TO". By default, the keys in `maximise`, or both stiffnesses if `maximise` contains no keys, from
@@ -76,8 +76,11 @@ def tune(
         SceneError: If the scene rejects a value.
     """
     scene_, seed = to_scene(scene), count("seed", seed)
-    text = subject_to if isinstance(subject_to, str) else ", ".join(subject_to)
-    objective, constraints = read_expression(maximise), read_constraints(text)
+    texts = [subject_to] if isinstance(subject_to, str) else subject_to
+    if not isinstance(texts, Iterable):
+        raise InputError("subject_to", subject_to, COMPARISON)
+    constraints = tuple(each for text in texts for each in read_constraints(text))
+    objective = read_expression(maximise)
     problem = Problem(scene_, objective, constraints, over, _operators(scene_, operators))
     with problem.session(), waiting(f"tuning {scene_.source.name}", None, "judgements", lambda: float(problem.count)):
         answer = search(problem)

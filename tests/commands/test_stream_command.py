@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import re
+import signal
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from graspfx.__main__ import main
+from graspfx.live.live_run import LiveRun
 from graspfx.recording.record import Recording
+from tests.support.servo_wires import servo_of
 
 pytest.importorskip("websockets", reason="the stream's socket: pip install 'graspfx[touch]'")
 
@@ -20,7 +25,29 @@ def test_it_prints_its_address_and_records(tmp_path: Path, capsys: pytest.Captur
     assert re.search(r"^ws://127\.0\.0\.1:\d+/stream\?token=[\w-]{32}$", capsys.readouterr().out, re.MULTILINE)
     recording = Recording.load(tmp_path)
     assert len(recording) > 20 and not recording.faults
-    assert main([*SCENE, "--out", str(tmp_path)]) == 2  # over nothing that is there
+    before = (tmp_path / "recording.h5").read_bytes()
+    assert main([*SCENE, "--out", str(tmp_path)]) == 2
+    assert "recording.h5: exists already; choose another --out, or overwrite it" in capsys.readouterr().err
+    assert (tmp_path / "recording.h5").read_bytes() == before
+    assert main([*SCENE, "--seconds", "0.2", "--out", str(tmp_path), "--overwrite"]) == 0
+    assert (tmp_path / "recording.h5").read_bytes() != before
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="processes of Linux")
+@pytest.mark.parametrize("command", ["stream", "touch", "view"])
+def test_a_run_whose_process_dies_has_a_fault(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begin = LiveRun._open
+
+    def strike(run: LiveRun, *arguments: Any, **more: Any) -> None:
+        begin(run, *arguments, **more)
+        os.kill(servo_of(os.getpid()), signal.SIGKILL)
+
+    monkeypatch.setattr(LiveRun, "_open", strike)
+    record = [] if command == "view" else ["--out", str(tmp_path)]  # a touched scene without a recording begins again
+    assert main([command, *SCENE[1:], "--seconds", "4", *record]) == 3
+    assert "the servo's process was ended by SIGKILL" in "".join(capsys.readouterr())
 
 
 def test_the_token_may_come_from_the_environment(

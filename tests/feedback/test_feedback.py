@@ -160,3 +160,14 @@ def test_what_cannot_be_meant_is_refused_and_loses_nothing(points, forces, more,
 def test_settings_that_cannot_be_meant_are_refused(arguments):
     with pytest.raises(InputError, match=next(iter(arguments))):
         gx.Feedback(**arguments)
+
+
+def test_feedback_refuses_a_point_whose_products_overflow() -> None:
+    """1e308 m is finite, but forces were NaN from this sample on."""
+    feedback = gx.Feedback(fingers=3)
+    feedback.update(THREE, -THREE, 0.01)
+    far = THREE.copy()
+    far[2, 2] = 1e308
+    with pytest.raises(InputError, match="points"):
+        feedback.update(far, -THREE, 0.02)
+    assert np.isfinite(feedback.update(THREE, -THREE, 0.03).fingers).all()

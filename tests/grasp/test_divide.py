@@ -114,6 +114,24 @@ def test_a_bare_matrix_and_contacts_with_moments() -> None:
         gx.divide(gx.Grasp(POINTS), np.zeros(12), kind="equal")  # type: ignore[arg-type]
 
 
+def test_one_force_for_many_sets_of_contacts() -> None:
+    """One force, flat or by finger, is divided by each set; so are a set's own forces, also of a single contact."""
+    rng = np.random.default_rng(3)
+    points, f = rng.normal(size=(5, 3, 3)), rng.normal(size=(3, 3))
+    expected = [gx.divide(gx.Grasp(each), f) for each in points]
+    for given in (f, f.ravel()):
+        parts = gx.divide(gx.Grasp(points), given)
+        for part, own in zip(parts, zip(*expected, strict=True), strict=True):
+            np.testing.assert_allclose(part, np.reshape(own, (5, *given.shape)), rtol=0.0, atol=1e-12)
+    bare = gx.divide(gx.grasp_matrix(points), f.ravel())
+    np.testing.assert_allclose(bare[0], gx.divide(gx.Grasp(points), f.ravel())[0], rtol=0.0, atol=1e-9)
+    forces = rng.normal(size=(5, 1, 3))
+    np.testing.assert_allclose(gx.divide(gx.Grasp(points[:, :1]), forces)[0], forces, rtol=0.0, atol=1e-12)
+    for bad in (rng.normal(size=(4, 9)), "a", None, [[1.0], [1.0, 2.0]], np.zeros(8)):
+        with pytest.raises(InputError, match=r"^force: given"):
+            gx.divide(gx.Grasp(points), bad)  # type: ignore[arg-type]
+
+
 def test_the_page_has_the_table_of_its_script() -> None:
     """Push, squeeze and limits of each kind on one grasp and load, computed anew."""
     docs = Path(__file__).parents[2] / "docs"

@@ -241,6 +241,16 @@ def test_a_servo_that_dies_ends_its_run_and_a_reset_begins_another() -> None:
     run.close()
 
 
+def test_a_step_of_no_number_of_ticks_is_refused() -> None:
+    with LiveRun(gx.load(WAVING, PLAIN), paused=True) as run:
+        for ticks in (0, -1, 1.5, float("nan"), float("inf"), "a", None, True, [1]):
+            with pytest.raises(InputError, match=r"^ticks: given .*, expected a whole number, 1 or more"):
+                run.step(ticks)  # type: ignore[arg-type]
+        assert run.tick == -1
+        run.step(np.int64(2))  # type: ignore[arg-type]
+        wait_until(lambda: run.tick == 1)
+
+
 PAUSED = """
 import os, sys, time
 import graspfx as gx

@@ -170,6 +170,22 @@ def test_a_block_that_nobody_filled(state: Any) -> None:
         NativeBody(state)
 
 
+@pytest.mark.parametrize(
+    "state",
+    [
+        np.zeros(3),
+        np.zeros(at.SIZE + 1),
+        np.zeros(2 * at.SIZE)[::2],
+        np.zeros(at.SIZE, dtype=int),
+        [0.0] * at.SIZE,
+        None,
+    ],
+)
+def test_a_block_that_cannot_be_filled(state: Any) -> None:
+    with pytest.raises(InputError, match=rf"^state: .* a contiguous float64 array of shape \({at.SIZE},\)"):
+        fill_body(state, dimensions=1, mass=1.0)
+
+
 # Steps -------------------------------------------------------------------------------------------------------------
 
 

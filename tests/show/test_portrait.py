@@ -315,9 +315,18 @@ def test_the_instant_is_where_forces_are_largest_else_the_end() -> None:
     assert instant(held(), 0.0).time == 0.0
     idle = recording({"objects/object0/position": np.zeros((4, 2))}, layout(2))
     assert instant(idle).time == pytest.approx(0.015)
-    for time in (-0.1, 0.02, np.nan, np.inf):
-        with pytest.raises(InputError, match=r"from 0 to 0\.01 s"):
+    wrong: list[Any] = [-0.1, 0.02, np.nan, np.inf, "a", [0.0], {}]
+    for time in wrong:
+        with pytest.raises(InputError, match=r"^time: .*from 0 to 0\.01 s"):
             instant(held(), time)
+
+
+def test_a_view_is_two_angles() -> None:
+    wrong: list[Any] = [(1,), (1.0, 2.0, 3.0), 30.0, "ab", (np.nan, 0.0), (), {}]
+    for view in wrong:
+        with pytest.raises(InputError, match=r"^view: .* two numbers, the azimuth and the elevation"):
+            held().picture(view=view)
+    gx.run("sphere-three-fingers", duration=0.01).picture(view=np.array([30.0, 20.0]))  # type: ignore[arg-type]
 
 
 def test_a_finger_that_is_nowhere_is_left_out() -> None:

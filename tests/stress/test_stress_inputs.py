@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import string
 from collections.abc import Callable
@@ -27,6 +28,7 @@ POINTS = np.array([[0.05, 0.0, 0.0], [-0.02, 0.04, 0.0], [-0.02, -0.04, 0.01]])
 NORMALS = -POINTS
 CORNERS = 0.05 * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+NOW = 0.5  # stands for the next second
 STATES = (np.array([[0.5]]), np.array([[1.0]]), np.array([[1.0]]), np.array([[100.0]]))
 DEVICE = {"mass": 0.1, "damping": 0.2, "period": 0.005}
 OBJECT = {"object_mass": 0.1, "object_damping": 0.8}
@@ -58,7 +60,30 @@ def targets() -> dict[str, Target]:
         "rate": "difference",
     }  # fmt: skip
     s, p = gx.stability, gx.passivity
+    impedance, rec = gx.ObjectImpedance(np.eye(6), point=np.zeros(3)), gx.run("sphere-three-fingers", duration=0.02)
+    feedback, clock = gx.Feedback(fingers=3), itertools.count(1)
     return {
+        "divide": (gx.divide, {"grasp": grasp, "force": np.ones((3, 3)), "kind": "stiffness", "stiffness": np.ones(3)}),
+        "divide many sets": (gx.divide, {"grasp": gx.Grasp(np.stack([POINTS, 2.0 * POINTS])), "force": np.ones(9)}),
+        "least_friction": (gx.least_friction, {"grasp": grasp, "wrench": [0.0, 0.0, -0.1, 0.0, 0.0, 0.0],
+                                               "normal_force": 2.0}),
+        "PointCoupling": (lambda **k: gx.PointCoupling(gx.Impedance(30.0), gx.Impedance(70.0), **k).engine,
+                          {"fingers": 3, "dimensions": 3, "tolerance": 1e-12, "engine": "auto"}),
+        "Coupling.turned": (gx.Coupling(gx.Impedance(np.eye(3)), gx.Impedance(70.0)).turned, {"R": np.eye(3)}),
+        "ObjectImpedance.turned": (impedance.turned, {"R": np.eye(3)}),
+        "ObjectImpedance.about": (impedance.about, {"origin": np.zeros(3)}),
+        "Feedback": (gx.Feedback, {"push_gain": np.eye(3), "squeeze_gain": 1.0, "moment_gain": 1.0, "fingers": 3,
+                                   "fade": 0.05, "largest": 1e3, "engine": "auto"}),
+        "Feedback.update": (lambda time, **k: feedback.update(time=next(clock) if time is NOW else time, **k).push, {
+            "points": POINTS, "forces": NORMALS, "time": NOW, "normals": NORMALS, "torques": np.zeros((3, 3)),
+            "finger": [0, 1, 2], "reference": np.zeros(3)}),
+        "Recording.part": (lambda **k: rec.part(**k).finger_position, {"first": 2, "stop": 5}),
+        "Recording.read": (rec.read, {"column": "finger_position", "first": 2, "stop": 5}),
+        "stability.least_friction": (s.least_friction, {"mass": 0.1, "period": 0.005, **OBJECT, "stiffness": 30.0,
+                                                        "margin": 1.5}),
+        "stability.least_wall_friction": (s.least_wall_friction, {"mass": 0.1, "period": 0.005, "stiffness": 30.0,
+                                                                  "margin": 1.5}),
+        "stability.external_stable_map of gains": (s.external_stable_map, {"gain": [10.0, 20.0], **DEVICE, **OBJECT}),
         "grasp_matrix": (gx.grasp_matrix, {"points": POINTS, "normals": NORMALS, "model": "hard", "free": [True] * 6,
                                            "origin": np.zeros(3)}),
         "grasp_matrix frictionless": (gx.grasp_matrix, {"points": POINTS, "normals": NORMALS, "model": "frictionless"}),

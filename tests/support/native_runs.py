@@ -89,16 +89,17 @@ class Session:
 
     Args:
         scene: of scripted devices.
+        selected: Whether rows contain only what the scene's `record` selects.
     """
 
-    def __init__(self, scene: gx.Scene) -> None:
+    def __init__(self, scene: gx.Scene, *, selected: bool = False) -> None:
         self._stack = ExitStack()
-        self.servo: Servo = self._stack.enter_context(build(scene, real_time=True))
+        self.servo: Servo = self._stack.enter_context(build(scene, real_time=True, selected=selected))
         self.devices = self.servo.prepare()
         for each in self.devices.ports:
             assert not each.open(scene.period)
         self.stations: list[Any] = [each.device for each in self.servo.stations]
-        self.recorder = Recorder(self.servo.layout, Header(scene.period), real_time=True)
+        self.recorder = Recorder(self.servo.layout, Header(scene.period, every=self.servo.every), real_time=True)
         self._stack.enter_context(self.recorder)
         self.pacer = Pacer(scene.period, VirtualClock())
 

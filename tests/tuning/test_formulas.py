@@ -54,6 +54,17 @@ def test_no_expressions(text: str) -> None:
         read_expression(text)
 
 
+def test_the_longest_formula_is_evaluated_and_a_longer_one_is_refused_with_the_reason() -> None:
+    """A sum of 200 names is a tree of 199 levels; without a limit, one of 1000 ends in a RecursionError."""
+    longest = read_expression("+".join(["a"] * 200))
+    assert longest.value(NUMBERS) == 400.0 and longest.names == ("a",)
+    reason = r"given '401 words', expected at most 400 names, .*; evaluation is recursive"
+    with pytest.raises(InputError, match=reason):
+        read_expression("+".join(["a"] * 201))
+    with pytest.raises(InputError, match=reason):
+        read_constraints("+".join(["a"] * 200) + " >= a")
+
+
 def test_slack_is_relative_to_the_bound() -> None:
     least, most, both = read_constraints("b.c >= 4, a <= 2.5, a*2 >= b.c - 2")
     assert least.slack(NUMBERS) == pytest.approx(0.25)

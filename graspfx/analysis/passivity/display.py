@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.analysis.checked_arguments import count, number
+from graspfx.analysis.checked_arguments import number
 from graspfx.errors import InputError
-from graspfx.numeric import finite
+from graspfx.numeric import count, finite
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

@@ -10,10 +10,11 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.analysis.checked_arguments import count, number, numbers
+from graspfx.analysis.checked_arguments import number, numbers
 from graspfx.analysis.critical import Limits, is_stable
 from graspfx.analysis.discrete import INTEGRATORS
 from graspfx.analysis.sampled_plant import BLOCK, ObjectOptions, Plant, WallOptions
+from graspfx.numeric import count
 
 FloatArray = NDArray[np.float64]
 
@@ -177,7 +178,10 @@ def external_stable_map(
     stable = np.empty(plant.shape, dtype=bool)
     flat = stable.reshape(-1)
     for start, block in plant.blocks():
-        flat[start : start + BLOCK] = is_stable(*block.polynomials(), block.gain).ravel()
+        D, N = block.polynomials()
+        if D.ndim == 1:  # all parameters but the gain are numbers
+            D, N = D[:, None], N[:, None]
+        flat[start : start + BLOCK] = is_stable(D, N, block.gain).ravel()
     return stable
 
 
@@ -268,8 +272,8 @@ def least_wall_friction(
     The limit is computed for b = 0 and for b T/m on a logarithmic grid from 1e-6 to 1e3, with mass m and period T. The
     first interval in which the limit reaches this value is refined. The result is inf if no damping is sufficient.
     """
-    number("stiffness", stiffness, "N/m", zero=False)
-    return _least(lambda b: wall_limit_map(mass, b, period, **options), margin * stiffness, mass / period)
+    target, unit = _search(mass, period, stiffness, margin)
+    return _least(lambda b: wall_limit_map(mass, b, period, **options), target, unit)
 
 
 def least_friction(
@@ -287,12 +291,12 @@ def least_friction(
     The search is that of `least_wall_friction`. The result is inf if no damping is sufficient, for example because the
     object's viscosity is too small.
     """
-    number("stiffness", stiffness, "N/m", zero=False)
+    target, unit = _search(mass, period, stiffness, margin)
 
     def limit(b: FloatArray) -> FloatArray:
         return external_limit_map(mass, b, period, object_mass, object_damping, **options)
 
-    return _least(limit, margin * stiffness, mass / period)
+    return _least(limit, target, unit)
 
 
 def integrators_compared(
@@ -306,6 +310,12 @@ def integrators_compared(
     """Compute `external_limits` for every integrator of the object, by name of the integrator."""
     plant = _with_object(mass, damping, period, object_mass, object_damping, **options)
     return {name: replace(plant, integrator=name).checked(single=True).limits() for name in INTEGRATORS}
+
+
+def _search(mass: float, period: float, stiffness: float, margin: float) -> tuple[float, float]:
+    """Check the arguments of a search; return its target, the stiffness times the margin, and the unit of friction."""
+    target = number("stiffness", stiffness, "N/m", zero=False) * number("margin", margin, "1", zero=False)
+    return target, number("mass", mass, "kg", zero=False) / number("period", period, "s", zero=False)
 
 
 def _least(limit: Callable[[FloatArray], FloatArray], target: float, unit: float) -> float:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspfx.errors import InputError
 from graspfx.grasp.contact import Contacts
 from graspfx.grasp.matrix import GraspMatrix
-from graspfx.numeric import finite, fraction
+from graspfx.numeric import finite, fraction, real
 
 FloatArray = NDArray[np.float64]
 Candidates = list[tuple[str, FloatArray]]
@@ -144,9 +144,14 @@ def components(contacts: Contacts, finger: int, force: FloatArray) -> FloatArray
 def _tensions(contacts: Contacts, fingers: list[str], pairs: Sequence[tuple[int, int]] | None) -> Candidates:
     n = len(contacts.points)
     candidates: Candidates = []
+    if pairs is not None:
+        expected = f"pairs (i, j) of two different finger indices from 0 to {n - 1}"
+        ends = real("pairs", pairs, expected)
+        whole = ends.ndim == 2 and ends.shape[1] == 2 and np.isin(ends, range(n)).all()
+        if ends.size and not (whole and (ends[:, 0] != ends[:, 1]).all()):
+            raise InputError("pairs", pairs, expected)
+        pairs = [(int(i), int(j)) for i, j in ends] if ends.size else []
     for i, j in combinations(range(n), 2) if pairs is None else pairs:
-        if not (0 <= i < n and 0 <= j < n and i != j):
-            raise InputError("pairs", (i, j), f"two different finger indices from 0 to {n - 1}")
         line = contacts.points[j] - contacts.points[i]
         length = float(np.linalg.norm(line))
         if length == 0.0:

@@ -49,6 +49,8 @@ def least_friction(grasp: GraspMatrix, wrench: ArrayLike | None = None, *, norma
         InputError: If contacts are not hard or have no normals, if the wrench has the wrong size, or if a wrench is
             given without a bound.
     """
+    if not isinstance(grasp, GraspMatrix):
+        raise InputError("grasp", grasp, "a Grasp", "a matrix has no information about contacts")
     grasp.require_one("least_friction")
     if any(model != "hard" for model in grasp.contacts.models):
         raise InputError("model", list(grasp.contacts.models), "hard contacts, which have one coefficient")

@@ -88,6 +88,9 @@ def write_running_page(
     from graspfx.live.guides import guided_scene
     from graspfx.live.page.running import require_runnable, running
 
+    if not isinstance(presets, Mapping):
+        raise InputError("presets", presets, "values by key, by the name of a button")
+
     def text() -> str:
         own = guided_scene(scene.replace({"record.every": 1, "record.columns": []}))
         require_runnable(own)

@@ -21,7 +21,7 @@ from graspfx.loop.realtime.beat import BUSY, CALLED, HALT, OVER, QUIT, STOP, WOR
 from graspfx.loop.realtime.pacing import DRIVEN, PACED, Pacer, SoftEnd
 from graspfx.loop.realtime.process import Exits, Interruption
 from graspfx.loop.realtime.readings import NO_ASK, NO_READ, NO_WRITE, Guards, patience, reading_text
-from graspfx.loop.realtime.ring import Ring, RingRecorder, Word, create
+from graspfx.loop.realtime.ring import SLOTS, Ring, RingRecorder, Word, create
 from graspfx.loop.servo_parts import Parts
 from graspfx.system import scheduling
 
@@ -253,9 +253,7 @@ class NativeLoop:
         if isinstance(recorder, RingRecorder):
             recorder.ticks = head  # a reader of the ring already has them
             return head
-        lost = max(0, head - self._drained - ring.span + ring.every)
-        if lost:
-            recorder.fault(self._drained, f"{lost} rows are lost: the recorder did not read for {ring.span} ticks")
+        since, lost = self._drained, 0
         while self._drained < head:
             rows, place, left = recorder.space()
             at = self._drained % ring.span
@@ -264,11 +262,16 @@ class NativeLoop:
             if first < count:
                 n = (count - first - 1) // ring.every + 1
                 to, source = (place + first) // ring.every, (at + first) // ring.every
-                rows[to : to + n] = ring.rows[source : source + n] if lost <= 0 else np.nan
-            lost -= count
+                rows[to : to + n] = ring.rows[source : source + n]
+                valid = -(-int(ring.words[Word.HEAD]) // ring.every) + 1 - SLOTS  # first row not being overwritten
+                late = min(max(valid - (self._drained + first) // ring.every, 0), n)
+                rows[to : to + late] = np.nan
+                lost += late
             self._drained += count
             recorder.take(count)
             recorder.drain()
+        if lost:
+            recorder.fault(since, f"{lost} rows are lost: the recorder did not read for {ring.span} ticks")
         return head
 
 

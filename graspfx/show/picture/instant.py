@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import GraspFXError, InputError, RecordingError, abbreviate
+from graspfx.numeric import number
 from graspfx.show.picture.surfaces import Surface, surface
 
 if TYPE_CHECKING:
@@ -301,9 +302,10 @@ def _tick(recording: Recording, time: float | None) -> int:
             return N - 1
         many = recording.touching.sum(axis=1)
         return int(np.where(many == many[total > 0.0].max(), total, -1.0).argmax())
-    k = round(time / recording.row_period) if np.isfinite(time) else -1
-    if not 0 <= k < N:
-        raise InputError("time", time, f"a time from 0 to {recording.time[-1]:g} s, within the recording")
+    expected = f"a time from 0 to {recording.time[-1]:g} s, within the recording"
+    k = round(number("time", time, expected) / recording.row_period)
+    if k >= N:
+        raise InputError("time", time, expected)
     return k
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import InputError
+from graspfx.numeric import finite
 from graspfx.show import style
 from graspfx.show.picture.instant import EDGE, TIP, Instant, colours_of, instant
 from graspfx.show.picture.painter import Camera, Painter, Solid, best_view
@@ -217,11 +218,17 @@ def portrait(
         width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
 
     Raises:
-        InputError: If the recording has no ticks, the time is outside the recording, nothing can be drawn, or `forces`
-            or the width is unknown.
+        InputError: If the recording has no ticks, the time is outside the recording, nothing can be drawn, the view is
+            not two numbers, or `forces` or the width is unknown.
     """
     if forces not in ("two", "total"):
         raise InputError("forces", forces, "'two' or 'total'")
+    if view is not None:
+        expected = "two numbers, the azimuth and the elevation of the viewer [degrees]"
+        angles = finite("view", view, expected)
+        if angles.shape != (2,):
+            raise InputError("view", view, expected)
+        view = float(angles[0]), float(angles[1])
     now = instant(recording, time, folder)
     longest = max(float(np.linalg.norm(values, axis=1).max(initial=0.0)) for values, _ in shown_forces(now, forces))
     scale = LONGEST * now.extent / longest if longest > 0.0 else 0.0  # m per N

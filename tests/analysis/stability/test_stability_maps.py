@@ -43,6 +43,18 @@ def test_external_map(integrator: str, delay: int, damping: float) -> None:
         assert stable[i, j] == limits.is_stable(float(k[i, j]))
 
 
+def test_gains_of_one_plant_are_judged_one_by_one() -> None:
+    """Five gains for plain numbers were taken for the five coefficients of one polynomial, and none was stable."""
+    plant: dict[str, Any] = {"mass": 0.1, "damping": 0.5, "period": 0.001, "object_mass": 0.1, "object_damping": 0.8}
+    limit = gx.stability.external_limit(**plant)
+    for n in (1, 3, 4, 5, 6):
+        gains = np.linspace(0.51, 1.5, n) * limit
+        found = gx.stability.external_stable_map(gains, **plant)
+        assert found.tolist() == (gains < limit).tolist()
+    grid = gx.stability.external_stable_map(np.array([[0.9], [1.1]]) * limit, **plant)
+    assert grid.tolist() == [[True], [False]]
+
+
 def test_wall_map() -> None:
     b = np.geomspace(1e-3, 10.0, 30)
     for delay in (0, 2):

@@ -76,6 +76,14 @@ def test_a_region_has_the_closed_form_s_limits(answer: gx.OperatorCertificate) -
         answer.region(("object.mass",))
 
 
+def test_a_misspelt_mode_has_no_margins(answer: gx.OperatorCertificate) -> None:
+    """It had the margins inf, as a mode without a limit has."""
+    with pytest.raises(UnknownNameError, match="did you mean 'external'"):
+        answer.margins("extrenal")
+    assert np.isfinite(answer.margins("external")).all()
+    assert np.isinf(answer.margins("external rotation")).all()
+
+
 def test_a_map_of_gains_counts_the_hands(answer: gx.OperatorCertificate) -> None:
     region = answer.gains(points=4, span=4.0)
     springs = [next(iter(one.values.values())) for one in answer.population]

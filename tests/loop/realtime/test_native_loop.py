@@ -244,19 +244,24 @@ def test_many_ticks_lose_no_row(tmp_path: Path) -> None:
     assert np.array_equal(rec.finger_position[400:], np.repeat(rec.finger_position[400:401], ticks - 400, axis=0))
 
 
-def test_rows_that_were_lost_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    session = Session(scene(driver(tmp_path), 400, native=True))
+@pytest.mark.parametrize("every", [1, 3])
+def test_rows_that_were_lost_are_told(every: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The message counts the rows that are NaN, also where one tick in three has a row."""
+    session = Session(scene(driver(tmp_path), 400, native=True, **{"record.every": every}), selected=True)
     native = session.native
     drain = native._drain
 
     def late(recorder: Any, ring: Any) -> int:
-        return drain(recorder, ring) if ring.words[0] >= SLOTS + 9 else int(ring.words[0])
+        return drain(recorder, ring) if ring.words[0] >= ticks else int(ring.words[0])
 
+    ticks = every * (SLOTS + 9)
     monkeypatch.setattr(native, "_drain", late)
-    session.run(SLOTS + 9)
+    session.run(ticks)
     rec = session.finish()
     [fault] = rec.outcome.faults
-    assert fault.message == f"10 rows are lost: the recorder did not read for {SLOTS} ticks"
+    assert fault.message == f"10 rows are lost: the recorder did not read for {every * SLOTS} ticks"
+    assert np.flatnonzero(np.isnan(rec.finger_position).all(axis=(1, 2))).tolist() == list(range(10))
+    assert len(rec) == SLOTS + 9
 
 
 def test_deadlines_are_absolute(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
