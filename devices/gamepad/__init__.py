@@ -97,7 +97,7 @@ def connect(
         workspace: Lower and upper corner of the workspace (2, d) [m]; if None, -0.1 and 0.1 m along every axis.
         start: Position of the finger when the device is opened (d,) [m]; the middle of the workspace if None.
         dead: Deflection up to which a stick counts as centred, as a fraction of the largest deflection.
-        lag: Time constant of the finger [s]; the finger lags a steady motion by twice this time.
+        lag: Time constant of the filter of the finger's motion [s]; at constant speed, the delay is twice this time.
         speed: Largest speed of the finger [m/s].
         grab: Whether to withhold the events from other programs.
     """

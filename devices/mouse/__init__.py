@@ -64,7 +64,7 @@ def connect(
         wheel: Motion along the third axis per notch of the wheel [m].
         workspace: Lower and upper corner of the workspace (2, d) [m]; if None, -0.1 and 0.1 m along every axis.
         start: Position of the finger when the device is opened (d,) [m]; the middle of the workspace if None.
-        lag: Time constant of the finger [s]; the finger lags a steady motion by twice this time.
+        lag: Time constant of the filter of the finger's motion [s]; at constant speed, the delay is twice this time.
         speed: Largest speed of the finger [m/s].
         grab: Whether to withhold the events from the desktop.
     """

@@ -97,7 +97,7 @@ def connect(
         workspace: Lower and upper corner of the workspace (2, d) [m]; if None, -0.1 and 0.1 m along every axis.
         start: Positions of the fingers when the device is opened (k, d) [m]; if None, the fingers are evenly spaced
             along x, in the middle of the other axis.
-        lag: Time constant of a finger [s]; a finger lags a steady motion by twice this time.
+        lag: Time constant of the filter of a finger's motion [s]; at constant speed, the delay is twice this time.
         speed: Largest speed of a finger [m/s].
         lan: Whether a tablet in the local network may connect by scanning a printed QR code.
 

@@ -296,7 +296,7 @@ def make_motions(scene: SceneTable, stock: Stock, table: Moving) -> motions.Moti
 
 
 def _with_tremor(motion: motions.Motion, scene: SceneTable, table: Moving, first: int) -> motions.Motion:
-    """Add a hand's tremor, if it has one, to its motion; the index of the first finger is part of the seed."""
+    """Add the tremor of a hand, if it has one, to its motion; the index of the hand's first finger seeds the tremor."""
     own = table.tremor
     if own is None:
         return motion

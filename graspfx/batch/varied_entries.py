@@ -165,8 +165,8 @@ class PartBlocks:
         blocks: Blocks of the servo.
         states: Contents of each of these blocks for every combination, (R, size).
         limits: Largest forces of the fingers for every combination, (n,) [N]; None for a combination without limits.
-        pushes: Largest squeezing force on each object for every combination, (R, objects) [N]; empty if it is not
-            needed.
+        pushes: Largest squeezing force on each object for every combination, (R, objects) [N]; empty if no
+            gains fade.
         choice: Index of each variant's combination, (V,).
     """
 
@@ -277,7 +277,7 @@ def _ready(anew: Parts, wired: Sequence[Wire], servo: Servo, inward: FloatArray)
 
 
 def _alike(part: Any, own: Any) -> FloatArray:
-    """Return a copy of a part's block; raise NotAlikeError if its structure differs from that of the servo's part."""
+    """Return a copy of the block of `part`; raise NotAlikeError if `own` has a block of another structure."""
     if part.state.shape != own.state.shape or not np.array_equal(part.structure, own.structure):
         raise NotAlikeError
     places = own.structure

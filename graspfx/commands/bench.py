@@ -68,7 +68,7 @@ def scene_among(names: Sequence[str]) -> str | None:
             expected = f"{', '.join(BENCHMARKS)}, or a scene; {name} compares with other programs"
             raise InputError("NAME", name, expected, f"{CHECKOUT} {name}")
         if name not in scenes and not is_file_name(name):
-            do = f"the benchmarks are {', '.join(BENCHMARKS)}; all other names are scenes"
+            do = f"give the name or path of a scene, or one of the benchmarks {', '.join(BENCHMARKS)}"
             raise UnknownNameError("benchmark or scene", name, [*BENCHMARKS, *BESIDE_TESTS, *scenes], do)
     if others and len(names) > 1:
         raise InputError("NAME", " ".join(names), "names of benchmarks, or of one scene only")

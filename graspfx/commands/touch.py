@@ -80,7 +80,8 @@ def _invite(line: socket, gate: Gate) -> None:
 def _looks(stop: Callable[[], bool], line: socket, gate: Gate, seconds: float) -> Callable[[], bool]:
     """Return a function that returns whether the command must end: after Ctrl-C, or at the end of --seconds.
 
-    If screens of a network can connect, the function also prints another code when Enter was pressed.
+    If screens can connect over a network, the returned function also prints a new code for connections whenever Enter
+    is pressed.
     """
     end = time.monotonic() + seconds
     is_open = gate.locked and terminal.is_watched()

@@ -1,4 +1,4 @@
-"""Calls of functions of other packages between two steps of a program, with arguments and results in buffers."""
+"""Functions of other packages that a program calls between two steps; arguments and results are in buffers."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ Bound = frozenset[str] | None  # names that certainly have a value; None for unr
 
 @dataclass
 class Loop:
-    """Names that are bound at each `break` of a loop."""
+    """Sets of the names that are bound where a loop is left, one set for each `break`."""
 
     breaks: list[Bound] = field(default_factory=list)
 

@@ -160,7 +160,7 @@ def spread(grasp: GraspState, gain: Gain, out: Table) -> None:
     zero for a gain of the object (`of_object`). L is the square root of a finger's weight.
 
     R rotates from the object's axes to the axes of the gain, which are the world's axes or a finger's contact frame.
-    The torsional coordinate of a soft finger has the finger's gain, which is scalar.
+    The gain of a soft finger must be a scalar, which applies to the torsional coordinate too.
     """
     n, d, c, m = grasp.count, grasp.dimensions, grasp.coordinates, grasp.components
     if gain.of_object:

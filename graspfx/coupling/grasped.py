@@ -168,7 +168,7 @@ class GraspedObject:
     def fade_asked(self) -> tuple[float, float] | None:
         """Return the start of the fade and the start that the last forces require [m].
 
-        Without a fade, or with equal gains, the result is None.
+        The result is None if fingers do not fade, or if the internal and external gains are equal.
         """
         if not self.state.fade or self.state.equal:
             return None

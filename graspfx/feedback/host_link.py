@@ -1,4 +1,4 @@
-"""Host's side of the bridge: reading of the operator's state, and writing of the forces to display."""
+"""Host's side of the bridge: it reads the operator's state and writes the forces that devices display."""
 
 from __future__ import annotations
 

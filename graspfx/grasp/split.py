@@ -137,7 +137,7 @@ class Split(Carded):
 
     @cached_property
     def _motions(self) -> FloatArray:
-        """Contact displacements of the object's free motions, which span the rows of G: (..., m, rank).
+        """Contact displacements of the object's free motions as columns, (..., m, rank); they span the row space of G.
 
         Columns beyond a set's rank are zero.
         """

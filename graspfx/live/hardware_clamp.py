@@ -113,8 +113,8 @@ class HardwareClamp:
     futures complete together.
 
     Args:
-        apply: Function that sets values by live key in the run. It returns a future that completes when the loop uses
-            the values, or with an exception.
+        apply: Function of a dict from live key to value that sets these values in the run. It returns a future, which
+            completes when the loop uses the values, or with an exception.
         margins: Certificates of the run's scene. No other object may send requests to it.
     """
 

@@ -259,7 +259,7 @@ class CarriedBody(BlockBody):
         return float(np.linalg.norm(self.part.array(GuestState.spin)))
 
     def _seen_moments(self) -> tuple[float, ...]:
-        """Return the moments of inertia for the other program; with one free rotation, three times its moment."""
+        """Return the moments of inertia (3,) that the simulator is given; all equal if only one rotation is free."""
         moments = numbers_of(self._body, BodyState.inertia)
         if not self.turns:
             return 1.0, 1.0, 1.0

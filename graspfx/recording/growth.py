@@ -444,8 +444,8 @@ DRIVE_SAMPLES = 2048
 def coherent_pole(octave: Octave, stretch: Stretch) -> complex | None:
     """Return the pole of an interval; None if no single oscillation grows there for at least LEAST_CYCLES cycles.
 
-    If one oscillation does not explain the interval, two oscillations may explain it. The one with the larger amplitude
-    at the end must then be the one that grows.
+    If one oscillation does not explain the interval, two oscillations may explain it. A pole is then returned only if
+    the growing oscillation has the larger amplitude at the end of the interval.
     """
     y = octave.windows(stretch.first, stretch.length)
     growth = stretch.growth / len(y)

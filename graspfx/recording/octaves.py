@@ -222,7 +222,7 @@ class Divergence(NamedTuple):
 
     Attributes:
         octave: Octave.
-        stretch: Windows of the interval.
+        stretch: Range of the windows in the interval.
         z: Factor of growth per sample.
         last: Second differences of the motion at the end of the interval, (c,).
     """

@@ -164,7 +164,7 @@ def _solve(q: float, b: FloatArray) -> FloatArray:
 
 
 class Inverse(NamedTuple):
-    """Inverse of the circulant matrix q D D' + I, where D are the fourth differences.
+    """Inverse of q D D' + I, where D is the circulant matrix of fourth differences, and q the weight of smoothness.
 
     Attributes:
         gain: Factors of the inverse by frequency.

@@ -322,7 +322,7 @@ class Work:
 
         Args:
             parts: Everything on which the results depend, from `sweep_parts`.
-            took: Time of the call of `sweep` [s].
+            took: Duration of the call of `sweep` [s].
 
         Raises:
             RecordingError: If the file cannot be written.

@@ -140,7 +140,9 @@ def _check_recording(scene: Scene, recording: Recording) -> None:
             promise.holds(good.all(), f"{name} is not finite at tick {int(np.argmin(good))}")
     with _promise("all devices are simulated, so that a run can be repeated") as promise:
         promise.holds(recording.true_position is not None, "a device without a plant")
-    with _promise("a device's energy is minus the force on the object, times the fingertip's displacement") as promise:
+    with _promise(
+        "the energy of a device is the sum of -(force on the object) times displacement of the fingertip"
+    ) as promise:
         true = cast("FloatArray", recording.true_position)
         work = -(recording.finger_force[:-1] * np.diff(true, axis=0)).sum(axis=2)
         change = np.diff(recording.device_energy, axis=0)

@@ -431,7 +431,7 @@ class Pouring(Line):
 
 @pytest.mark.parametrize("data", [b"\0", b"\1\0", b"no frame", short_frame(Kind.STOP)])
 def test_a_port_whose_bytes_never_end_is_no_rig(data: bytes) -> None:
-    with pytest.raises(DeviceError, match="answers HELLO like a rig's controller"):
+    with pytest.raises(DeviceError, match="has answered 5 messages HELLO"):
         Controller(Pouring(data), 0.0025).open(0.06, 0.005)
 
 

@@ -205,7 +205,7 @@ def test_a_file_without_a_name_or_a_folder_is_an_error_of_ours(tmp_path: Path) -
     rec = gx.run("reference-1dof", duration=0.1)
     with pytest.raises(InputError, match="path of a file"):
         rec.to_csv("", overwrite=True)
-    with pytest.raises(InputError, match=r"make .*none first"):
+    with pytest.raises(InputError, match=r"create the folder .*none"):
         rec.plot().save(tmp_path / "none" / "figure.png")
 
 

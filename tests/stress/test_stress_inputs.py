@@ -252,7 +252,7 @@ def test_directions_may_have_any_length() -> None:
 
 def test_a_delay_of_many_samples_is_refused_and_not_tried() -> None:
     """Matrices of that size would take all memory there is."""
-    with pytest.raises(InputError, match="1000 at most"):
+    with pytest.raises(InputError, match="at most 1000"):
         gx.stability.Linearisation(
             period=0.005, mass=0.15, friction=0.2, G=np.ones((1, 1)), inertia=0.05 * np.eye(1),
             viscosity=0.4 * np.eye(1), stiffness=30.0 * np.eye(1), delay=100_000,

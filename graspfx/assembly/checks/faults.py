@@ -109,7 +109,7 @@ def find_faults(data: Mapping[str, Any], source: Source) -> tuple[list[Fault], S
 
     Args:
         data: Tables as read from a file.
-        source: Source of the scene.
+        source: File, preset and overrides of the scene, which error messages name.
 
     Returns:
         The faults, and the stock of devices and shapes that were connected and made during the checks.

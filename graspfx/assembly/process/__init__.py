@@ -1,1 +1,1 @@
-"""Servo in a process of its own, messages to this process, and a guard in the recording process."""
+"""Servo that runs in its own process, messages to the servo process, and a guard in the recording process."""

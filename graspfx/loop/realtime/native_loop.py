@@ -191,7 +191,7 @@ class NativeLoop:
 
     @property
     def last(self) -> int:
-        """Tick before which the loop ends."""
+        """Index of the first tick that the loop does not run."""
         return self._end.last
 
     @property

@@ -40,7 +40,7 @@ class Goal(Record):
 
 
 class Scale(Record):
-    """Factors by which the force of the law is multiplied in a sample."""
+    """Factors by which the safety chain multiplies the forces of the coupling law in one sample."""
 
     soft: float  # soft start, limited by the energy in the tank
     trust: float  # trust in the readings

@@ -242,8 +242,8 @@ class Moving(Table):
     )
     squeeze: Squeeze = Field(
         default=0.0,
-        description="displacement of the intended positions r along `closing` [m]: a number, which is reached in "
-        "`squeeze_ramp`, or changes in time",
+        description="displacement of the intended positions r along `closing` [m]: a number that is reached in the "
+        "time `squeeze_ramp`, or a list of changes with their times",
     )
     squeeze_ramp: NotNegative = Field(
         default=0.5,

@@ -184,7 +184,8 @@ class SceneTable(Readable, Table):
     obstacle: tuple[Obstacle, ...] = Field(default=(), description="fixed obstacle that objects meet")
     world: World = Field(default=World(), description="contact of objects with obstacles and with one another")
     safety: Safety | None = Field(
-        default=None, description="limits between coupling law and devices; without the table, a simulation has none"
+        default=None,
+        description="limits of the forces of the coupling law; without the table, the forces of a simulation have no limits",
     )
     host: Host | None = Field(
         default=None,
