@@ -192,7 +192,7 @@ class GoalSender:
         self._ring.words[Word.GOAL] = self._number = number
 
     def by_key(self, goals: FloatArray) -> Mapping[str, Any]:
-        """Return the values in the accepted `goals` that differ from the previous call, as a dict by key of the scene."""
+        """Return the accepted values in `goals` that differ from the previous call, as a dict by key of the scene."""
         values: dict[str, Any] = {}
         for i, (table, _) in enumerate(self.keys):
             first, last = self._starts[i], self._starts[i + 1]

@@ -50,9 +50,9 @@ class InternalCoordinates:
 
     Tensions come first. The set is chosen so that the tension of every other pair is a combination of the chosen
     tensions with coefficients of at most 1. Tensions span the internal forces of point contacts, unless the contacts
-    are collinear or, in space, four or more contacts are coplanar. In these cases, (d - a)(n - a - 1) bendings complete the
-    tensions, where a is the dimension of the contacts' span. Sources: Murray, Li and Sastry 1994, ch. 5; Williams and
-    Khatib 1993.
+    are collinear or, in space, four or more contacts are coplanar. In these cases, (d - a)(n - a - 1) bendings complete
+    the tensions, where a is the dimension of the contacts' span. Sources: Murray, Li and Sastry 1994, ch. 5; Williams
+    and Khatib 1993.
 
     Attributes:
         names: Name of each coordinate.

@@ -129,7 +129,7 @@ class Impedance(Table):
 
 
 class ObjectImpedance(Table):
-    """Displayed stiffness and damping of an object in the axes of its shape; they determine the gains of its fingers."""
+    """Displayed stiffness and damping of an object in the axes of its shape, which determine its fingers' gains."""
 
     object_stiffness: Gain = Field(
         description="stiffness K_o without squeeze, (w, w), translations before rotations [N/m, N, N m/rad]; or a list "

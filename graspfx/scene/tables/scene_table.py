@@ -185,7 +185,7 @@ class SceneTable(Readable, Table):
     world: World = Field(default=World(), description="contact of objects with obstacles and with one another")
     safety: Safety | None = Field(
         default=None,
-        description="limits of the forces of the coupling law; without the table, the forces of a simulation have no limits",
+        description="limits of the forces of the coupling law; without the table, a simulation has no such limits",
     )
     host: Host | None = Field(
         default=None,
