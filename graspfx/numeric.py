@@ -72,6 +72,8 @@ def count(name: str, argument: object, least: int = 0) -> int:
     Raises:
         InputError: As for `finite`, or if the number is not whole, or too small, or there are several.
     """
+    if type(argument) is int and least <= argument <= LARGEST:
+        return argument
     expected = f"a whole number, {least} or more"
     value = finite(name, argument, expected)
     if value.ndim or value % 1.0 or value < least or isinstance(argument, bool | np.bool_):

@@ -135,7 +135,9 @@ def divide_sample(state: ContactSplitState) -> int:
 def is_sound(state: ContactSplitState) -> bool:
     """Return whether the given values are finite, no product of them overflows, and no force is implausibly large."""
     most = 0.0
-    sums = abs(state.time) + abs(state.reference.x) + abs(state.reference.y) + abs(state.reference.z)
+    sums = abs(state.time)
+    if state.referred:
+        sums += abs(state.reference.x) + abs(state.reference.y) + abs(state.reference.z)
     for j in range(state.contacts):
         for a in range(3):
             sums += abs(state.point[j, a]) + abs(state.force[j, a])

@@ -16,7 +16,7 @@ from graspfx.errors import InputError, MissingPackageError
 from graspfx.feedback.contact_split import ContactSplitState, Shown, divide_contacts
 from graspfx.feedback.host_limits import gain_limits
 from graspfx.grasp.direct import PointGrasp
-from graspfx.numeric import finite, number, real
+from graspfx.numeric import LARGEST, finite, number, real
 
 if TYPE_CHECKING:
     from graspfx.feedback.host_link import HostLink
@@ -177,7 +177,8 @@ class Feedback(Carded):
                 "forces", float(abs(f).max()), f"forces of at most {self.largest:g} N per component",
                 "check the unit; for impacts with stiff contacts increase Feedback(largest=...)",
             )  # fmt: skip
-        raise InputError("normals, torques, reference, time", self._state, "finite numbers")
+        expected = f"finite numbers of at most {LARGEST:g} in SI units"
+        raise InputError("normals, torques, reference, time", "a number that is not finite or too large", expected)
 
     def _prepare(self, d: int, contacts: int, most: int) -> None:
         """Allocate memory for contacts and fingers, unless the present memory is large enough."""

@@ -376,7 +376,7 @@ class History:
         """
         n, expected = len(self.layout.fingers), "indices of fingers, counted from 0"
         indices = finite("fingers", fingers, expected)
-        if indices.ndim != 1 or not np.isin(indices, range(n)).all():
+        if indices.ndim != 1 or np.asarray(fingers).dtype == bool or not np.isin(indices, range(n)).all():
             raise InputError("fingers", fingers, f"{expected} to {n - 1}")
         self.require("contact_normal", "finger_force", "touching")
         if "contact_normal" not in self.layout.columns:

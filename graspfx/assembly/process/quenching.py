@@ -91,22 +91,26 @@ def quenchers(parts: Parts) -> list[Quencher]:
 
 
 def quench_all(each: Sequence[Quencher]) -> list[str]:
-    """Remove the forces of devices in parallel, and return a report on each device after at most `PATIENCE`."""
+    """Remove the forces of devices in parallel, and return a report on each device after at most `PATIENCE`.
+
+    Devices for which the system grants no thread follow one after the other, and may take longer.
+    """
     texts = [one.silence for one in each]
 
     def act(i: int) -> None:
         texts[i] = each[i].act()
 
-    threads = list[Thread]()
+    end, threads, left = time.monotonic() + PATIENCE, list[Thread](), list[int]()
     for i in range(len(each)):
         thread = Thread(target=act, args=(i,), daemon=True)
         try:
             thread.start()
         except RuntimeError:  # the system grants no more threads
-            act(i)
+            left.append(i)
         else:
             threads.append(thread)
-    end = time.monotonic() + PATIENCE
+    for i in left:  # after the others, because a device may take long
+        act(i)
     for thread in threads:
         thread.join(max(0.0, end - time.monotonic()))
     return list(texts)

@@ -347,6 +347,7 @@ def servo_process(
                     remote.rest()
                 remote.close()
     finally:
-        if guard.is_alive():
+        if guard.is_alive() or not guard.pid:  # also where an interruption came while the thread was being started
             guard.kill()
+        if guard.is_alive():
             guard.join()

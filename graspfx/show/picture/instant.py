@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import GraspFXError, InputError, RecordingError, abbreviate
-from graspfx.numeric import number
+from graspfx.numeric import finite
 from graspfx.show.picture.surfaces import Surface, surface
 
 if TYPE_CHECKING:
@@ -303,8 +303,9 @@ def _tick(recording: Recording, time: float | None) -> int:
         many = recording.touching.sum(axis=1)
         return int(np.where(many == many[total > 0.0].max(), total, -1.0).argmax())
     expected = f"a time from 0 to {recording.time[-1]:g} s, within the recording"
-    k = round(number("time", time, expected) / recording.row_period)
-    if k >= N:
+    at = finite("time", time, expected)
+    k = round(float(at) / recording.row_period) if at.ndim == 0 else -1
+    if not 0 <= k < N:
         raise InputError("time", time, expected)
     return k
 

@@ -353,19 +353,20 @@ def test_every_device_is_quenched_whatever_another_one_does(monkeypatch: pytest.
 
 
 def test_every_device_is_quenched_without_threads(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The system grants one thread and no more."""
+    """The system grants a thread for the second of three devices alone; the others wait for nobody but each other."""
 
-    class Last(threading.Thread):
+    class Scarce(threading.Thread):
         def start(self) -> None:
-            if calls:
+            begun.append(0)
+            if len(begun) != 2:
                 raise RuntimeError("can't start new thread")
             super().start()
             self.join()
 
-    calls: list[str] = []
-    monkeypatch.setattr(quenching, "Thread", Last)
+    begun, calls = list[int](), list[str]()
+    monkeypatch.setattr(quenching, "Thread", Scarce)
     texts = quench_all([Quencher(name, partial(calls.append, name), None) for name in ("one", "two", "three")])
-    assert calls == ["one", "two", "three"]
+    assert calls == ["two", "one", "three"]
     assert all("was removed in" in text for text in texts)
 
 
