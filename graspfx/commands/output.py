@@ -25,8 +25,8 @@ CODES = f"""exit codes:
   {SUCCESS}    done
   {REFUSED}    `check --strict`: not stable; `tune`: no feasible gains; `replay`: different bits; `doctor`: not all ok
   {WRONG}    an error, described on standard error: invalid arguments or scene, an existing file, a full disk
-  {FAULTS}    the run has a fault, such as a lost device or the death of its process, after which all forces are zero
-  {INTERRUPTED}  interrupted by Ctrl-C; the recording holds the rows so far"""
+  {FAULTS}    the run has a fault, such as a lost device or the end of the servo process; all forces are then zero
+  {INTERRUPTED}  interrupted by Ctrl-C; the recording contains the rows up to then"""
 
 _quiet: ContextVar[bool] = ContextVar("quiet", default=False)
 _json: ContextVar[bool] = ContextVar("json", default=False)
