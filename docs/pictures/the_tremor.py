@@ -207,7 +207,7 @@ if __name__ == "__main__":
         search()
         sys.exit()
     number = int(sys.argv[1]) if len(sys.argv) > 1 else 200
-    print("| cube, devices | grasps | trembles at 30 N/m | at 30 and 70 | only at 30 | how | lost only at 30 |")
+    print("| cube, devices | grasps | trembles at 30 N/m | at 30 and 70 | only at 30 | tremor | lost only at 30 |")
     print("|---|---|---|---|---|---|---|")
     for each in families():
         print(row(each, number), flush=True)
