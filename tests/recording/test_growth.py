@@ -250,7 +250,8 @@ def trembling(seed: int, factor: float, duration: float, change: float = 0.0) ->
     tremor = {"tremor": {"amplitude": 5e-5}}
     fingers = [finger | {"hand": finger["hand"] | tremor} for finger in case.table["finger"]]
     duration = max(duration, change / abs(rate) * case.linear.period)
-    return gx.run(gx.Scene(**(case.table | {"finger": fingers}), duration=duration))
+    coupling = case.table["coupling"] | {"force_bound": 1e9}  # growth goes on where the usual bound would end it
+    return gx.run(gx.Scene(**(case.table | {"finger": fingers, "coupling": coupling}), duration=duration))
 
 
 @pytest.mark.parametrize("share", [0.05, 0.2])
