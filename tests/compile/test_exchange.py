@@ -165,7 +165,8 @@ def test_a_million_exchanges_leave_nothing_behind() -> None:
     fail()
     after = counts()
     assert after[:-2] == before[:-2]
-    assert np.subtract(after[-2:], before[-2:]).max() < 200  # others have these too, and may let go of them
+    grown = np.subtract(after[-2:], before[-2:]).max()  # others in this process have these too
+    assert grown < 900  # a leak leaves one for each of the 1000 failing exchanges, or of the 1 000 000 others
 
 
 def test_an_exchange_holds_what_it_points_to() -> None:
