@@ -54,6 +54,18 @@ def finite(name: str, argument: object, expected: str = "", do: str = "", *, lar
     return value
 
 
+def single(name: str, argument: object, expected: str) -> float:
+    """Return one real number; infinity is accepted, and NaN is not.
+
+    Raises:
+        InputError: As for `real`, or if the argument is NaN, or not a single number.
+    """
+    value = real(name, argument, expected)
+    if value.ndim or np.isnan(value):
+        raise InputError(name, argument, expected)
+    return float(value)
+
+
 def number(name: str, argument: object, expected: str, do: str = "", *, zero: bool = True) -> float:
     """Return one number that is zero or above; if `zero` is False, at least SMALLEST.
 

@@ -23,7 +23,7 @@ from graspfx.loop.columns import RunFault
 from graspfx.loop.realtime.process import Interruption
 from graspfx.loop.realtime.ring import SLOTS, Letter, Phase, Ring, Word
 from graspfx.loop.servo import Update
-from graspfx.numeric import real
+from graspfx.numeric import single
 from graspfx.recording.header import MARK, SPLIT, Header
 from graspfx.recording.record import Recording
 from graspfx.scene.keys import general
@@ -107,10 +107,7 @@ class RealTimeSession(Session):
             RecordingError: If the recording cannot be written; all forces are zero when this error is raised.
             Exception: If an error, such as an error of a driver, ended the run; this error is raised.
         """
-        wait = real("seconds", seconds, "a time [s]")
-        if wait.ndim or np.isnan(wait):
-            raise InputError("seconds", seconds, "a time [s]")
-        end = time.monotonic() + float(wait)
+        end = time.monotonic() + single("seconds", seconds, "a time [s]")
         with self._undisturbed():
             while not self._remote.exits.numbers:
                 left = end - time.monotonic()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from graspfx.errors import InputError, MissingPackageError
 from graspfx.feedback.contact_split import ContactSplitState, Shown, divide_contacts
 from graspfx.feedback.host_limits import gain_limits
 from graspfx.grasp.direct import PointGrasp
-from graspfx.numeric import LARGEST, finite, number, real
+from graspfx.numeric import LARGEST, finite, number, real, single
 
 if TYPE_CHECKING:
     from graspfx.feedback.host_link import HostLink
@@ -123,16 +124,19 @@ class Feedback(Carded):
         m, d = p.shape
         numbers = None
         if finger is not None:
-            real("finger", finger)  # raises for a list that is no array
-            numbers = np.asarray(finger)
-            if numbers.shape != (m,) or (m and (numbers.dtype.kind not in "iu" or numbers.min() < 0)):
+            with suppress(ValueError):  # a list that is no array
+                numbers = np.asarray(finger)
+            if (
+                numbers is None
+                or numbers.shape != (m,)
+                or (m and (numbers.dtype.kind not in "iu" or numbers.min() < 0))
+            ):
                 raise InputError("finger", finger, f"{m} non-negative integers: the finger of each contact")
         most = m if numbers is None else int(numbers.max(initial=-1)) + 1
         self._prepare(d, m, most)
-        now, expected = real("time", time, "a time [s]"), f"a time after that of the previous sample, {self._time:g} s"
-        if now.ndim or not now > self._time:
-            raise InputError("time", time, expected)
-        t = float(now)
+        t = single("time", time, "a time [s]")
+        if not t > self._time:
+            raise InputError("time", time, f"a time after that of the previous sample, {self._time:g} s")
         view, at = self._view, self._at
         view[at["contacts"]], view[at["time"]] = m, t
         view[at["normals"]], view[at["torques"]], view[at["referred"]] = (

@@ -29,7 +29,7 @@ from graspfx.feedback.host_record import (
     find_record,
     total,
 )
-from graspfx.numeric import real
+from graspfx.numeric import single
 
 FloatArray = NDArray[np.float64]
 
@@ -93,10 +93,7 @@ class HostLink:
     """
 
     def __init__(self, name: str, *, timeout: float = 10.0) -> None:
-        wait = real("timeout", timeout, "a time [s]")
-        if wait.ndim or np.isnan(wait):
-            raise InputError("timeout", timeout, "a time [s]")
-        self.name, end = name, monotonic() + float(wait)
+        self.name, end = name, monotonic() + single("timeout", timeout, "a time [s]")
         while (words := find_record(name)) is None:
             if monotonic() >= end:
                 raise DeviceError(

@@ -75,11 +75,12 @@ class BlockBody:
 
 def _block(state: object) -> FloatArray:
     """Check that an array may be a body's block, and return it."""
-    if isinstance(state, np.ndarray) and state.dtype == np.float64 and state.flags.c_contiguous:
-        block: FloatArray = state
-        if block.shape == (at.SIZE,):
-            return block
-    raise InputError("state", state, f"a contiguous float64 array of shape ({at.SIZE},)")
+    if not (
+        isinstance(state, np.ndarray) and state.dtype == np.float64
+        and state.shape == (at.SIZE,) and state.flags.c_contiguous
+    ):  # fmt: skip
+        raise InputError("state", state, f"a contiguous float64 array of shape ({at.SIZE},)")
+    return state
 
 
 @kernel

@@ -7,7 +7,8 @@ import select
 import sys
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -38,12 +39,26 @@ class Echo(SerialWire):
         return np.zeros(1)
 
 
+def ends(act: Callable[[], object]) -> bool:
+    """Tell whether a call returns within some seconds."""
+    thread = threading.Thread(target=act, daemon=True)
+    thread.start()
+    thread.join(20.0)
+    return not thread.is_alive()
+
+
 def closes(wire: Wire) -> bool:
-    """Tell whether a wire is closed within some seconds."""
-    closing = threading.Thread(target=wire.close, daemon=True)
-    closing.start()
-    closing.join(20.0)
-    return not closing.is_alive()
+    return ends(wire.close)
+
+
+@contextmanager
+def opened(wire: Wire) -> Iterator[int]:
+    """Open the line of a wire, as a driver that does not wait."""
+    line = os.open(wire.settings["port"], os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    try:
+        yield line
+    finally:
+        os.close(line)
 
 
 def test_bytes_that_were_announced_and_flushed_block_no_board(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -62,8 +77,7 @@ def test_an_answer_that_fills_the_line_comes_whole() -> None:
     """Its end waits for room; a board that nobody reads can be closed all the same."""
     wire = Echo()
     wire.times = 100_000
-    line = os.open(wire.port, os.O_RDWR | os.O_NOCTTY)
-    try:
+    with opened(wire) as line:
         os.write(line, b"abc")
         found = b""
         while len(found) < 300_000 and own_is_ready(line):
@@ -72,8 +86,6 @@ def test_an_answer_that_fills_the_line_comes_whole() -> None:
         os.write(line, b"abc")
         assert own_is_ready(line)
         assert closes(wire)
-    finally:
-        os.close(line)
 
 
 def own_is_ready(line: int) -> bool:
@@ -83,16 +95,10 @@ def own_is_ready(line: int) -> bool:
 def test_a_board_whose_line_is_full_can_be_unplugged() -> None:
     wire = Echo()
     wire.times = 100_000
-    line = os.open(wire.port, os.O_RDWR | os.O_NOCTTY)
-    try:
+    with opened(wire) as line:
         os.write(line, b"abc")
         assert own_is_ready(line)
-        failing = threading.Thread(target=wire.fail, args=("unplugged",), daemon=True)
-        failing.start()
-        failing.join(20.0)
-        assert not failing.is_alive() and closes(wire)
-    finally:
-        os.close(line)
+        assert ends(lambda: wire.fail("unplugged")) and closes(wire)
 
 
 def test_a_board_reads_no_file_that_has_got_the_number_of_its_line(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -153,8 +159,7 @@ def test_a_board_whose_late_answers_are_dropped_goes_on() -> None:
 @pytest.mark.skipif(compiler() is None, reason="no C compiler")
 def test_a_rig_that_nobody_reads_can_be_closed() -> None:
     wire = RigWire()
-    line = os.open(wire.settings["port"], os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    try:
+    with opened(wire) as line:
         questions = short_frame(Kind.POLL) * 20_000  # some 300 kB of answers, for a line that holds less
         while questions and select.select([], [line], [], 1.0)[1]:
             questions = questions[os.write(line, questions) :]
@@ -162,5 +167,3 @@ def test_a_rig_that_nobody_reads_can_be_closed() -> None:
         began = time.monotonic()
         assert closes(wire)
         assert time.monotonic() - began < PATIENCE  # ended by itself, and not killed
-    finally:
-        os.close(line)

@@ -30,7 +30,7 @@ from graspfx.loop.arena import Arena
 from graspfx.loop.columns import Layout
 from graspfx.loop.servo import Servo, kernel_fault
 from graspfx.loop.world import MOVER, OBJECT_, PLANT, SAFETY, STATION, ServoState
-from graspfx.numeric import real
+from graspfx.numeric import single
 from graspfx.recording.header import Outcome, conclusion, description
 
 if TYPE_CHECKING:
@@ -228,8 +228,8 @@ def _preset(name: str, values: Mapping[str, float], numbers: Sequence[Slider]) -
     for key, value in values.items():
         if key not in places:
             raise InputError("presets", {name: {key: value}}, f"keys with a slider: {', '.join(places)}")
-        one, given = numbers[places[key]], real("presets", value, f"a number for {key}")
-        if given.ndim or not one.least <= given <= one.most:
+        one, given = numbers[places[key]], single("presets", value, f"a number for {key}")
+        if not one.least <= given <= one.most:
             raise InputError("presets", {name: {key: value}}, f"{key} from {one.least:g} to {one.most:g}")
     return {"name": name, "values": [[places[key], float(value)] for key, value in values.items()]}
 
